@@ -33,9 +33,9 @@ from bench.hostile.log_damages import KINDS, WAYS, flight, flipped  # noqa: E402
 from generators.robot_logs import CART, TYPED  # noqa: E402 - the same
 from soter.api import load  # noqa: E402 - the same
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - the same
-from soter.mapping.read_mapping import mapping_of  # noqa: E402 - the same
+from soter.mapping.read_mapping import make_log_map  # noqa: E402 - the same
 from soter.monitor.log_files.read_columns import read_columns  # noqa: E402 - the same
-from soter.monitor.typed_samples import samples_of  # noqa: E402 - the same
+from soter.monitor.typed_samples import read_samples  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from soter.api import Program
@@ -66,8 +66,8 @@ def read(log: Path) -> Outcome:
     time = {"time": {"from": "t", "unit": "ns"}} if ".csv" in log.name else {}
     given = {"system": "Protected", "topics": {"motion": TYPED}, **time}
     j = cart().judge_log(log, given)
-    declared = mapping_of(given, cart().flat("Protected"))
-    (samples,) = samples_of(log, declared, read_columns(log, declared))
+    declared = make_log_map(given, cart().flat("Protected"))
+    (samples,) = read_samples(log, declared, read_columns(log, declared))
     values = (samples.times_ns, samples.stamps_ns, samples.values)
     said = (j.notes, j.left_out, j.refused, j.faulted)
     return Outcome(values, repr(j.modules), said, j.unchecked)

@@ -122,9 +122,9 @@ MORE = (
 
 def _channels(file: str) -> int:
     """What `soter.remote` reads of a package, so that a policy may write to its channels."""
-    from soter.remote.topics import topics_of  # noqa: PLC0415 - only then
+    from soter.remote.topics import find_topics  # noqa: PLC0415 - only then
 
-    return len(topics_of(file, None).all) and 0
+    return len(find_topics(file, None).all) and 0
 
 
 def _played(file: str) -> int:

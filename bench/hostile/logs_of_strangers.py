@@ -32,7 +32,7 @@ from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the pa
 from soter.mapping.message_types import EMPTY_MEMBER  # noqa: E402 - the same
 from soter.monitor.log_files.csv_log import csv_head, csv_rows  # noqa: E402 - the same
 from soter.monitor.log_files.log_columns import FileFacts  # noqa: E402 - the same
-from soter.monitor.log_files.read_columns import messages_of  # noqa: E402 - the same
+from soter.monitor.log_files.read_columns import channel_messages  # noqa: E402 - the same
 from soter.monitor.log_survey import EVERY  # noqa: E402 - the same
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def by_soter(path: Path, facts: FileFacts, *, partial: bool) -> Iterator[Message
         for _, _, cells in facts.readable(path, rows, partial=partial):
             yield path.name, cells
         return
-    messages = messages_of(path, EVERY, facts)
+    messages = channel_messages(path, EVERY, facts)
     for _, _, name, content in facts.readable(path, messages, partial=partial):
         if content is not None:
             yield name, dict(flat(content))

@@ -73,15 +73,15 @@ class Driver:
     def drive(self, seed: int) -> Episode:
         """One episode. Whatever happens after the flag is not part of it."""
         p = self.program
-        answers = ExternAnswers(p.system, p.layout, p.loaded().library, self._bound)
-        state = p.loaded().library.new_state(seed)
+        answers = ExternAnswers(p.system, p.layout, p.load().library, self._bound)
+        state = p.load().library.new_state(seed)
         record = state.view(p.dtype)[0]
         episode = record["topics"]["episode"]
         limit_ns = 0
         while limit_ns < self.until_ns and not (episode["finished"] or episode["fell"]):
             limit_ns = min(limit_ns + SLICE * STEP_NS, self.until_ns)
             while True:
-                status, _, due = p.loaded().library.run(state, limit_ns)
+                status, _, due = p.load().library.run(state, limit_ns)
                 if status is RunStatus.END:
                     break
                 answers.answer(state, due)
@@ -169,18 +169,18 @@ class ExactMap:
     def __init__(self, program: soter.Program) -> None:
         flat = program.flat("SafeOnly", {"ROUNDING": 0.0})
         self._native = NativeProgram(flat)
-        self._state = self._native.loaded().library.new_state(0)
+        self._state = self._native.load().library.new_state(0)
         record = self._native.dtype
         views = self._state.view(record)
         self._car, self._topics = views["car"], views["topics"]
-        self._native.loaded().library.run(self._state, 0)
+        self._native.load().library.run(self._state, 0)
         self._now_ns = 0
 
     def step(self, x: float, v: float, force: float) -> tuple[float, float]:
         """The next x and v."""
         self._car["x"], self._car["v"], self._topics["force"] = x, v, force
         self._now_ns += STEP_NS
-        self._native.loaded().library.run(self._state, self._now_ns)
+        self._native.load().library.run(self._state, self._now_ns)
         return float(self._car["x"][0]), float(self._car["v"][0])
 
 

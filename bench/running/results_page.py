@@ -26,7 +26,7 @@ import numpy as np
 import soter
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC
 from soter.campaign.statistics import rate
-from soter.campaign.tables import an_hour, bound, faults_explain, interval, listed, verdict
+from soter.campaign.tables import an_hour, bound, faults_explain, interval, quoted_names, verdict
 from soter.campaign.tables import faults as faults_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -193,7 +193,7 @@ def simulators(campaign: Campaign) -> str:
 
 def judged(campaign: Campaign, flat: System) -> str:
     """What counts as a violation, and what came of it."""
-    what = listed([f"{p.kind} {p.text}" for p in flat.properties])
+    what = quoted_names([f"{p.kind} {p.text}" for p in flat.properties])
     r = campaign.result
     text = faults_explain(r)
     because = f" {text[0].upper()}{text[1:]}." if r.violations and campaign.faults else ""

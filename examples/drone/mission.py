@@ -33,7 +33,7 @@ from soter.report.run.record import (
     Way,
 )
 from soter.simulate import decisions
-from soter.simulate.result_assumptions import of_run
+from soter.simulate.result_assumptions import run_assumptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -412,7 +412,7 @@ def page(missions: Sequence[Mission], command: str) -> ReportPage:
         "forced."
     )
     files = dict.fromkeys(Path(m.program.path).name for m in missions)
-    notes = [note for m in missions for note in (*m.run.notes, *of_run(m.run.system))]
+    notes = [note for m in missions for note in (*m.run.notes, *run_assumptions(m.run.system))]
     failures = [
         f"first failure of {n}: {why}" for m in missions for n, why in m.run.extern_failures.items()
     ]

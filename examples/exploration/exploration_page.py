@@ -32,7 +32,7 @@ from soter.report.run.figure_parts import (
 )
 from soter.report.templates import numbers, packed, script_json
 from soter.report.wording import prose
-from soter.simulate.result_assumptions import of_run
+from soter.simulate.result_assumptions import run_assumptions
 
 sys.path.insert(0, str(HERE.parent / "drone"))
 from sketch import (
@@ -392,7 +392,7 @@ def page(e: Exploration, command: str) -> str:
         f'<tr><th scope="row">{escape(what)}</th><td><strong>{escape(text)}</strong></td></tr>'
         for what, text in quantities(e).items()
     )
-    grounds = [assumed_of_map(), *_silence(e), *e.run.notes, *of_run(e.run.system)]
+    grounds = [assumed_of_map(), *_silence(e), *e.run.notes, *run_assumptions(e.run.system)]
     items = "".join(f"<li>{prose(text)}</li>" for text in grounds)
     shared = _of_reports("packed.js") + _of_reports("player.js")
     scripts = shared + (HERE / "replay.js").read_text(encoding="utf-8")

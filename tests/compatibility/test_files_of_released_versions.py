@@ -19,8 +19,12 @@ from json_documents import SCHEMAS, problems_of_fields
 from soter.certificate.folder import canonical
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
-from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
-from soter.remote.topics import topics_of
+from soter.mapping.read_mapping import (
+    make_log_map,
+    named_system,
+    read_mapping,
+)
+from soter.remote.topics import find_topics
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -144,7 +148,7 @@ def test_a_mapping_fits_its_program(path: Path) -> None:
     names = [n for n in OF_MAPPINGS if n == path.parent.name or path.name.startswith(n)]
     program = soter.load(path.parent / OF_MAPPINGS[names[0]])
     given = read_mapping(path)
-    mapped = mapping_of(given, program.declared(system_named(given)), file=path)
+    mapped = make_log_map(given, program.declared(named_system(given)), file=path)
     assert mapped.topics
 
 
@@ -174,12 +178,12 @@ def test_what_a_document_had_is_still_documented(path: Path) -> None:
 @all_rows("path", files("channels/*.json"), ids=name_of)
 def test_channels_of_a_package_are_known(path: Path, tmp_path: Path) -> None:
     """As `soter.remote.connect` reads them; those of a later version are refused."""
-    assert topics_of(path, None).all
+    assert find_topics(path, None).all
     later = tmp_path / path.name
     shutil.copyfile(path, later)
     put("schema", 99)(later)
     with pytest.raises(soter.SoterError, match=r"X013.*build the package anew"):
-        topics_of(later, None)
+        find_topics(later, None)
 
 
 # ---------------------------------------------------------------- versions to come, and damage

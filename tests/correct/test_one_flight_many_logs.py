@@ -17,9 +17,9 @@ pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators.robot_logs import CHANNEL, WRITERS, Recorded, odometry
 from soter.api import load
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.typed_samples import samples_of
+from soter.monitor.typed_samples import read_samples
 
 if TYPE_CHECKING:
     from soter.monitor.log_judgement import LogJudgement
@@ -68,8 +68,8 @@ def bits(flight: list[Recorded], folder: Path, name: str) -> list[tuple[int, int
     """Times, stamps and the bits of the values that a log gives."""
     WRITERS[name](folder / name, flight)
     system = load(CART).flat("Protected")
-    log_map = mapping_of(mapping(name), system)
-    (samples,) = samples_of(folder / name, log_map, read_columns(folder / name, log_map))
+    log_map = make_log_map(mapping(name), system)
+    (samples,) = read_samples(folder / name, log_map, read_columns(folder / name, log_map))
     values = [struct.pack("<dd", *value) for value in samples.values]
     return list(zip(samples.times_ns, samples.stamps_ns, values, strict=True))
 
@@ -148,6 +148,6 @@ def test_lines_go_on_from_when_samples_were_measured(tmp_path: Path) -> None:
         for k in range(60)
     ]
     WRITERS["ros2_plain"](tmp_path / "a", flight)
-    log_map = mapping_of(mapping("a", between="linear"), load(CART).flat("Protected"))
-    (samples,) = samples_of(tmp_path / "a", log_map, read_columns(tmp_path / "a", log_map))
+    log_map = make_log_map(mapping("a", between="linear"), load(CART).flat("Protected"))
+    (samples,) = read_samples(tmp_path / "a", log_map, read_columns(tmp_path / "a", log_map))
     assert samples.at(500 * MS) == (pytest.approx(0.5, abs=1e-9), 1.0)

@@ -141,7 +141,7 @@ def test_the_explorer_knows_that_a_shielded_step_depends_on_the_time(tmp_path: P
     complete(flat)
     footprints = Footprints(flat, lower(flat))
     assert {
-        c.role: footprints.of_actor(c.index, None).timed
+        c.role: footprints.actor_effects(c.index, None).timed
         for c in flat.components
         if c.role in {"ac", "sc"}
     } == {"ac": True, "sc": True}

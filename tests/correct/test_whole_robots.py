@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.assumptions import replaced_in
+from soter.explore.assumptions import replacements_in_test
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import EXHAUSTED, VIOLATED, wholes
 from soter.explore.search_options import SearchOptions
@@ -223,7 +223,7 @@ def explored(file: Path, text: str, tests: tuple[str, ...]) -> list[TestResult]:
     program = check_file(str(file), text)
     results = []
     for test in tests or tuple(program.tests):
-        told = TraceHeader(str(file), {}, replaced_in(program.tests[test]))
+        told = TraceHeader(str(file), {}, replacements_in_test(program.tests[test]))
         options = SearchOptions(memory=MEMORY, minimise=0.0)
         results.append(explore_test(system_of_test(program, test), options, told))
     return results

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.api.exploring import CheckpointOptions, checkpoints
-from soter.explore.checkpoints import read
+from soter.explore.checkpoints import read_checkpoint
 from soter.explore.engine import explorer_library
 from soter.explore.engine.search import Search
 
@@ -136,7 +136,7 @@ def bounds(random: Random, states: int, most: int = 5) -> list[dict[str, int]]:
 
 
 def _in_the_middle(path: Path) -> bool:
-    numbers = np.frombuffer(read(path).payload[: 8 * 16], dtype=np.uint64)
+    numbers = np.frombuffer(read_checkpoint(path).payload[: 8 * 16], dtype=np.uint64)
     return bool(numbers[TABLES])
 
 

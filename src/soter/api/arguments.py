@@ -261,11 +261,11 @@ def write_sections(
 
 def write_test_page(result: TestResult) -> Path:
     """Writes the sequence page of a violated test beside its trace, and returns its path."""
-    from soter.explore.trace_view import view_of  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - see `soter.api`
 
     assert result.replayed is not None
     assert result.trace is not None
-    view = view_of(result.replayed, VERSION, {"trace": str(result.trace)})
+    view = make_sequence_view(result.replayed, VERSION, {"trace": str(result.trace)})
     path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
     result.page = write_sequence(view, path, "html")
     return result.page

@@ -16,11 +16,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import end_of, require_writable, time_ns
-from soter.campaign.arms import OURS, PAPER, Arm, Lateness, arms_of, kept
+from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, kept_measurement
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fly_campaign import Workers, cluster, flights_of, fly, require_ray
+from soter.campaign.fly_campaign import Workers, cluster, fly, fly_batches, require_ray
 from soter.campaign.page import write_page
-from soter.campaign.result import ORDER, Result, attributions, occurred, result_of
+from soter.campaign.result import (
+    ORDER,
+    Result,
+    attributions,
+    count_faults,
+    make_result,
+)
 from soter.campaign.store import CampaignIdentity, CampaignStore, FlightOutcome, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.report.wording import changed_parameters
@@ -157,7 +163,7 @@ def campaign(
         asked_arms=tuple(arms),
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
-        occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),
+        occurred=count_faults(flat, [f.seed for f in ours.flights], until_ns),
         diagnostics=tuple(_warnings(flat, ours.result)),
         properties=tuple(f"{p.kind} {p.text}" for p in flat.properties),
     )
@@ -250,12 +256,12 @@ def _other_arms(
     flat: System, names: Sequence[str], folder: Path, seconds: float
 ) -> tuple[Lateness | None, list[Arm]]:
     """The measured lateness, if an arm needs it, and the arms to fly beside the system."""
-    arms_of(flat, [n for n in names if n != PAPER], ())  # raises for wrong names
+    find_arms(flat, [n for n in names if n != PAPER], ())  # raises for wrong names
     lateness = None
     if PAPER in names:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        lateness = kept(folder.parent / f"{folder.name}-lateness.json", seconds)
-    return lateness, arms_of(flat, names, lateness.quantiles_ns if lateness else ())[1:]
+        lateness = kept_measurement(folder.parent / f"{folder.name}-lateness.json", seconds)
+    return lateness, find_arms(flat, names, lateness.quantiles_ns if lateness else ())[1:]
 
 
 def _quantiles_ns(lateness: Lateness | None) -> list[int]:
@@ -284,7 +290,7 @@ def _fly_arm(
 
     def again(other: System, numbers: Sequence[int]) -> Iterator[FlightOutcome]:
         compiled = Fleet(other, fleet.until_ns, core=fleet.core)  # with the same externs
-        for some in flights_of(compiled, numbers, about.first_seed, workers):
+        for some in fly_batches(compiled, numbers, about.first_seed, workers):
             yield from some
 
     bad = [f for f in wanted if f.violations]
@@ -294,7 +300,7 @@ def _fly_arm(
         system=fleet.system,
         folder=folder,
         flights=tuple(wanted),
-        result=result_of(wanted, fleet.system, attributions(fleet.system, bad, again)),
+        result=make_result(wanted, fleet.system, attributions(fleet.system, bad, again)),
         flown=max(count - before, 0),
         wall_s=time.perf_counter() - began,
     )

@@ -334,7 +334,7 @@ def check_report(
     if bound or program.externs:
         from soter.simulate.externs import binding_warnings  # noqa: PLC0415 - see `soter.api`
 
-        warnings += binding_warnings.warnings_of(program, bound)
+        warnings += binding_warnings.binding_warnings(program, bound)
         warnings += binding_warnings.wide_actions(flat.values(), bound)
     assumed = {} if times is None else with_times(flat, times, program.sha256)
     steps, refused = step_reports(program, flat)
@@ -390,6 +390,6 @@ def system_report(system: System, *, default: bool) -> SystemReport:
             )
             for m in system.modules
         ),
-        unproved=tuple(result_assumptions.unproved(system)),
-        assumptions=tuple(result_assumptions.of_run(system)),
+        unproved=tuple(result_assumptions.code_assumptions(system)),
+        assumptions=tuple(result_assumptions.run_assumptions(system)),
     )

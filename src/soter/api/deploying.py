@@ -28,7 +28,7 @@ from soter.language.load.loader import LoadedFile, load
 from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.system import System, environment_topics
 from soter.simulate.externs.bindings import Bindings, require_files
-from soter.simulate.result_assumptions import unproved
+from soter.simulate.result_assumptions import code_assumptions
 from soter.targets.cortex_m_board import Replay, read_board
 from soter.targets.cortex_m_package import Image, replayed_until
 from soter.targets.package import TARGETS, Package, PackageFile, build_package, require_options
@@ -88,7 +88,7 @@ def recording_text(recording: Recording) -> str:
 
 def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
     """SHA-256 of the trace of a run that reads the recording; no extern may be due in it."""
-    library, digest, given = native.loaded().library, hashlib.sha256(), iter(recording)
+    library, digest, given = native.load().library, hashlib.sha256(), iter(recording)
     state = library.new_state(seed)
     waiting = next(given, None)
     while (at := library.next_instant(state)) <= until_ns:
@@ -229,7 +229,7 @@ def build(
     read = mapping if file is None else by_name(MAPPINGS).read_mapping(file)
 
     def fitted(system: System) -> object:
-        return None if read is None else by_name(MAPPINGS).mapping_of(read, system, file=file)
+        return None if read is None else by_name(MAPPINGS).make_log_map(read, system, file=file)
 
     fitted(fresh)  # a wrong one is told before anything takes long
     require_files(bound(fresh), linked=True)
@@ -242,7 +242,7 @@ def build(
     package = build_package(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
-    told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
+    told = [] if inherits.lines else code_assumptions(flat, stored_verdicts(flat))
     dropped = _left_out_bindings(bindings) if TARGETS[target].drops_bindings else ()
     package.notes += [*told, *computed, *dropped]
     package.inherited, package.inherits = inherits.document, inherits.lines

@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
 from soter.diagnostics.command_records import made
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, mistake
-from soter.explore.assumptions import replaced_in
+from soter.explore.assumptions import replacements_in_test
 from soter.explore.checkpoints import (
     Checkpoint,
+    checkpoint_path,
     machine,
     no_checkpoint,
-    path_of,
-    read,
+    read_checkpoint,
     require_same,
 )
-from soter.explore.command import TraceHeader, explore_test, save
-from soter.explore.judge import plan_of
+from soter.explore.command import TraceHeader, explore_test, save_traces
+from soter.explore.judge import test_plan
 from soter.explore.results import ExploreReport, TestResult
 from soter.explore.search_options import CHECKPOINT_SECONDS, SAMPLING, SearchOptions
 from soter.explore.trace import TIME_MAX
@@ -37,7 +37,7 @@ from soter.language.elaborate.derived_systems import with_test
 from soter.language.elaborate.tested_system import MAX_STEPS
 from soter.language.front_end import CheckResult, system_of_test
 from soter.language.model.types import Value, show_ns
-from soter.simulate.interrupt import listening, stop_request
+from soter.simulate.interrupt import receiving_signals, stop_request
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -98,7 +98,7 @@ def checkpoints(
     """A checkpoint for each flattened test, in order; `SoterError` D006, D012, D013, D014."""
     if wanted is None:
         return [None for _ in systems]
-    paths = [path_of(wanted.folder, plan_of(s).name) for s in systems]
+    paths = [checkpoint_path(wanted.folder, test_plan(s).name) for s in systems]
     if wanted.resume and not any(p.exists() for p in paths):
         raise _no_checkpoint_there(wanted.folder, paths[0])
     diagnostics, made = Diagnostics(), []
@@ -124,7 +124,7 @@ def about(
     system: System, options: SearchOptions, params: Mapping[str, object]
 ) -> dict[str, object]:
     """What must be the same when a search goes on, by the keys of `checkpoints.ABOUT`."""
-    plan = plan_of(system)
+    plan = test_plan(system)
     return {
         "program_sha256": system.program.sha256,
         "system": system.name,
@@ -149,7 +149,7 @@ def _checkpoint_of_test(
             again = f"go on from it: --resume {wanted.folder}"
             message = f"there is a checkpoint already: `{path}`"
             raise mistake("D014", message, again, "or delete it, or take another folder")
-        saved = read(path)
+        saved = read_checkpoint(path)
         require_same(saved, facts)
     made = Checkpoint(path, wanted.every_s, facts, saved)
     made.try_out()
@@ -173,7 +173,7 @@ def chosen(
 
 def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
     """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
-    plan = plan_of(system)
+    plan = test_plan(system)
     for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
         if given is not None and not least <= given <= TIME_MAX:
             raise mistake("U001", f"the {what} cannot be {show_ns(given)}")
@@ -219,13 +219,17 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
     kept = checkpoints(wanted, systems, options, told)
     results: list[TestResult] = []
     listener = stop_request()
-    with listening(listener), _keeping_results(results, tests):
+    with receiving_signals(listener), _keeping_results(results, tests):
         for symbol, system, place in zip(tests, systems, kept, strict=True):
-            about = TraceHeader(path, told, replaced_in(symbol))
+            about = TraceHeader(path, told, replacements_in_test(symbol))
             result = explore_test(system, options, about, options.progress, listener, place)
             results.append(result)
             output = options.output
-            if output is not None and save(result, Path(output)) is not None and options.html:
+            if (
+                output is not None
+                and save_traces(result, Path(output)) is not None
+                and options.html
+            ):
                 for one in (result, *(o for o in result.others if o.trace is not None)):
                     write_test_page(one)
             if result.interrupted or listener.wanted:

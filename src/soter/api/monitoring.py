@@ -14,15 +14,18 @@ from typing import TYPE_CHECKING
 
 from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
+from soter.mapping.read_mapping import (
+    make_log_map,
+    named_system,
+    read_mapping,
+)
 from soter.monitor.decidable_modules import decidable, doubts
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay
 from soter.monitor.model_membership import Judgement, judge, needed_topics
-from soter.monitor.typed_samples import recorded as of_samples
-from soter.monitor.typed_samples import samples_of
-from soter.simulate.run_log import read_log, recorded
+from soter.monitor.typed_samples import read_samples, record_of_samples
+from soter.simulate.run_log import read_log, record_of_trace
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
@@ -40,7 +43,7 @@ def judged(
 ) -> list[Judgement]:
     """Judges every module, or one, on a log of the system `flat` or on a traced run of it."""
     if run is not None:
-        flat, record = run.system, recorded(run)
+        flat, record = run.system, record_of_trace(run)
     else:
         assert log is not None
         record = read_log(Path(log), flat)
@@ -73,7 +76,7 @@ def log_judged(
     if not set(plan.modules) & set(chosen):
         raise SoterError(tuple(lost(flat.modules[m].name, plan.missing[m]) for m in chosen))
     columns = read_columns(paths, declared, partial=partial)
-    samples = samples_of(paths[0], declared, columns)
+    samples = read_samples(paths[0], declared, columns)
     judgement = replay(flat, samples, plan, ", ".join(map(str, paths)), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
     for found in judgement.modules:
@@ -122,8 +125,8 @@ def log_explained(
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
     _require_given(flat, problems, given)
     columns = read_columns(paths, declared, partial=partial)
-    samples = samples_of(paths[0], declared, columns)
-    record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
+    samples = read_samples(paths[0], declared, columns)
+    record, (begin, end) = record_of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
@@ -145,8 +148,8 @@ def _declared(
     require_utf8(*paths, mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     given = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
-    flat = flat_of(system or system_named(given), params)
-    return paths, flat, mapping_of(given, flat, where, file)
+    flat = flat_of(system or named_system(given), params)
+    return paths, flat, make_log_map(given, flat, where, file)
 
 
 def lost(module: str, missing: Sequence[object]) -> Diagnostic:

@@ -353,7 +353,7 @@ class Program:
         if report is not None and cert is not None:
             require_no_certificate(Path(report), Path(cert))
         if refute:
-            from soter.explore.command import violation_of  # noqa: PLC0415 - needs a compiler
+            from soter.explore.command import find_violating_run  # noqa: PLC0415 - needs a compiler
         with telling_shares(progress):
             return verify(
                 self._checked,
@@ -365,7 +365,7 @@ class Program:
                 refute=refute,
                 explain=explain,
                 report=None if report is None else Path(report),
-                search=violation_of if refute else None,
+                search=find_violating_run if refute else None,
             )
 
     def synthesize(

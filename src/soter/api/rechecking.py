@@ -111,7 +111,7 @@ class ReplayReport:
 
         `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
         """
-        from soter.explore.trace_view import view_of  # noqa: PLC0415 - see `soter.api`
+        from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - see `soter.api`
 
         if self.trace is None:
             raise mistake(
@@ -119,7 +119,7 @@ class ReplayReport:
                 f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
                 "`soter replay --report` writes its last instants as a table",
             )
-        return view_of(self.trace, VERSION, {"trace": self.path}, self.program)
+        return make_sequence_view(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
         """Writes a trace's sequence, or a counterexample's table, as a page; `SoterError` D006.
@@ -153,15 +153,15 @@ def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[
 
 def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
     """What each instant shows, by name."""
-    from soter.explore.trace_view import shown  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace_view import value_text  # noqa: PLC0415 - see `soter.api`
 
     rows: list[dict[str, str]] = []
     for step in run.steps:
-        topics, row = step["topics"], {TIME: shown(step["time_s"]), **step["modes"]}
+        topics, row = step["topics"], {TIME: value_text(step["time_s"]), **step["modes"]}
         parts = {f"{plant}.truth": states for plant, states in step["truth"].items()}
         parts |= {n: v for n, v in topics.items() if n.rpartition("_")[0] not in topics}
         parts |= {f"chosen {stream}": value for stream, value in step["chosen"].items()}
-        rows.append(row | {name: shown(leaf) for name, leaf in _named_values("", parts)})
+        rows.append(row | {name: value_text(leaf) for name, leaf in _named_values("", parts)})
     return rows
 
 
@@ -180,13 +180,13 @@ def replay(path: str | Path) -> ReplayReport:
     `SoterError` D010 if the file is neither, D011 if its program has changed, or with the errors of
     the program.
     """
-    from soter.explore.trace import read_document, trace_of  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace import read_document, trace_from_document  # noqa: PLC0415 - see `soter.api`
 
     file = Path(path)
     document = read_document(file)
     if document.get("kind") == "counterexample":
         return _replay_counterexample(file, document)
-    return _replay_trace(trace_of(document, file), file)
+    return _replay_trace(trace_from_document(document, file), file)
 
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:

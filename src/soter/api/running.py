@@ -37,9 +37,9 @@ from soter.simulate.interrupt import (
     INTERRUPT,
     StopRequest,
     raise_again,
+    signal_name,
     stop_request,
     stoppable,
-    stopped_by,
 )
 from soter.simulate.run import NativeProgram, Pacer, run_interpreted
 from soter.verify.proof_cache import stored_verdicts
@@ -244,7 +244,7 @@ def _begin_log(
 
 def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
     if writer is not None:
-        writer.end(run, stopped_by(stop) if run.interrupted else run.cut)
+        writer.end(run, signal_name(stop) if run.interrupted else run.cut)
 
 
 def _engine(

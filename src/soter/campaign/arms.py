@@ -1,6 +1,6 @@
 """The arms of a campaign: the same seeds, flown by other rules.
 
-Purpose: `arms_of` makes, of a system, those that it is compared with: AC alone, the paper's rules
+Purpose: `find_arms` makes, of a system, those that it is compared with: AC alone, the paper's rules
 under a measured lateness of releases, and sweeps of how long nodes are held up. `measured` finds
 how late this machine releases an ordinary process while it is busy: it sleeps to periodic releases,
 under the ordinary policy, beside twice as many computing processes as there are cores.
@@ -23,7 +23,7 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 from soter.campaign.store import measured_lateness
-from soter.campaign.tables import listed
+from soter.campaign.tables import quoted_names
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import forced, with_faults
 from soter.language.load.named_files import read_bytes
@@ -56,14 +56,14 @@ class Arm:
     text: str
 
 
-def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> list[Arm]:
+def find_arms(system: System, names: Sequence[str], lateness: Sequence[int]) -> list[Arm]:
     """The arms of these names, `ours` first; SoterError U001 for an unknown name.
 
     `lateness`: quantiles of a measured release lateness, ns, for the paper's rules.
     """
     unknown = [n for n in names if n not in NAMES]
     if unknown:
-        helps = (f"there are {listed(NAMES)}",)
+        helps = (f"there are {quoted_names(NAMES)}",)
         raise SoterError((Diagnostic("U001", f"there is no arm `{unknown[0]}`", helps=helps),))
     arms = [Arm(OURS, system, "the system as it is declared")]
     if ALONE in names:
@@ -89,9 +89,9 @@ def system_of_arm(system: System, name: str, folder: Path) -> System:
     times: tuple[int, ...] = (0, 0)
     if name == PAPER:
         times = measured_lateness(folder, system.program.sha256, system.name)
-    arm_by_name = {a.name: a for a in arms_of(system, [ALONE, PAPER, SWEPT], times)}
+    arm_by_name = {a.name: a for a in find_arms(system, [ALONE, PAPER, SWEPT], times)}
     if name not in arm_by_name:
-        helps = (f"there are {listed(list(arm_by_name))}",)
+        helps = (f"there are {quoted_names(list(arm_by_name))}",)
         raise SoterError((Diagnostic("U001", f"there is no arm `{name}`", helps=helps),))
     return arm_by_name[name].system
 
@@ -125,7 +125,7 @@ def _held(c: Component, group: str, burst_ns: int) -> Fault:
     share = BURSTS_PER_HOUR / 3600.0 * (burst_ns / 1e9)
     p = (1.0 - sqrt(1.0 - 4.0 * share)) / 2.0
     text = f"late {group} by {show_ns(burst_ns)} at {BURSTS_PER_HOUR:g} per 1h".replace(" ms", "ms")
-    return _of_arm(
+    return _component_fault(
         c,
         Fault(
             "late", c.index, f"arm.late.{group}", p, burst_ns, (burst_ns,), apart=True, text=text
@@ -137,14 +137,14 @@ def _late(system: System, lateness: Sequence[int]) -> list[Fault]:
     """A fault for each component: every release is as late as measured, drawn on its own."""
     times = tuple(lateness)
     return [
-        _of_arm(
+        _component_fault(
             c, Fault("late", c.index, f"arm.late.{c.name}", 1.0, 0, times, text="measured lateness")
         )
         for c in _nodes(system, "all")
     ]
 
 
-def _of_arm(c: Component, fault: Fault) -> Fault:
+def _component_fault(c: Component, fault: Fault) -> Fault:
     """The fault of a component; that of an AC is inside of what proofs assume."""
     if c.role == "ac":
         return replace(fault, inside="AC may do anything")
@@ -186,14 +186,14 @@ class Lateness:
         )
 
 
-def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
+def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
     """Measures for `seconds`; OSError, or SoterError D006 where a busy process has ended."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
-        busy.extend(_started() for _ in range(2 * cores))
+        busy.extend(_start_busy_process() for _ in range(2 * cores))
         _require_busy(busy, [p.stdout.read(1) for p in busy if p.stdout is not None])
-        late = _released(seconds, period_ns)
+        late = _measure_releases(seconds, period_ns)
         _require_busy(busy, [b"" if p.poll() is not None else b"!" for p in busy])
     finally:
         for process in busy:
@@ -205,7 +205,7 @@ def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
     return Lateness(quantiles, len(late), period_ns, len(busy), cores)
 
 
-def _started() -> subprocess.Popen[bytes]:
+def _start_busy_process() -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         python_child(BUSY, str(os.getpid())),
         start_new_session=True,
@@ -227,7 +227,7 @@ class _Timespec(ctypes.Structure):
     _fields_ = (("s", ctypes.c_long), ("ns", ctypes.c_long))
 
 
-def _released(seconds: float, period_ns: int) -> list[int]:
+def _measure_releases(seconds: float, period_ns: int) -> list[int]:
     """Sleeps until each release; returns how late each came, ns."""
     libc = ctypes.CDLL(None, use_errno=True)
     late, at = [], time.monotonic_ns()
@@ -239,7 +239,7 @@ def _released(seconds: float, period_ns: int) -> list[int]:
     return late
 
 
-def _read(path: Path) -> Lateness:
+def _read_measurement(path: Path) -> Lateness:
     """The measurement in a file; SoterError D006 where it is not as `kept` writes it."""
     try:
         said = json.loads(read_bytes(path))
@@ -253,10 +253,10 @@ def _read(path: Path) -> Lateness:
     raise SoterError((Diagnostic("D006", f"`{path}`: it is no lateness", helps=(help_,)),))
 
 
-def kept(path: Path, seconds: float) -> Lateness:
+def kept_measurement(path: Path, seconds: float) -> Lateness:
     """The measurement in a file; where there is none, measure now and write it there."""
     if path.exists():
-        return _read(path)
-    made = measured(seconds)
+        return _read_measurement(path)
+    made = measure_lateness(seconds)
     own_place(path.parent, path.name).write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
     return made

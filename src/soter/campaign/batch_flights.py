@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.campaign.compiled_unit import recipe_of
+from soter.campaign.compiled_unit import make_recipe
 from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -141,7 +141,7 @@ class Flyer:
             flown = int(self.lib.soter_batch(*given, self.ffi.new("size_t *")))
             require_plain()
             return flown
-        done = shared((1,), np.int64)
+        done = shared_zeros((1,), np.int64)
         status = self.lib.soter_batch_apart(*given, self.ffi.cast("int64_t *", done.ctypes.data))
         if done[0] == UNLOADED:
             opened(self.ffi, self.path)
@@ -170,14 +170,16 @@ class Flyer:
         ]
         bad = events[events["kind"] >= VIOLATED]["time"]
         starts = [0 if forced else None for forced in self.recipe.forced]  # else in SC
-        spans = [_in_ac(events, k, starts[k], self.until_ns) for k in modules]
+        spans = [_ac_spans(events, k, starts[k], self.until_ns) for k in modules]
         return FlightOutcome(
             number=number,
             seed=int(seed),
             seconds=self.until_ns / 1e9,
             ac_s=tuple(_length(s) for s in spans),
             all_ac_s=_length(_common(spans)) if spans else 0.0,
-            disengagements=tuple(int((_of(events, k)["kind"] == TO_SC).sum()) for k in modules),
+            disengagements=tuple(
+                int((_events_of_module(events, k)["kind"] == TO_SC).sum()) for k in modules
+            ),
             episodes=tuple(_episodes(events, k) for k in modules),
             gate_faults=tuple(int(last["modules"][k]["gate_faults"]) for k in modules),
             violations=int(last["header"]["violations"]),
@@ -210,7 +212,7 @@ class Fleet(Flyer):
             many = f"saves of {len(system.modules)} modules cannot be counted"
             raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
         self.system, self.core = system, core
-        recipe = recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
+        recipe = make_recipe(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
         if horizon_ns and recipe.keeps:
             message = (
                 f"saves cannot be counted: the C of an extern may keep something ({recipe.keeps})"
@@ -251,7 +253,7 @@ def _apart() -> Path:
     return cached("apart", content, (LIBRARY,), make) / LIBRARY
 
 
-def shared(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+def shared_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Zeros of this shape that a copy of this process writes for this one, too."""
     count = prod(shape)
     memory = mmap.mmap(-1, max(1, count * np.dtype(dtype).itemsize))
@@ -283,7 +285,7 @@ class _BatchOutput:
     def __init__(self, fleet: Flyer, count: int, room: int) -> None:
         ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
         self.fleet = fleet
-        zeros = shared if fleet.recipe.keeps else np.zeros
+        zeros = shared_zeros if fleet.recipe.keeps else np.zeros
         size = ffi.sizeof("soter_flight")
         self.kept = zeros((count, size), np.uint8)
         self.flights = ffi.cast("soter_flight *", self.kept.ctypes.data)
@@ -374,7 +376,7 @@ def _without_externs(system: System, core: CoreSystem) -> None:
         raise SoterError((Diagnostic("U003", message, helps=helps),))
 
 
-def _of(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
+def _events_of_module(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
     """The events (n,) of one module."""
     module_events: npt.NDArray[Any] = events[
         (events["kind"] <= TO_AC) & (events["index"] == module)
@@ -382,12 +384,12 @@ def _of(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
     return module_events
 
 
-def _in_ac(
+def _ac_spans(
     events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
 ) -> list[tuple[int, int]]:
     """Spans (from, to) in ns in AC, from events (n,); `since`: as of `_start`."""
     spans: list[tuple[int, int]] = []
-    for time, kind in _of(events, module)[["time", "kind"]].tolist():
+    for time, kind in _events_of_module(events, module)[["time", "kind"]].tolist():
         if kind == TO_AC:
             since = time
         elif since is not None:
@@ -419,7 +421,7 @@ def _length(spans: Iterable[tuple[int, int]]) -> float:
 
 def _episodes(events: npt.NDArray[Any], module: int) -> int:
     """The number of disengagements in events (n,); those close to each other count as one."""
-    own = _of(events, module)
+    own = _events_of_module(events, module)
     times = own[own["kind"] == TO_SC]["time"]
     if not len(times):
         return 0

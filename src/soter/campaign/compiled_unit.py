@@ -64,7 +64,7 @@ class Recipe:
     files: tuple[tuple[str, str], ...]
 
 
-def recipe_of(
+def make_recipe(
     system: System,
     core: CoreSystem,
     until_ns: int,
@@ -76,7 +76,7 @@ def recipe_of(
     unit = generate_measured(system, core)
     keeps = kept_by(unit)
     if keeps:
-        _as_often_as_a_run(system, core)
+        _require_stateless_c(system, core)
         unit = generate_measured(system, core, remembers=False)
     files = {str(p): t for p, t in included(*unit.c_sources).items()}
     return Recipe(
@@ -94,7 +94,7 @@ def recipe_of(
     )
 
 
-def _as_often_as_a_run(system: System, core: CoreSystem) -> None:
+def _require_stateless_c(system: System, core: CoreSystem) -> None:
     """SoterError U003 where a measure calls C that may keep something, as a run calls it not."""
     extern = extern_functions(core)
     for measure, value in zip(system.measures, core.measures, strict=True):
@@ -106,7 +106,7 @@ def _as_often_as_a_run(system: System, core: CoreSystem) -> None:
             raise SoterError((Diagnostic("U003", what, notes=(note,), helps=helps),))
 
 
-def unpacked(recipe: Recipe) -> Recipe:
+def unpack_recipe(recipe: Recipe) -> Recipe:
     """The recipe where it was sent to: the C of its externs lies in this machine's cache."""
     if not recipe.files:
         return recipe
@@ -159,7 +159,7 @@ class UnitCache(UnitBuilder):
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
         """The C that judges a property, again only where a topic that it reads is published."""
         made = super().property(p, predicate)
-        topics = self._told(predicate) if self.remembers else ()
+        topics = self._topics_read(predicate) if self.remembers else ()
         if p.component is not None or not topics or made.body is None:
             return made
         ct = c.Member(c.Arrow(S, "header"), "ct")
@@ -175,7 +175,7 @@ class UnitCache(UnitBuilder):
         first, *rest = made.body
         return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
 
-    def _told(self, predicate: Predicate) -> tuple[int, ...]:
+    def _topics_read(self, predicate: Predicate) -> tuple[int, ...]:
         """The topics that a predicate reads; () where it reads more than topics of nodes."""
         cells = predicate.footprint.reads
         if not cells or predicate.footprint.modes or predicate.footprint.stamps:

@@ -23,7 +23,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.campaign.batch_flights import BATCH, Flyer
-from soter.campaign.compiled_unit import unpacked
+from soter.campaign.compiled_unit import unpack_recipe
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
 from soter.native.cache import digest, files_below
@@ -80,12 +80,12 @@ def fly(
 ) -> None:
     """Fly those of `count` flights that the store has not yet, in order, and store each batch."""
     todo = range(len(store.flights), count)
-    for flights in flights_of(fleet, todo, store.about.first_seed, workers):
+    for flights in fly_batches(fleet, todo, store.about.first_seed, workers):
         store.add(flights)
         progress(len(store.flights) / count)
 
 
-def flights_of(
+def fly_batches(
     fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | Workers
 ) -> Iterator[list[FlightOutcome]]:
     """The flights of these numbers, a batch at a time, in that order."""
@@ -225,7 +225,7 @@ def fly_there(key: str, packed: bytes, soter: str, numbers: list[int], first: in
         if soter != own_digest():
             raise _trouble("a worker has another Soter", "its flights might be others", ONE_SOTER)
         if key not in _flyers:
-            _flyers[key] = Flyer(unpacked(pickle.loads(packed)))  # noqa: S301 - of the same user
+            _flyers[key] = Flyer(unpack_recipe(pickle.loads(packed)))  # noqa: S301 - of the same user
         return WorkerReply(_flyers[key].fly(numbers, first))
     except SoterError as error:
         return WorkerReply([], error.diagnostics)

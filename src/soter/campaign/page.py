@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.tables import an_hour, faults_explain, interval, listed, verdict
+from soter.campaign.tables import an_hour, faults_explain, interval, quoted_names, verdict
 from soter.report.html import write_document
 from soter.report.templates import PageSection, filled
 from soter.report.wording import quantity
@@ -159,11 +159,11 @@ RESTS_ON = (
 
 def write_page(campaign: CampaignLike, program: str, path: Path) -> Path:
     """Write the page; SoterError D006 where it cannot be written."""
-    made = page_of(campaign, program)
+    made = make_page(campaign, program)
     return write_document(made.title, campaign_main(made), path)
 
 
-def page_of(campaign: CampaignLike, program: str) -> CampaignPage:
+def make_page(campaign: CampaignLike, program: str) -> CampaignPage:
     """The page as data."""
     r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
@@ -175,7 +175,7 @@ def page_of(campaign: CampaignLike, program: str) -> CampaignPage:
         verdict="bad" if r.violations else "good" if r.properties else "",
         sections=tuple(_sections(campaign, program)),
         charts=tuple(_charts(campaign)),
-        histograms=tuple(_histogram_of(m) for m in r.measures),
+        histograms=tuple(_measure_histogram(m) for m in r.measures),
     )
 
 
@@ -190,7 +190,7 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
     if r.violations and campaign.faults:
         says.append(f"{faults_explain(r)}.")
     if campaign.properties:
-        says.insert(1, f"A violation is one of {listed(campaign.properties)}.")
+        says.insert(1, f"A violation is one of {quoted_names(campaign.properties)}.")
     says.append(f"Program {campaign.program_sha256}; digest of all flights {r.digest}.")
     yield PageSection("What was flown", tuple(says), *tables.violations_table(campaign))
     control = []
@@ -237,7 +237,7 @@ def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
     for k, m in enumerate(r.modules):
         counts = [f.disengagements[k] for f in flights]
         if m.disengagements:
-            yield _counted(f"Takeovers a flight, {m.name}", counts)
+            yield _count_bars(f"Takeovers a flight, {m.name}", counts)
     if campaign.arms:
         yield Bars(
             "Flights violated, by arm",
@@ -254,7 +254,7 @@ def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
         )
 
 
-def _counted(name: str, counts: Sequence[int]) -> Histogram:
+def _count_bars(name: str, counts: Sequence[int]) -> Histogram:
     """How many flights had each count of something; bars of several counts where there are many."""
     wide = max(counts) // COUNTS_MAX + 1
     bins = [0] * (max(counts) // wide + 1)
@@ -278,7 +278,7 @@ def _bounds(r: Result) -> Iterator[str]:
         yield f"{r.flights - r.distinct:,} of the flights are copies of others."
 
 
-def _histogram_of(m: MetricResult) -> Histogram:
+def _measure_histogram(m: MetricResult) -> Histogram:
     unit = f" {m.unit}" if m.unit else ""
     caption = f"mean {m.mean:.4g}{unit}, least {m.least:.4g}{unit}, most {m.most:.4g}{unit}"
     caption += f"; share of {sum(m.bins):,} looks"

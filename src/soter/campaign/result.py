@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.campaign.batch_flights import EPISODE_NS
-from soter.campaign.statistics import FLIGHTS, RateInterval, interval_of, share_of
-from soter.campaign.store import digest_of
+from soter.campaign.statistics import FLIGHTS, RateInterval, rate_interval, share_interval
+from soter.campaign.store import campaign_digest
 from soter.language.elaborate.derived_systems import only_inside, without_faults
 from soter.language.model.types import FloatType, IntType
 from soter.semantics.draws import GOLDEN, fnv
@@ -106,7 +106,7 @@ DRAWS = 1 << 20
 """How many draws are made at once."""
 
 
-def occurred(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
+def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
     """How often each fault occurred in the flights of these seeds, by its text.
 
     Counted in slots of time (docs/semantics.md, Faults) that a release met; what hits a group at
@@ -160,11 +160,13 @@ def _drawn(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.
 def _bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Words:
     """`draw_bits` of each index (flights, n), under the seed of its row."""
     golden = np.uint64(GOLDEN)
-    keys = _mixed(_mixed(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv(stream)))
-    return _mixed((index + 1).astype(np.uint64) * golden + keys[:, None])
+    keys = _mix_arrays(
+        _mix_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv(stream))
+    )
+    return _mix_arrays((index + 1).astype(np.uint64) * golden + keys[:, None])
 
 
-def _mixed(z: Words) -> Words:
+def _mix_arrays(z: Words) -> Words:
     """`mix` of each, any shape."""
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
@@ -260,7 +262,7 @@ class Result:
         return self.hours if self.hours_aloft is None else self.hours_aloft
 
 
-def result_of(
+def make_result(
     flights: Sequence[FlightOutcome], system: System, blames: Mapping[int, FaultAttribution]
 ) -> Result:
     """The figures of these flights. Of none: zeros, and intervals that say nothing.
@@ -274,12 +276,12 @@ def result_of(
     kinds = [f.trajectory for f in flights]
     aloft = _aloft(flights, system)
     exposed = [f.seconds / 3600.0 for f in flights] if aloft is None else aloft
-    measures = _measured(flights, system)
+    measures = _measure_figures(flights, system)
     counts = [f.violations for f in flights]
     rate, per_flight = RateInterval(0.0, inf, FLIGHTS), (0.0, 1.0)
     if system.properties:
-        rate = interval_of(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
-        per_flight = share_of(list(map(bool, counts)), kinds)
+        rate = rate_interval(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
+        per_flight = share_interval(list(map(bool, counts)), kinds)
     return Result(
         flights=len(flights),
         distinct=len(set(kinds)),
@@ -295,9 +297,9 @@ def result_of(
         broken=tuple(told.most_common()),
         worst=tuple(bad[:10]),
         blames=tuple(of_bad[:10]),
-        digest=digest_of(flights),
+        digest=campaign_digest(flights),
         violated_inside=sum(not b.excused for b in of_bad),
-        excused=_excused(of_bad),
+        excused=_excused_rows(of_bad),
         measures=measures,
         hours_aloft=None if aloft is None else fsum(aloft),
         km=_km(measures, hours),
@@ -313,12 +315,12 @@ def _km(measures: Sequence[MetricResult], hours: float) -> float | None:
 def _modules(
     flights: Sequence[FlightOutcome], system: System, hours: Sequence[float], kinds: Sequence[str]
 ) -> Iterator[ModuleStatistics]:
-    """The statistics of each module; `hours` and `kinds` (flights,) as in `interval_of`."""
+    """The statistics of each module; `hours` and `kinds` (flights,) as in `rate_interval`."""
     seconds = max(sum(f.seconds for f in flights), 1e-9)
     most = max((int(f.seconds * 1e9) // EPISODE_NS + 1 for f in flights), default=0)
     for k, m in enumerate(system.modules):
         episodes = [f.episodes[k] for f in flights]
-        interval = interval_of(episodes, hours, most=most, kinds=kinds)
+        interval = rate_interval(episodes, hours, most=most, kinds=kinds)
         saves, precautions = _saved(flights, k)
         yield ModuleStatistics(
             name=m.name,
@@ -354,7 +356,7 @@ def _onsets_most(flights: Sequence[FlightOutcome], system: System) -> int:
     return len(system.properties) * (instants // 2 + 1) + len(system.components)
 
 
-def _excused(blames: Sequence[FaultAttribution]) -> tuple[tuple[str, int, int], ...]:
+def _excused_rows(blames: Sequence[FaultAttribution]) -> tuple[tuple[str, int, int], ...]:
     """The rows of `Result.excused`."""
     met = Counter(text for b in blames if b.excused for text in b.met)
     needed = Counter(text for b in blames for text in b.needed)
@@ -367,7 +369,7 @@ def _saved(flights: Sequence[FlightOutcome], k: int) -> tuple[int | None, int | 
     return sum(f.saves[k] for f in flights), sum(f.precautions[k] for f in flights)
 
 
-def _measured(flights: Sequence[FlightOutcome], system: System) -> tuple[MetricResult, ...]:
+def _measure_figures(flights: Sequence[FlightOutcome], system: System) -> tuple[MetricResult, ...]:
     measures = []
     for k, m in enumerate(system.measures):
         looks = [f.looks[k] for f in flights if f.looks[k].count]

@@ -68,7 +68,7 @@ def share(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, f
 # ---------------------------------------------------------------- by flight
 
 
-def interval_of(
+def rate_interval(
     counts: Sequence[int],
     hours: Sequence[float],
     *,
@@ -90,8 +90,8 @@ def interval_of(
     return RateInterval(min(interval.low, own.low), max(interval.high, own.high), basis)
 
 
-def share_of(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
-    """The interval of the share of `bad` flights; copies as in `interval_of`."""
+def share_interval(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
+    """The interval of the share of `bad` flights; copies as in `rate_interval`."""
     low, high = share(sum(bad), len(bad))
     own = dict(zip(kinds, bad, strict=True))
     if len(own) == len(bad):
@@ -147,8 +147,8 @@ def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
         top = max(logs)
         return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf
 
-    low = _reached(0.0, mean, lambda m: capital(lambda x: x / m - 1.0) >= goal)
-    high = _reached(1.0, mean, lambda m: capital(lambda x: (m - x) / (1.0 - m)) >= goal)
+    low = _last_included_mean(0.0, mean, lambda m: capital(lambda x: x / m - 1.0) >= goal)
+    high = _last_included_mean(1.0, mean, lambda m: capital(lambda x: (m - x) / (1.0 - m)) >= goal)
     return low * of, high * of
 
 
@@ -156,7 +156,7 @@ def _log(x: float) -> float:
     return log(x) if x > 0.0 else -inf
 
 
-def _reached(end: float, mean: float, excluded: Callable[[float], bool]) -> float:
+def _last_included_mean(end: float, mean: float, excluded: Callable[[float], bool]) -> float:
     """The last mean, from `mean` towards `end`, that is not excluded, but for rounding outwards."""
     inner, outer = mean, end
     for _ in range(STEPS):
@@ -192,7 +192,7 @@ def _gamma_quantile(a: float, p: float) -> float:
     """Where P(a, x) is p; it begins at Wilson and Hilferty's guess."""
     z = NormalDist().inv_cdf(p)
     guess = a * max(1.0 - 1.0 / (9.0 * a) + z / (3.0 * sqrt(a)), 1e-3) ** 3
-    return _solved(
+    return _solve_rising(
         lambda x: _gamma_below(a, x) - p,
         lambda x: exp((a - 1.0) * log(x) - x - lgamma(a)),
         guess,
@@ -230,7 +230,7 @@ def _log_beta_density(a: float, b: float, x: float) -> float:
 
 def _beta_quantile(a: float, b: float, p: float) -> float:
     """Where I_x(a, b) is p."""
-    return _solved(
+    return _solve_rising(
         lambda x: _beta_below(a, b, x) - p,
         lambda x: exp(_log_beta_density(a, b, x)),
         a / (a + b),
@@ -238,7 +238,7 @@ def _beta_quantile(a: float, b: float, p: float) -> float:
     )
 
 
-def _solved(
+def _solve_rising(
     f: Callable[[float], float], slope: Callable[[float], float], guess: float, high: float
 ) -> float:
     """The zero of a rising function in (0, high): Newton's steps, bisection where they leave."""

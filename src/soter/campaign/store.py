@@ -146,9 +146,9 @@ class CampaignStore:
         said = self.folder / ABOUT
         own = json.dumps(asdict(self.about), indent=2, sort_keys=True)
         if said.exists():
-            self._compare(_read(said), json.loads(own))
+            self._compare(_read_lines(said), json.loads(own))
             self._alone()
-            self.flights = self._kept()
+            self.flights = self._whole_flights()
             self._require_known()
         elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
@@ -218,7 +218,7 @@ class CampaignStore:
     def _parts(self) -> tuple[str, ...]:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
 
-    def _kept(self) -> list[FlightOutcome]:
+    def _whole_flights(self) -> list[FlightOutcome]:
         """The flights that stand there whole, from number 0 on; what is behind them is cut off."""
         path = self.folder / FLIGHTS
         if not path.exists():
@@ -257,14 +257,14 @@ class CampaignStore:
                 broken=tuple(json.loads(row["broken"])) if row["broken"] else (),
                 digest=_digest(row["digest"]),
                 trajectory=_digest(row["trajectory"]),
-                saves=self._saved(row, "saves"),
-                precautions=self._saved(row, "precautions"),
+                saves=self._saved_numbers(row, "saves"),
+                precautions=self._saved_numbers(row, "precautions"),
                 looks=tuple(_look(row, m) for m in self.about.measures),
             )
         except (KeyError, ValueError, TypeError):
             return None
 
-    def _saved(self, row: dict[str, str], what: str) -> tuple[int, ...]:
+    def _saved_numbers(self, row: dict[str, str], what: str) -> tuple[int, ...]:
         if not self.about.horizon_ns:
             return ()
         return tuple(int(row[f"{m}.{what}"]) for m in self.about.modules)
@@ -286,7 +286,7 @@ class CampaignStore:
 def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> tuple[int, ...]:
     """The lateness (ns) that the arm `paper` was flown with; SoterError D006 where none was."""
     file = folder / "arm-paper" / ABOUT
-    about = _read(file) if file.is_file() else None
+    about = _read_lines(file) if file.is_file() else None
     if not isinstance(about, dict):
         helps = ("fly it with `soter campaign --arms paper`, or say where it is: `--campaign DIR`",)
         raise _trouble(folder, "no arm `paper` was flown there", *helps)
@@ -322,10 +322,10 @@ def _row(f: FlightOutcome) -> list[object]:
         told += [look.count, repr(look.sum), repr(look.least), repr(look.most)]
         told.append(" ".join(map(str, look.bins)))
     cells = [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest, f.trajectory]
-    return [*cells, _checked(map(str, cells))]
+    return [*cells, _line_checksum(map(str, cells))]
 
 
-def _checked(cells: Iterable[str]) -> str:
+def _line_checksum(cells: Iterable[str]) -> str:
     """A checksum of a line's cells, which shows whether it was changed."""
     return f"{crc32(chr(10).join(cells).encode()):08x}"
 
@@ -333,10 +333,10 @@ def _checked(cells: Iterable[str]) -> str:
 def _is_whole(row: dict[str, str]) -> bool:
     """Whether a line is as it was written."""
     cells = list(row.values())
-    return None not in row and None not in cells and cells[-1] == _checked(cells[:-1])
+    return None not in row and None not in cells and cells[-1] == _line_checksum(cells[:-1])
 
 
-def digest_of(flights: Iterable[FlightOutcome]) -> str:
+def campaign_digest(flights: Iterable[FlightOutcome]) -> str:
     """SHA-256 of a campaign: over the digests of its flights, in the order of their numbers."""
     digest = hashlib.sha256()
     for f in flights:
@@ -344,7 +344,7 @@ def digest_of(flights: Iterable[FlightOutcome]) -> str:
     return digest.hexdigest()
 
 
-def _read(path: Path) -> object:
+def _read_lines(path: Path) -> object:
     try:
         return json.loads(read_bytes(path))
     except (ValueError, RecursionError):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Table = tuple[Row, tuple[Row, ...]]
 
 
-def listed(names: Sequence[str]) -> str:
+def quoted_names(names: Sequence[str]) -> str:
     """`a`, `b`, `c`."""
     return ", ".join(f"`{n}`" for n in names)
 

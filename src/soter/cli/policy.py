@@ -159,12 +159,12 @@ def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: floa
 
 
 def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
-    from soter.policy.policy_errors import content_of  # noqa: PLC0415 - as above
+    from soter.policy.policy_errors import read_policy_bytes  # noqa: PLC0415 - as above
     from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
 
     notes = [
         f"{Path(file).name} as a function, written by `soter policy`: do not edit.",
-        f"sha256 {hashlib.sha256(content_of(Path(policy.path))).hexdigest()}",
+        f"sha256 {hashlib.sha256(read_policy_bytes(Path(policy.path))).hexdigest()}",
         "",
         *(f"{name}: {text}" for name, text in told.items()),
         *(f"assumed: {text}" for text in policy.assumed),
@@ -179,7 +179,7 @@ def _write_c(path: Path, policy: Policy, node: str) -> str:
     """Writes the policy as C of an extern node, and returns its `--bind`; UsageError."""
     from soter.codegen.unit import generate  # noqa: PLC0415 - as above
     from soter.policy.c_source import c_source  # noqa: PLC0415 - as above
-    from soter.policy.policy_extern import by_name  # noqa: PLC0415 - as above
+    from soter.policy.policy_extern import reads_by_name  # noqa: PLC0415 - as above
 
     file, _, name = node.rpartition(":")
     program = load(file or node)
@@ -194,7 +194,7 @@ def _write_c(path: Path, policy: Policy, node: str) -> str:
                 (t.name.rpartition(".")[2], system.topics[x.scope.topics[t]].type) for t in topics
             ]
             if policy.keys:
-                reads = list(by_name(Path(policy.path), policy.keys, reads))
+                reads = list(reads_by_name(Path(policy.path), policy.keys, reads))
             unit = generate(system)
             own = unit.names[x.index]
             function = f"{name.rpartition('.')[2]}_step"

@@ -321,11 +321,11 @@ def _rest(test: TestResult) -> str:
 
 def _trace(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - loaded above, too
-    from soter.explore.trace_view import view_of  # noqa: PLC0415 - only for a trace
+    from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - only for a trace
     from soter.report.sequence_view import table_text  # noqa: PLC0415 - needs NumPy
 
     assert test.replayed is not None
-    view = view_of(test.replayed, __version__)
+    view = make_sequence_view(test.replayed, __version__)
     lines = table_text(view, color=console.color_out, most=LINES_MAX, width=console.width)
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))

@@ -1,8 +1,8 @@
 """The assumptions of the verdict on a test: its conditions, and what it leaves open, in words.
 
-Purpose: `of_test` writes sentences that are part of every result: values of parameters, forced
-modules, what inputs take and when, which inputs take fewer values than their sets have, and
-(`of_contracts`) contracts in the place of modules and nodes, with the tests that check these.
+Purpose: `test_assumptions` writes sentences that are part of every result: values of parameters,
+forced modules, what inputs take and when, which inputs take fewer values than their sets have, and
+(`contract_notes`) contracts in the place of modules and nodes, with the tests that check these.
 Non-goals: what a proof rests on (`verify/problem/problem.py`); verdicts of the tests that check a
 contract: each is a test of its own.
 """
@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.explore.judge import plan_of
+from soter.explore.judge import test_plan
 from soter.explore.search_options import LEAVES_MAX
-from soter.explore.trace_view import shown
-from soter.explore.vacuous_tests import at
+from soter.explore.trace_view import value_text
+from soter.explore.vacuous_tests import symbol_at_path
 from soter.language.check.declarations import show
 from soter.language.check.field import listed
 from soter.language.elaborate.derived_systems import OUTSIDE
@@ -45,55 +45,56 @@ if TYPE_CHECKING:
 NO_HARM = "that others of what its contract permits do no harm is assumed"
 
 
-def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
+def replacements_in_test(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
     """The replacements in a test: path of the instance, name of what replaces it.
 
-    What is replaced by its contract is told apart (`of_contracts`).
+    Instances that their contract replaces are not among them (`contract_notes`).
     """
-    said = [*_replacements_in(test.system), *((p, by) for p, by, _ in test.replaces)]
-    replacements = {p: by.name for p, by in said if not isinstance(by, typed.ByContract)}
+    pairs = [*_replacements_in_system(test.system), *((p, by) for p, by, _ in test.replaces)]
+    replacements = {path: by.name for path, by in pairs if not isinstance(by, typed.ByContract)}
     return tuple(replacements.items())
 
 
-def _replacements_in(
+def _replacements_in_system(
     system: typed.SystemSymbol, prefix: str = ""
 ) -> Iterator[tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract]]:
     """The replacements in a system, after those in systems inside it, which it overrides."""
     for name, instance in system.by_name.items():
         if isinstance(instance.what, typed.SystemSymbol):
-            yield from _replacements_in(instance.what, f"{prefix}{name}.")
+            yield from _replacements_in_system(instance.what, f"{prefix}{name}.")
     yield from ((prefix + path, by) for path, by, _ in system.replaces)
 
 
-def of_contracts(system: System) -> Iterator[str]:
+def contract_notes(system: System) -> Iterator[str]:
     """A sentence for each module and node that is replaced by its contract."""
     stand_ins: dict[str, list[StandIn]] = {}
     for c in system.components:
         if c.stands_for is not None:
             stand_ins.setdefault(c.stands_for.of, []).append(c.stands_for)
-    for of, group in stand_ins.items():
-        yield from _stand_in_notes(system, of, group)
+    for instance, group in stand_ins.items():
+        yield from _stand_in_notes(system, instance, group)
 
 
-def _stand_in_notes(system: System, of: str, group: list[StandIn]) -> Iterator[str]:
-    said = _each(t for s in group for t in s.clauses)
-    said = said or "no clause, any value of the sets of its topics"
-    left = _each(t for s in group for t in s.left)
-    more = f"; not asked for, so that more is permitted: {left}" if left else ""
-    yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
-    asked = [name for name, how in _guarantee_tests(system, of) if not how]
-    held = f"that it publishes no other is asked by {listed(asked)}" if asked else NO_HARM
+def _stand_in_notes(system: System, instance: str, group: list[StandIn]) -> Iterator[str]:
+    clauses = _join_distinct(t for s in group for t in s.clauses)
+    clauses = clauses or "no clause, any value of the sets of its topics"
+    omitted = _join_distinct(t for s in group for t in s.left)
+    more = f"; not asked for, so that more is permitted: {omitted}" if omitted else ""
+    tested = _contract_test_note(system, instance)
+    yield f"{instance} is replaced by its contract ({clauses}{more}): {tested}"
+    tests = [name for name, how in _guarantee_tests(system, instance) if not how]
+    others_note = f"that it publishes no other is asked by {listed(tests)}" if tests else NO_HARM
     for text in dict.fromkeys(t for s in group for t in s.tried):
-        yield f"what stands for {of} was tried with {text} alone: {held}"
+        yield f"what stands for {instance} was tried with {text} alone: {others_note}"
 
 
-def _each(texts: Iterable[str]) -> str:
+def _join_distinct(texts: Iterable[str]) -> str:
     return "; ".join(dict.fromkeys(texts))
 
 
-def _held_to_it(system: System, of: str) -> str:
+def _contract_test_note(system: System, instance: str) -> str:
     tests_by_condition: dict[str, list[str]] = {}
-    for name, how in _guarantee_tests(system, of):
+    for name, how in _guarantee_tests(system, instance):
         tests_by_condition.setdefault(how, []).append(name)
     if "" in tests_by_condition:
         return (
@@ -101,35 +102,43 @@ def _held_to_it(system: System, of: str) -> str:
             "where it runs as it is, as far "
             "as horizon, inputs, skew, faults, order and replacements there go"
         )
-    but = ", ".join(f"{listed(names)} {how}" for how, names in tests_by_condition.items())
-    but = f" ({but})" if but else ""
-    return f"no test of this program runs it as it is{but}: that it keeps it is assumed"
+    differing = ", ".join(f"{listed(names)} {how}" for how, names in tests_by_condition.items())
+    differing = f" ({differing})" if differing else ""
+    return f"no test of this program runs it as it is{differing}: that it keeps it is assumed"
 
 
 def tests_by_contract(system: System) -> dict[str, list[str]]:
     """For each instance that a contract replaces the tests in which it runs as it is."""
     names = {c.stands_for.of for c in system.components if c.stands_for is not None}
-    return {of: [n for n, how in _guarantee_tests(system, of) if not how] for of in sorted(names)}
+    return {
+        path: [n for n, how in _guarantee_tests(system, path) if not how] for path in sorted(names)
+    }
 
 
-def _guarantee_tests(system: System, of: str) -> Iterator[tuple[str, str]]:
+def _guarantee_tests(system: System, instance: str) -> Iterator[tuple[str, str]]:
     """Tests of the program that have it, and how; none of a test that is made up on the way."""
     tests = system.program.tests
-    here = tests.get(plan_of(system).name)
+    here = tests.get(test_plan(system).name)
     for name, test in tests.items():
-        how = None if here is None else _asked(test, here, of)
+        how = None if here is None else _guarantee_test_condition(test, here, instance)
         if how is not None:
             yield name, how
 
 
-def _asked(test: typed.TestSymbol, here: typed.TestSymbol, of: str) -> str | None:
+def _guarantee_test_condition(
+    test: typed.TestSymbol, here: typed.TestSymbol, instance: str
+) -> str | None:
     """How a test differs from one in which what `here` replaces runs as it is; "": it is one.
 
     None where it is not in it, or replaced in it, too.
     """
-    what = at(test, of)
-    replaced = None if what is None or what is not at(here, of) else _replaced(test, what, of)
-    if test is here or replaced is None or of in replaced:
+    what = symbol_at_path(test, instance)
+    replaced = (
+        None
+        if what is None or what is not symbol_at_path(here, instance)
+        else _replaced_paths(test, what, instance)
+    )
+    if test is here or replaced is None or instance in replaced:
         return None
     if test.system is not here.system:
         return "in another system"
@@ -142,19 +151,19 @@ def _set_parameters(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol,
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
-def _replaced(
-    test: typed.TestSymbol, what: typed.ModuleSymbol | typed.NodeSymbol, of: str
+def _replaced_paths(
+    test: typed.TestSymbol, what: typed.ModuleSymbol | typed.NodeSymbol, instance: str
 ) -> set[str]:
-    """The paths in a module or node that a test replaces; `of` is the one of all of it."""
+    """The paths in a module or node that a test replaces; `instance` is the one of all of it."""
     inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
     for m in what.below if isinstance(what, typed.ModuleSymbol) else ():
         inside = (*inside, *m.own)
     paths: set[str] = set()
     for path, _, _ in test.replaces:
-        if path in {of, what.name} or of.startswith(f"{path}."):
-            paths.add(of)
+        if path in {instance, what.name} or instance.startswith(f"{path}."):
+            paths.add(instance)
         elif any(path in {n.name, n.name.rpartition(".")[2]} for n in inside) or path.startswith(
-            f"{of}."
+            f"{instance}."
         ):
             paths.add(path)
     return paths
@@ -164,41 +173,43 @@ NAMED = 12
 """The most parameters with declared values that are named; those that were set are always named."""
 
 
-def told(system: System) -> Iterator[str]:
+def setting_notes(system: System) -> Iterator[str]:
     """A sentence for all parameters, one for each forced module and each driven input."""
-    yield from _parameters(system)
-    for m in system.modules:
-        if m.forced is not None:
-            mode = m.forced.upper()
-            yield f"{m.name} is forced to {mode}: nothing is said of it where its DM decides"
+    yield from _parameter_note(system)
+    for module in system.modules:
+        if module.forced is not None:
+            mode = module.forced.upper()
+            yield f"{module.name} is forced to {mode}: nothing is said of it where its DM decides"
     for drive in system.inputs:
         topic = system.topics[drive.topic]
         every = f"every {show_ns(drive.every_ns)} and keeps it until then"
         if drive.values:
-            values = [shown(to_json(topic.type, v)) for v in drive.values]
-            which = f"one of {', '.join(values)}"
-            which += ", which is its whole set," if has_all(topic, drive) else ""
-            which += "" if has_all(topic, drive) else f", picked of {set_of(topic)},"
+            values = ", ".join(value_text(to_json(topic.type, v)) for v in drive.values)
+            picked = f"picked of {topic_set_text(topic)}"
+            of_set = "which is its whole set" if covers_whole_set(topic, drive) else picked
+            taken = f"one of {values}, {of_set},"
         else:
-            which = f"any value of {set_of(topic)}"
-        yield f"{topic.name} takes {which} {every}: no other value and no other time was tried"
+            taken = f"any value of {topic_set_text(topic)}"
+        yield f"{topic.name} takes {taken} {every}: no other value and no other time was tried"
 
 
-def picked(system: System) -> list[str]:
+def partly_driven(system: System) -> list[str]:
     """The names of inputs that take only some values of their sets."""
     drives = [(system.topics[d.topic], d) for d in system.inputs if d.values]
-    return [topic.name for topic, drive in drives if not has_all(topic, drive)]
+    return [topic.name for topic, drive in drives if not covers_whole_set(topic, drive)]
 
 
-def has_all(topic: Topic, drive: InputDrive) -> bool:
+def covers_whole_set(topic: Topic, drive: InputDrive) -> bool:
     """Whether the values of a drive are all that the set of its topic has."""
-    counts = [_count(t, b) for (_, t), b in zip(leaves(topic.type), topic.bounds, strict=True)]
+    counts = [
+        _count_values(t, b) for (_, t), b in zip(leaves(topic.type), topic.bounds, strict=True)
+    ]
     if any("[]" in path for path, _ in leaves(topic.type)):
         return False
     return len(set(drive.values)) >= math.prod(counts)
 
 
-def set_of(topic: Topic) -> str:
+def topic_set_text(topic: Topic) -> str:
     """The set of a topic as people write it."""
     bound = topic.bounds[0] if len(topic.bounds) == 1 else None
     if bound is None:
@@ -209,7 +220,7 @@ def set_of(topic: Topic) -> str:
     return f"[{low:,}, {high:,}]" if isinstance(low, int) else f"[{low:g}, {high:g}]"
 
 
-def _count(t: Type, bound: Bound | None) -> float:
+def _count_values(t: Type, bound: Bound | None) -> float:
     """How many values a leaf may have; infinity for a float that may have more than one."""
     if isinstance(t, BoolType):
         return 2
@@ -222,41 +233,27 @@ def _count(t: Type, bound: Bound | None) -> float:
     return 1 if low == high else math.inf
 
 
-def _parameters(system: System) -> Iterator[str]:
+def _parameter_note(system: System) -> Iterator[str]:
     """Words for each parameter's value; those that were set come first, with the declared value."""
     changed, values = [], []
     for name, value in system.params.items():
         param = system.program.param(name)
         if param is None:
             continue
-        own = param.default.value if isinstance(param.default, Literal) else value
-        at = f"{name} = {show(value, param.type)}"
-        if value == own:
-            values.append(at)
+        declared = param.default.value if isinstance(param.default, Literal) else value
+        text = f"{name} = {show(value, param.type)}"
+        if value == declared:
+            values.append(text)
         else:
-            changed.append(f"{at} (by itself {show(own, param.type)})")
+            changed.append(f"{text} (by itself {show(declared, param.type)})")
     if changed or values:
-        more = f" and {len(values) - NAMED} more" if len(values) > NAMED else ""
-        yield f"said of these values of parameters: {', '.join(changed + values[:NAMED])}{more}"
+        left_out = f" and {len(values) - NAMED} more" if len(values) > NAMED else ""
+        yield f"said of these values of parameters: {', '.join(changed + values[:NAMED])}{left_out}"
 
 
 FINGERPRINT_BITS = 64
 PLACES = 3
 """The most places of the program that are named."""
-
-
-def of_test(
-    system: System,
-    options: SearchOptions,
-    search_result: Found,
-    replaced: Sequence[tuple[str, str]],
-    times: TimeChoices | None,
-) -> tuple[str, ...]:
-    """All assumptions of a test; `replaced`: components and what stands in their place.
-
-    `times`: the grid on which steps chose their times; None: no step could choose.
-    """
-    return tuple(_all(system, options, search_result, replaced, times))
 
 
 def undriven(system: System) -> list[str]:
@@ -269,23 +266,27 @@ def undriven(system: System) -> list[str]:
     ]
 
 
-def _all(
+def test_assumptions(
     system: System,
     options: SearchOptions,
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
     times: TimeChoices | None,
 ) -> Iterator[str]:
-    plan = plan_of(system)
-    yield _how_long(show_ns(plan.horizon_ns), search_result)
+    """All assumptions of a test; `replaced`: components and what stands in their place.
+
+    `times`: the grid on which steps chose their times; None: no step could choose.
+    """
+    plan = test_plan(system)
+    yield _horizon_note(show_ns(plan.horizon_ns), search_result)
     yield _step_order_note(plan, times)
-    yield from told(system)
+    yield from setting_notes(system)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     yield from (f"{system.components[f.component].name} {_fault_words(f)}" for f in plan.faults)
     for name, by in replaced:
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
-    yield from of_contracts(system)
+    yield from contract_notes(system)
     lasts = any(f.least_ns for f in plan.faults)
     but = "unless it overruns" + (" or takes time" if lasts else "")
     yield f"steps are atomic: a step reads, computes and publishes at one time, {but}"
@@ -296,13 +297,14 @@ def _all(
     if not system.properties and not plan.timed:
         yield "the test states no property: only step faults of trusted components were looked for"
     yield from _coverage_limit_note(system)
-    yield from _sampled(system)
-    yield from _held(system, options.seed)
+    yield from _sampled_floats_note(system)
+    if drawn := drawn_disturbances(system):
+        yield f"drawn by chance once, with seed {options.seed}: {', '.join(drawn)}"
     if options.storage == "fingerprint":
         yield _collision_note(search_result.states)
 
 
-def _how_long(horizon: str, search_result: Found) -> str:
+def _horizon_note(horizon: str, search_result: Found) -> str:
     if search_result.closed_ns:
         return (
             f"said of all times, not only up to the horizon, {horizon}: every configuration after "
@@ -314,14 +316,14 @@ def _how_long(horizon: str, search_result: Found) -> str:
     return f"nothing is said about times after the horizon, {horizon}{more}"
 
 
-def _fault_words(f: TimingFault) -> str:
+def _fault_words(fault: TimingFault) -> str:
     """Words on what a fault does to the steps of a component."""
-    if f.kind == "skip":
-        return f"loses at most {f.at_most} release{_s(f.at_most)} in a row"
-    if f.least_ns:
-        span = " to ".join(dict.fromkeys([show_ns(f.least_ns), show_ns(f.by_ns)]))
+    if fault.kind == "skip":
+        return f"loses at most {fault.at_most} release{_plural_ending(fault.at_most)} in a row"
+    if fault.least_ns:
+        span = " to ".join(dict.fromkeys([show_ns(fault.least_ns), show_ns(fault.by_ns)]))
         return f"takes {span} a step, and loses its releases meanwhile, as it says"
-    return f"{'is late' if f.kind == 'late' else 'overruns'} by at most {show_ns(f.by_ns)}"
+    return f"{'is late' if fault.kind == 'late' else 'overruns'} by at most {show_ns(fault.by_ns)}"
 
 
 def _step_order_note(plan: TestPlan, times: TimeChoices | None) -> str:
@@ -333,15 +335,15 @@ def _step_order_note(plan: TestPlan, times: TimeChoices | None) -> str:
     late = any(f.kind == "late" for f in plan.faults)
     but = ", but for those that are told below," if late else ""
     if plan.skew_ns == 0:
-        said = (
+        order = (
             f"steps happen at their release{but or ','} in every order within an instant (skew 0)"
         )
     else:
-        said = f"every step happens within {show_ns(plan.skew_ns)} of its release{but.rstrip(',')}"
+        order = f"every step happens within {show_ns(plan.skew_ns)} of its release{but.rstrip(',')}"
     if times is None:
-        return said
+        return order
     return (
-        f"{said}; a step that may be late happens as early as it can or at a multiple of "
+        f"{order}; a step that may be late happens as early as it can or at a multiple of "
         f"{show_ns(times.quantum_ns)}: no other times were tried"
     )
 
@@ -365,17 +367,17 @@ def _time_grid_gaps(times: TimeChoices | None) -> Iterator[str]:
 
 def _coverage_limit_note(system: System) -> Iterator[str]:
     """A note on scalars of topics that coverage has no room for."""
-    told = [t for t in system.topics if t.queue_of is None]
-    scalars = sum("[]" not in path for t in told for path, _ in leaves(t.type))
+    topics = [t for t in system.topics if t.queue_of is None]
+    scalars = sum("[]" not in path for t in topics for path, _ in leaves(t.type))
     if scalars > LEAVES_MAX:
         yield f"what was reached counts the first {LEAVES_MAX:,} scalars of topics, of {scalars:,}"
 
 
-def _s(count: int) -> str:
+def _plural_ending(count: int) -> str:
     return "" if count == 1 else "s"
 
 
-def _sampled(system: System) -> Iterator[str]:
+def _sampled_floats_note(system: System) -> Iterator[str]:
     """A note on continua of which only three values were taken."""
     names = [
         f"{c.name}.{d.variable.name}"
@@ -397,7 +399,7 @@ def _sampled(system: System) -> Iterator[str]:
         yield f"of these floats only the middle, the least, the largest value: {', '.join(names)}"
 
 
-def held(system: System) -> list[str]:
+def drawn_disturbances(system: System) -> list[str]:
     """The names of disturbances drawn by chance from the seed, the same for all executions."""
     return [
         f"{c.name}.{d.variable.name}"
@@ -405,12 +407,6 @@ def held(system: System) -> list[str]:
         for d in c.disturbances
         if d.hold_ns and d.low < d.high
     ]
-
-
-def _held(system: System, seed: int) -> Iterator[str]:
-    names = held(system)
-    if names:
-        yield f"drawn by chance once, with seed {seed}: {', '.join(names)}"
 
 
 def _collision_note(states: int) -> str:

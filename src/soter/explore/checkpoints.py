@@ -75,7 +75,7 @@ def machine() -> str:
     return f"{sys.byteorder} endian, {sys.maxsize.bit_length() + 1} bits"
 
 
-def path_of(folder: Path, test: str) -> Path:
+def checkpoint_path(folder: Path, test: str) -> Path:
     """The path of a test's checkpoint."""
     return folder / (re.sub(r"[^A-Za-z0-9_.=+-]", "_", test) + ENDING)
 
@@ -88,16 +88,16 @@ def seal(file: int, head: Mapping[str, object]) -> None:
 
     `OSError` where that fails.
     """
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     size = os.fstat(file).st_size - HEAD
-    at = 0
-    while at < size:
-        piece = os.pread(file, min(_READ_BYTES, size - at), HEAD + at)
+    done = 0
+    while done < size:
+        piece = os.pread(file, min(_READ_BYTES, size - done), HEAD + done)
         if not piece:
             raise OSError("it became shorter")
-        told.update(piece)
-        at += len(piece)
-    payload = {"bytes": size, "sha256": told.hexdigest()}
+        digest.update(piece)
+        done += len(piece)
+    payload = {"bytes": size, "sha256": digest.hexdigest()}
     document = {
         "schema": SCHEMA,
         "soter": VERSION,
@@ -125,10 +125,10 @@ def take_place(made: Path, path: Path) -> None:
 # ---------------------------------------------------------------- reading
 
 
-def read(path: Path) -> SavedCheckpoint:
+def read_checkpoint(path: Path) -> SavedCheckpoint:
     """Reads a checkpoint; `SoterError` D012 where a file is none, or is not as it was written."""
     try:
-        return _read(path)
+        return _read_whole(path)
     except OSError as error:
         raise no_checkpoint(path, reason(error)) from error
     except DamagedCheckpointError as error:
@@ -137,7 +137,7 @@ def read(path: Path) -> SavedCheckpoint:
         raise no_checkpoint(path, "its head says something else") from error
 
 
-def _read(path: Path) -> SavedCheckpoint:
+def _read_whole(path: Path) -> SavedCheckpoint:
     if path.exists() and not path.is_file():  # a pipe would be waited for, for ever
         raise DamagedCheckpointError("it is no regular file")
     with path.open("rb") as stream:
@@ -146,8 +146,8 @@ def _read(path: Path) -> SavedCheckpoint:
             raise DamagedCheckpointError("it does not begin as one")
         if len(block) < HEAD:
             raise DamagedCheckpointError("its end is missing")
-        seal_, rest = block[len(MAGIC) : _SEAL_BYTES], block[_SEAL_BYTES:]
-        if seal_ != hashlib.sha256(rest).hexdigest().encode() + b"\n":
+        seal_line, rest = block[len(MAGIC) : _SEAL_BYTES], block[_SEAL_BYTES:]
+        if seal_line != hashlib.sha256(rest).hexdigest().encode() + b"\n":
             raise DamagedCheckpointError("its head is not as it was written")
         head = json.loads(rest)
         if (head.get("schema"), head.get("soter"), head.get("code")) != (
@@ -175,7 +175,8 @@ def require_same(saved: SavedCheckpoint, about: Mapping[str, object]) -> None:
     then = saved.head["about"]
     wanted = json.loads(json.dumps(dict(about)))
     notes = [
-        f"{what}: {_shown(name, then.get(name))} then, {_shown(name, wanted.get(name))} now"
+        f"{what}: {_value_text(name, then.get(name))} then, "
+        f"{_value_text(name, wanted.get(name))} now"
         for name, what in ABOUT.items()
         if then.get(name) != wanted.get(name)
     ]
@@ -189,7 +190,7 @@ def require_same(saved: SavedCheckpoint, about: Mapping[str, object]) -> None:
         raise SoterError((problem,))
 
 
-def _shown(name: str, value: object) -> str:
+def _value_text(name: str, value: object) -> str:
     if name.endswith("_ns") and isinstance(value, int):
         return show_ns(value)
     if name == "program_sha256":
@@ -272,8 +273,8 @@ class Checkpoint:
         return 0.0 if self.saved is None else float(self.saved.head["seconds"])
 
     @property
-    def ended(self) -> tuple[Mapping[str, Any], ...]:
-        """The counts of the parts before it, as `counts_of` gave them."""
+    def ended_counts(self) -> tuple[Mapping[str, Any], ...]:
+        """The counts of the parts before it, as `part_counts` gave them."""
         return () if self.saved is None else tuple(self.saved.head["ended"])
 
     def try_out(self) -> None:
@@ -312,7 +313,7 @@ def beside(path: Path, ending: str) -> Path:
     return path.with_name(path.name + ending)
 
 
-def counts_of(search_result: EndedPart) -> dict[str, float]:
+def part_counts(search_result: EndedPart) -> dict[str, float]:
     """The counts that a head keeps of the search of a part."""
     return {
         "seconds": search_result.seconds,
@@ -325,18 +326,18 @@ class Saver:
 
     def __init__(
         self,
-        to: Checkpoint,
+        checkpoint: Checkpoint,
         part: int,
         parts: int,
         ended: Sequence[EndedPart],
         saved: SavedCheckpoint | None,
     ) -> None:
-        self._to = to
+        self._checkpoint = checkpoint
         self._head = {
-            "about": dict(to.about),
+            "about": dict(checkpoint.about),
             "part": part,
             "parts": parts,
-            "ended": [counts_of(f) for f in ended],
+            "ended": [part_counts(f) for f in ended],
         }
         self._before = sum(f.states for f in ended)
         self._saved = saved
@@ -350,16 +351,16 @@ class Saver:
     @property
     def seconds(self) -> float:
         """For how many seconds this part was searched before."""
-        return self._to.seconds if self._saved is not None else 0.0
+        return self._checkpoint.seconds if self._saved is not None else 0.0
 
     @property
     def states(self) -> int:
         """How many configurations the last written checkpoint has; 0: there is none."""
-        return self._to.states
+        return self._checkpoint.states
 
     def begin(self, ffi: Any, options: Any) -> None:  # noqa: ANN401 - cffi has no types
         """Enters in `soter_explore_options` where to write, and what to go on from."""
-        self._end = self._to.open(".ending")
+        self._end = self._checkpoint.open(".ending")
         options.save_to = self._end + 1
         if self._saved is not None:
             self._payload = ffi.from_buffer("uint8_t[]", self._saved.payload)
@@ -371,11 +372,11 @@ class Saver:
         if self._asked >= 0:
             if progress.save_to == 0:
                 self._finish_save(progress)
-        elif time.perf_counter() - self._last_s >= self._to.every_s and not progress.stop:
+        elif time.perf_counter() - self._last_s >= self._checkpoint.every_s and not progress.stop:
             try:
-                self._asked = self._to.open(".writing")
+                self._asked = self._checkpoint.open(".writing")
             except SoterError as error:
-                self._to.problem = error.diagnostics[0].message
+                self._checkpoint.problem = error.diagnostics[0].message
                 self._last_s = time.perf_counter()
             else:
                 progress.save_to = self._asked + 1
@@ -387,7 +388,7 @@ class Saver:
         if result.saved:
             self._seal(self._end, ".ending", int(result.states))
         elif int(result.status) not in NOTHING_TO_WRITE:
-            self._to.problem = UNWRITTEN
+            self._checkpoint.problem = UNWRITTEN
         self.close()
 
     def close(self) -> None:
@@ -396,7 +397,7 @@ class Saver:
             if file >= 0:
                 os.close(file)
                 with contextlib.suppress(OSError):
-                    beside(self._to.path, ending).unlink()
+                    beside(self._checkpoint.path, ending).unlink()
         self._end = self._asked = -1
         self._payload = None
 
@@ -404,11 +405,11 @@ class Saver:
         if progress.saved > self._written:
             self._seal(self._asked, ".writing", int(progress.saved_states))
         else:
-            self._to.problem = UNWRITTEN
+            self._checkpoint.problem = UNWRITTEN
         self._written = int(progress.saved)
         os.close(self._asked)
         with contextlib.suppress(OSError):
-            beside(self._to.path, ".writing").unlink()
+            beside(self._checkpoint.path, ".writing").unlink()
         self._asked = -1
         self._last_s = time.perf_counter()
 
@@ -421,8 +422,8 @@ class Saver:
         }
         try:
             seal(file, head)
-            take_place(beside(self._to.path, ending), self._to.path)
+            take_place(beside(self._checkpoint.path, ending), self._checkpoint.path)
         except OSError as error:
-            self._to.problem = reason(error)
+            self._checkpoint.problem = reason(error)
         else:
-            self._to.states, self._to.problem = self._before + states, ""
+            self._checkpoint.states, self._checkpoint.problem = self._before + states, ""

@@ -1,8 +1,8 @@
 """`soter test` and `soter replay` without a terminal: from a flattened test to its result.
 
-Purpose: `explore_test` searches, gives the verdict (`verdict_of`), minimises a violation, and lets
-the reference interpreter replay it before anybody is told of it; `save` writes its trace into a
-file. `violation_of` looks for one run that violates a property, where a proof of it failed.
+Purpose: `explore_test` searches, gives the verdict (`search_verdict`), minimises a violation, and
+lets the reference interpreter replay it before anybody is told of it; `save_traces` writes it into
+a file. `find_violating_run` looks for a run that violates a property whose proof failed.
 Non-goals: the search itself (`engine/`), what is asked of it (`api/exploring.py`), what bounds
 mean (`results.py`), printing (`cli/test.py`).
 """
@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import assumptions, vacuous_tests
-from soter.explore.judge import plan_of
-from soter.explore.replay import replay, violation_id_of, with_marks, with_values
+from soter.explore.judge import test_plan
+from soter.explore.replay import find_violation_id, replay, with_marks, with_values
 from soter.explore.results import (
     BOUND,
     BOUNDS,
@@ -78,7 +78,7 @@ ENDS = {
 """The bound that each end of a search means."""
 
 
-def vacuous_parts(
+def vacuous_parts_of_search(
     system: System,
     search: Search,
     coverage: Coverage,
@@ -88,25 +88,27 @@ def vacuous_parts(
     """The parts of a test that say nothing; unmet ones count if the search came to its end."""
     ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
     never = coverage.modes.unreached
-    return vacuous_tests.of_test(system, search.met(), never, replaced, ended=ended)
+    return vacuous_tests.find_vacuous_parts(
+        system, search.judged_and_tested(), never, replaced, ended=ended
+    )
 
 
-def short_of_test(system: System, search: Search, coverage: Coverage) -> str | None:
+def uncovered_bound(system: System, search: Search, coverage: Coverage) -> str | None:
     """What an exhaustive search of a test does not cover; None where it is every execution."""
     if not coverage.properties.reached:
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
-    if assumptions.picked(system):
+    if assumptions.partly_driven(system):
         return PICKED
-    if assumptions.held(system):
+    if assumptions.drawn_disturbances(system):
         return DRAWN
     if search.times is not None and (search.times.open or search.times.crowded):
         return GRID
     return SAMPLED if search.sampled else None
 
 
-def verdict_of(
+def search_verdict(
     search_result: Found, options: SearchOptions, short_of: str | None
 ) -> tuple[str, str | None]:
     """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
@@ -123,11 +125,10 @@ def covered_before(search_result: Found, system: System, options: SearchOptions)
     """The time before which everything was judged; None where executions are drawn by chance."""
     if options.strategy in SAMPLING:
         return None
-    return min(search_result.covered_ns, plan_of(system).horizon_ns)
+    return min(search_result.covered_ns, test_plan(system).horizon_ns)
 
 
-FOLDER = Path(".soter")
-ENDING = ".trace.json"
+FOLDER, ENDING = Path(".soter"), ".trace.json"
 LONG = 500
 """Up to this many steps are replayed even after an interruption."""
 
@@ -163,16 +164,10 @@ class TraceHeader:
     replaced: tuple[tuple[str, str], ...] = ()
 
 
-# ---------------------------------------------------------------- which tests
-
-
-# ---------------------------------------------------------------- one test
-
-
 def explore_test(
     system: System,
     options: SearchOptions,
-    told: TraceHeader,
+    header: TraceHeader,
     progress: Progress | None = None,
     listener: Interruptions | None = None,
     checkpoint: Checkpoint | None = None,
@@ -184,65 +179,74 @@ def explore_test(
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
-    def wanted() -> bool:
+    def should_stop() -> bool:
         return listener is not None and listener.wanted
 
-    with Engine(system, options, progress, wanted, checkpoint) as search:
-        with _quiet(listener):
+    with Engine(system, options, progress, should_stop, checkpoint) as search:
+        with _without_signals(listener):
             search_result = search.run()
-            coverage = search.coverage()
-            says_nothing = vacuous_parts(system, search, coverage, search_result, told.replaced)
-            short_of = short_of_test(system, search, coverage)
-            verdict, bound = verdict_of(search_result, options, short_of)
-            result = TestResult(
-                name=plan_of(system).name,
-                system=system,
-                options=options,
-                verdict=verdict,
-                bound=bound,
-                states=search_result.states,
-                transitions=search_result.transitions,
-                runs=search_result.runs,
-                seconds=search_result.seconds,
-                depth=search_result.depth,
-                bits=search.bits,
-                parts=search.parts,
-                equal_instances=search.equal,
-                contracts=assumptions.tests_by_contract(system),
-                stands_for=tuple([r for r in told.replaced if r[0] not in search.unheard]),
-                table_bytes=search_result.table_bytes,
-                frontier_bytes=search_result.frontier_bytes,
-                total_bytes=search_result.total_bytes,
-                covered_ns=covered_before(search_result, system, options),
-                closed_ns=search_result.closed_ns or None,
-                checkpoint=_kept(checkpoint),
-                short_of=short_of if short_of not in (bound, UNJUDGED) else None,
-                threads=search_result.threads,
-                why=_why(bound, search, search_result),
-                quantum_ns=None if search.times is None else search.times.quantum_ns,
-                coverage=coverage,
-                robustness=search.robustness(),
-                vacuous=says_nothing,
-                assumptions=(
-                    *(v.text for v in says_nothing),
-                    *assumptions.of_test(
-                        system, options, search_result, told.replaced, search.times
-                    ),
-                ),
-            )
-        if verdict == VIOLATED:
+            result = _judge_search(system, search, search_result, header.replaced, checkpoint)
+        if result.verdict == VIOLATED:
             try:
-                _explain(result, search, search_result, told)
+                _enter_trace(result, search, search_result, header)
                 shown = result.replayed is not None and not result.interrupted
                 if shown and options.all_properties:
-                    _find_more(result, search, search_result, told)
+                    _find_other_violations(result, search, search_result, header)
             except KeyboardInterrupt:
                 _note_interruption(result)
     return result
 
 
+def _judge_search(
+    system: System,
+    search: Search,
+    search_result: Found,
+    replaced: Sequence[tuple[str, str]],
+    checkpoint: Checkpoint | None,
+) -> TestResult:
+    """The result of a search, with its verdict and what was covered, before any trace."""
+    options, coverage = search.options, search.coverage()
+    says_nothing = vacuous_parts_of_search(system, search, coverage, search_result, replaced)
+    short_of = uncovered_bound(system, search, coverage)
+    verdict, bound = search_verdict(search_result, options, short_of)
+    return TestResult(
+        name=test_plan(system).name,
+        system=system,
+        options=options,
+        verdict=verdict,
+        bound=bound,
+        states=search_result.states,
+        transitions=search_result.transitions,
+        runs=search_result.runs,
+        seconds=search_result.seconds,
+        depth=search_result.depth,
+        bits=search.bits,
+        parts=search.parts,
+        equal_instances=search.equal,
+        contracts=assumptions.tests_by_contract(system),
+        stands_for=tuple([r for r in replaced if r[0] not in search.unheard]),
+        table_bytes=search_result.table_bytes,
+        frontier_bytes=search_result.frontier_bytes,
+        total_bytes=search_result.total_bytes,
+        covered_ns=covered_before(search_result, system, options),
+        closed_ns=search_result.closed_ns or None,
+        checkpoint=_checkpoint_state(checkpoint),
+        short_of=short_of if short_of not in (bound, UNJUDGED) else None,
+        threads=search_result.threads,
+        why=_bound_reason(bound, search, search_result),
+        quantum_ns=None if search.times is None else search.times.quantum_ns,
+        coverage=coverage,
+        robustness=search.robustness(),
+        vacuous=says_nothing,
+        assumptions=(
+            *(v.text for v in says_nothing),
+            *assumptions.test_assumptions(system, options, search_result, replaced, search.times),
+        ),
+    )
+
+
 @contextmanager
-def _quiet(listener: Interruptions | None) -> Iterator[None]:
+def _without_signals(listener: Interruptions | None) -> Iterator[None]:
     """A `with` block in which signals raise nothing."""
     if listener is None:
         yield
@@ -262,14 +266,16 @@ def _note_interruption(result: TestResult) -> None:
         result.others_bound = INTERRUPTED
 
 
-def _find_more(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
+def _find_other_violations(
+    result: TestResult, search: Search, search_result: Found, header: TraceHeader
+) -> None:
     """Looks for other properties that can be violated, with a search for each."""
     assert search_result.broken is not None
     known, others = [search_result.broken], []
     while True:
         search_result = search.run(tuple(known))
-        short_of = short_of_test(result.system, search, search.coverage())
-        verdict, bound = verdict_of(search_result, result.options, short_of)
+        short_of = uncovered_bound(result.system, search, search.coverage())
+        verdict, bound = search_verdict(search_result, result.options, short_of)
         if verdict != VIOLATED:
             result.others_bound = bound
             break
@@ -290,7 +296,7 @@ def _find_more(result: TestResult, search: Search, search_result: Found, told: T
             depth=search_result.depth,
             replayed=None,
         )
-        _explain(other, search, search_result, told)
+        _enter_trace(other, search, search_result, header)
         others.append(other)
         if other.interrupted or other.replayed is None:
             result.others_bound = other.unshown or other.least_bound
@@ -299,11 +305,17 @@ def _find_more(result: TestResult, search: Search, search_result: Found, told: T
     result.coverage, result.robustness = search.coverage(), search.robustness()
 
 
-def _kept(c: Checkpoint | None) -> CheckpointState | None:
-    return None if c is None else CheckpointState(c.path, c.states, c.problem, c.resumed)
+def _checkpoint_state(checkpoint: Checkpoint | None) -> CheckpointState | None:
+    return (
+        None
+        if checkpoint is None
+        else CheckpointState(
+            checkpoint.path, checkpoint.states, checkpoint.problem, checkpoint.resumed
+        )
+    )
 
 
-def _why(bound: str | None, search: Search, search_result: Found) -> str:
+def _bound_reason(bound: str | None, search: Search, search_result: Found) -> str:
     """The bound that was reached, in words."""
     if bound is None:
         return ""
@@ -312,22 +324,24 @@ def _why(bound: str | None, search: Search, search_result: Found) -> str:
     return bound_text(bound, search.options, search.chooser(search_result), search.words)
 
 
-def _explain(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
+def _enter_trace(
+    result: TestResult, search: Search, search_result: Found, header: TraceHeader
+) -> None:
     """Enters the trace of a violation: the least one, replayed by the interpreter."""
     assert search_result.broken is not None
     what, index = search_result.broken
-    result.broken = violation_id_of(result.system, VIOLATION_KINDS[what], index)
+    result.broken = find_violation_id(result.system, VIOLATION_KINDS[what], index)
     assert result.broken is not None, search_result.broken
     steps = _minimised_steps(result, search, search_result)
     interrupted = INTERRUPTED in (search_result.stopped, result.least_bound)
     if not steps or (interrupted and len(steps) > LONG):
         result.unshown = _why_unshown(search_result, interrupted=interrupted)
         return
-    trace = trace_of(result, told, steps)
+    trace = make_trace(result, header, steps)
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_marks(with_values(replayed), search.matters(replayed, search_result))
+    result.replayed = with_marks(with_values(replayed), search.mark_steps(replayed, search_result))
 
 
 def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
@@ -360,9 +374,8 @@ def _minimised_steps(result: TestResult, search: Search, search_result: Found) -
     if first:
         smaller = _shrink(result, search, search_result, half)
     if result.least_bound is None:
-        least = _least(
-            result, search, search_result, until - time.perf_counter() if first else half
-        )
+        patience_s = until - time.perf_counter() if first else half
+        least = _find_least(result, search, search_result, patience_s)
         if result.minimal:
             result.shrunk_from = 0
             return least
@@ -371,7 +384,7 @@ def _minimised_steps(result: TestResult, search: Search, search_result: Found) -
     return smaller.steps
 
 
-def _least(
+def _find_least(
     result: TestResult, search: Search, search_result: Found, patience_s: float
 ) -> tuple[Step, ...]:
     """The least trace to the violation; empty if it was not found, and the result says why."""
@@ -387,28 +400,27 @@ def _least(
 
 def _shrink(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
     """What was found, or a smaller one."""
-    made = search.shrunk(search_result, patience_s) if search_result.steps else None
-    if made is None:
+    shrunk = search.shrink(search_result, patience_s) if search_result.steps else None
+    if shrunk is None:
         return search_result
-    result.minimise_s += made.seconds
-    if made.stopped == "interrupted":
+    result.minimise_s += shrunk.seconds
+    if shrunk.stopped == "interrupted":
         result.least_bound = INTERRUPTED
-    result.shrunk_from = (
-        len(search_result.steps) if len(made.steps) < len(search_result.steps) else 0
-    )
-    return made
+    before = len(search_result.steps)
+    result.shrunk_from = before if len(shrunk.steps) < before else 0
+    return shrunk
 
 
-def trace_of(result: TestResult, told: TraceHeader, steps: Sequence[Step]) -> Trace:
+def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -> Trace:
     """The trace of a violated test."""
     assert result.broken is not None
-    plan, program, options = plan_of(result.system), result.system.program, result.options
+    plan, program, options = test_plan(result.system), result.system.program, result.options
     return Trace(
-        program=told.program,
+        program=header.program,
         sha256=program.sha256,
         system=result.system.name,
         test=plan.name,
-        params=told.params,
+        params=header.params,
         seed=result.options.seed,
         skew_ns=plan.skew_ns,
         horizon_ns=plan.horizon_ns,
@@ -426,7 +438,7 @@ def trace_of(result: TestResult, told: TraceHeader, steps: Sequence[Step]) -> Tr
 # ---------------------------------------------------------------- files
 
 
-def save(result: TestResult, folder: Path = FOLDER) -> Path | None:
+def save_traces(result: TestResult, folder: Path = FOLDER) -> Path | None:
     """Writes the trace of a violated test and returns its path; None: none; `SoterError` D006.
 
     Those of other properties are beside it, with `-2` after the name and so on.
@@ -463,7 +475,7 @@ class ViolatingRun:
     lines: tuple[str, ...]
 
 
-def violation_of(system: System) -> ViolatingRun | None:
+def find_violating_run(system: System) -> ViolatingRun | None:
     """A run of a flat system with a test plan that violates one of its properties.
 
     None where none was found, or the system cannot be explored.

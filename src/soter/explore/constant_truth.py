@@ -25,7 +25,7 @@ from soter.language.evaluate.ranges import Range
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, nodes, returned
 from soter.language.model.types import INT_MAX, INT_MIN, FloatType, IntType
-from soter.workers.solvers import answer_of
+from soter.workers.solvers import ask_solver
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -48,7 +48,7 @@ def _solver() -> Any:  # noqa: ANN401 - z3 has no types
     return z3
 
 
-def solved(
+def solver_proves(
     condition: typed.TypedExpr,
     wanted: bool,
     scope: Scope,
@@ -61,14 +61,14 @@ def solved(
         return False
     try:
         terms = _Terms(z3, scope, asked, period_ns)
-        held = terms.of(condition)
+        condition_term = terms.term(condition)
     except TooHardError:
         return False
     solver = z3.Solver()
     solver.set("timeout", PATIENCE_MS)
     solver.add(*terms.ranges)
-    solver.add(z3.Or(held != z3.BoolVal(wanted), *terms.faults))
-    return bool(answer_of(solver) == z3.unsat)
+    solver.add(z3.Or(condition_term != z3.BoolVal(wanted), *terms.faults))
+    return bool(ask_solver(solver) == z3.unsat)
 
 
 class _Terms:
@@ -91,7 +91,7 @@ class _Terms:
         self.faults: list[Any] = []
         self._known: dict[ReadPlace, Any] = {}
 
-    def of(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
+    def term(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
         """The term of an expression; `TooHardError`."""
         if isinstance(e, typed.Literal):
             return self._constant(e.type, e.value)
@@ -99,24 +99,24 @@ class _Terms:
             return self._constant(e.type, self.scope.params[e.param])
         if isinstance(e, typed.PeriodRead):
             return self._constant(e.type, self.period_s)
-        place = self._place(e)
+        place = self._read_place(e)
         if place is not None:
-            return self._read(place)
+            return self._read_term(place)
         if isinstance(e, typed.TypedUnary):
             return self._unary(e)
         if isinstance(e, typed.TypedBinary):
             return self._binary(e)
         if isinstance(e, typed.Conditional):
-            return self.z3.If(self.of(e.condition), self.of(e.then), self.of(e.otherwise))
+            return self.z3.If(self.term(e.condition), self.term(e.then), self.term(e.otherwise))
         if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
             return self._builtin(e)
         if isinstance(e, typed.TypedCall):
             inner = returned(e)
             if inner is not None:
-                return self.of(inner)
+                return self.term(inner)
         raise TooHardError
 
-    def _place(self, e: typed.TypedExpr) -> ReadPlace | None:
+    def _read_place(self, e: typed.TypedExpr) -> ReadPlace | None:
         if isinstance(e, typed.TopicRead):
             return ReadPlace("topic", self.scope.topics[e.topic], e.type)
         if isinstance(e, typed.TruthRead):
@@ -128,12 +128,12 @@ class _Terms:
         if isinstance(e, typed.AgeRead):
             return ReadPlace("age", self.scope.topics[e.topic], e.type)
         if isinstance(e, typed.TypedField):
-            whole = self._place(e.target)
+            whole = self._read_place(e.target)
             if whole is not None:
                 return ReadPlace(whole.kind, whole.index, e.type, (*whole.path, e.index))
         return None
 
-    def _read(self, place: ReadPlace) -> Any:  # noqa: ANN401 - a term
+    def _read_term(self, place: ReadPlace) -> Any:  # noqa: ANN401 - a term
         if place not in self._known:
             bounds = self.asked.get(place)
             if bounds is None or bounds.low > bounds.high:
@@ -165,35 +165,35 @@ class _Terms:
             return self.z3.IntVal(value)
         raise TooHardError
 
-    def _whole(self, term: Any) -> Any:  # noqa: ANN401 - a term
+    def _checked_int(self, term: Any) -> Any:  # noqa: ANN401 - a term
         self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
         return term
 
     def _unary(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
-        a = self.of(e.operand)
+        a = self.term(e.operand)
         if e.op == "!":
             return self.z3.Not(a)
         if isinstance(e.type, FloatType):
             return self.z3.fpNeg(a)
         if isinstance(e.type, IntType):
-            return self._whole(-a)
+            return self._checked_int(-a)
         raise TooHardError
 
     def _binary(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
-        a, b = self.of(e.left), self.of(e.right)
+        a, b = self.term(e.left), self.term(e.right)
         if e.op in {"&&", "||"}:
             return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
         if e.op in COMPARISONS:
-            return self._compared(e, a, b)
+            return self._comparison(e, a, b)
         if isinstance(e.type, FloatType) and e.op in {"+", "-", "*"}:
             of = {"+": z3.fpAdd, "-": z3.fpSub, "*": z3.fpMul}[e.op]
             return of(self.round, a, b)
         if isinstance(e.type, IntType) and e.op in {"+", "-", "*"}:
-            return self._whole(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
+            return self._checked_int(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
         raise TooHardError
 
-    def _compared(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
+    def _comparison(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
         z3 = self.z3
         if isinstance(e.left.type, FloatType):
             of = {
@@ -214,10 +214,10 @@ class _Terms:
     def _builtin(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         floats = isinstance(e.arguments[0].type, FloatType)
-        a = self.of(e.arguments[0])
+        a = self.term(e.arguments[0])
         if e.name == "abs":
-            return z3.fpAbs(a) if floats else self._whole(z3.If(a < 0, -a, a))
-        b = self.of(e.arguments[1])
+            return z3.fpAbs(a) if floats else self._checked_int(z3.If(a < 0, -a, a))
+        b = self.term(e.arguments[1])
         if e.name == "min":
             return z3.If(z3.fpLT(b, a) if floats else b < a, b, a)
         return z3.If(z3.fpGT(b, a) if floats else b > a, b, a)
@@ -246,7 +246,7 @@ def holds_always(
     `given`: locals that it reads, and what may be in them.
     """
     try:
-        return _Condition(condition, wanted, scope, read, period_ns, given or {}).decided()
+        return _Condition(condition, wanted, scope, read, period_ns, given or {}).decide()
     except TooHardError:
         return False
 
@@ -270,34 +270,34 @@ class _Condition:
         self.locals = {v: ReadPlace("local", i, v.type) for i, v in enumerate(given)}
         self.asked: dict[ReadPlace, Range] = {}
 
-    def decided(self) -> bool:
+    def decide(self) -> bool:
         """Whether it is decided: for all values at once, box by box, or by the solver."""
-        judgement = self._judged({})
+        judgement = self._judge({})
         if judgement is not None:
             return judgement
-        cuts = [_parts(r, self._constants()) for r in self.asked.values()]
+        cuts = [_cut_at_constants(span, self._constants()) for span in self.asked.values()]
         places = list(self.asked)
-        if self._fails_at_some(places, _drawn(cuts)):
+        if self._fails_at_some(places, _random_points(cuts)):
             return False
         unknown: list[tuple[Range, ...]] = [tuple(self.asked.values())]
         if math.prod(map(len, cuts)) <= BOXES_MAX:
             unknown = []
             for box in itertools.product(*cuts):
-                judgement = self._judged(dict(zip(places, box, strict=True)))
+                judgement = self._judge(dict(zip(places, box, strict=True)))
                 if judgement is False:
                     return False
                 if judgement is None:
                     unknown.append(box)
         if not unknown:
             return True
-        if self._fails_at_some(places, itertools.islice(_examples(unknown), POINTS_MAX)):
+        if self._fails_at_some(places, itertools.islice(_example_points(unknown), POINTS_MAX)):
             return False
-        return solved(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
+        return solver_proves(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
 
     def _fails_at_some(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
-        return any(self._judged(dict(zip(places, point, strict=True))) is False for point in points)
+        return any(self._judge(dict(zip(places, point, strict=True))) is False for point in points)
 
-    def _judged(self, box: dict[ReadPlace, Range]) -> bool | None:
+    def _judge(self, box: dict[ReadPlace, Range]) -> bool | None:
         """True: as wanted in all of the box; False: not at all, or it faults; None: not known."""
 
         def read(place: ReadPlace) -> Range:
@@ -346,50 +346,54 @@ class _Condition:
         return sorted(constants)
 
 
-def _parts(r: Range, constants: list[float]) -> list[Range]:
+def _cut_at_constants(span: Range, constants: list[float]) -> list[Range]:
     """A range cut at constants: each constant, what lies between, and NaN by itself."""
     parts: list[Range] = []
-    if r.nan:
+    if span.nan:
         parts.append(Range(math.inf, -math.inf, nan=True))
-        r = Range(r.low, r.high)
-    whole = isinstance(r.low, int) and isinstance(r.high, int)
-    if whole and r.high - r.low < EACH_MAX:
-        return parts + [Range(i, i) for i in range(int(r.low), int(r.high) + 1)]
-    at = r.low
+        span = Range(span.low, span.high)
+    whole = isinstance(span.low, int) and isinstance(span.high, int)
+    if whole and span.high - span.low < EACH_MAX:
+        return parts + [Range(i, i) for i in range(int(span.low), int(span.high) + 1)]
+    low = span.low
     for number in constants:
         if whole and number != int(number):
             continue
-        c = int(number) if whole else float(number)
-        if not at <= c <= r.high:
+        cut = int(number) if whole else float(number)
+        if not low <= cut <= span.high:
             continue
-        below = c - 1 if whole else math.nextafter(c, -math.inf)
-        if at <= below:
-            parts.append(Range(at, below))
-        parts.append(Range(c, c))
-        if c == r.high:
+        below = cut - 1 if whole else math.nextafter(cut, -math.inf)
+        if low <= below:
+            parts.append(Range(low, below))
+        parts.append(Range(cut, cut))
+        if cut == span.high:
             return parts
-        at = c + 1 if whole else math.nextafter(c, math.inf)
-    return [*parts, Range(at, r.high)]
+        low = cut + 1 if whole else math.nextafter(cut, math.inf)
+    return [*parts, Range(low, span.high)]
 
 
-def _examples(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
+def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
     """Some points of each box."""
     for box in boxes:
-        yield from itertools.islice(itertools.product(*map(_some, box)), FEW ** len(box) * FEW)
+        yield from itertools.islice(
+            itertools.product(*map(_sample_values, box)), FEW ** len(box) * FEW
+        )
 
 
-def _drawn(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
+def _random_points(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
     """Random points, the same every time; for most conditions one of them decides."""
     dice = Random(0)  # noqa: S311 - no secret
     for _ in range(DRAWN):
-        yield tuple([dice.choice(_some(dice.choice(parts))) for parts in cuts])
+        yield tuple([dice.choice(_sample_values(dice.choice(parts))) for parts in cuts])
 
 
-def _some(r: Range) -> list[Range]:
-    if r.nan or r.low > r.high:
-        return [r]
-    whole = isinstance(r.low, int) and isinstance(r.high, int)
-    low, high = max(r.low, -1e300), min(r.high, 1e300)
+def _sample_values(span: Range) -> list[Range]:
+    if span.nan or span.low > span.high:
+        return [span]
+    whole = isinstance(span.low, int) and isinstance(span.high, int)
+    low, high = max(span.low, -1e300), min(span.high, 1e300)
     middle = (int(low) + int(high)) // 2 if whole else low / 2 + high / 2
-    values = dict.fromkeys((r.low, r.high, middle if r.low <= middle <= r.high else r.low))
+    values = dict.fromkeys(
+        (span.low, span.high, middle if span.low <= middle <= span.high else span.low)
+    )
     return [Range(v, v) for v in values]

@@ -23,7 +23,7 @@ from soter.language.model.types import FloatType, show_ns
 from soter.language.model.values import to_json
 from soter.semantics.configuration import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.draws import AnsweredDraws
-from soter.semantics.rules import fault_of, violated
+from soter.semantics.rules import judging_fault, violated_properties
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -65,22 +65,22 @@ class ScheduledActor:
     least_ns: int = 0
 
 
-def actors_of(system: System) -> tuple[ScheduledActor, ...]:
+def scheduled_actors(system: System) -> tuple[ScheduledActor, ...]:
     """The actors of a test: its components in their order, then its inputs."""
-    plan = plan_of(system)
+    plan = test_plan(system)
     actors = []
-    for c in system.components:
-        faults = [f for f in plan.faults if f.component == c.index]
+    for component in system.components:
+        faults = [f for f in plan.faults if f.component == component.index]
         late = sum(f.by_ns for f in faults if f.kind == "late")
         actors.append(
             ScheduledActor(
-                name=c.name,
-                role=c.role,
-                component=c.index,
+                name=component.name,
+                role=component.role,
+                component=component.index,
                 drive=None,
-                period_ns=c.period_ns,
-                phase_ns=c.phase_ns,
-                window_ns=0 if c.role == "plant" else plan.skew_ns + late,
+                period_ns=component.period_ns,
+                phase_ns=component.phase_ns,
+                window_ns=0 if component.role == "plant" else plan.skew_ns + late,
                 skips=max((f.at_most for f in faults if f.kind == "skip"), default=0),
                 overrun_ns=sum(f.by_ns for f in faults if f.kind == "overrun"),
                 least_ns=sum(f.least_ns for f in faults if f.kind == "overrun"),
@@ -101,7 +101,7 @@ def actors_of(system: System) -> tuple[ScheduledActor, ...]:
     return tuple(actors)
 
 
-def plan_of(system: System) -> TestPlan:
+def test_plan(system: System) -> TestPlan:
     """The test that the system was flattened for."""
     assert system.test is not None, f"{system.name} is no test"
     return system.test
@@ -111,11 +111,11 @@ class ExecutionCalendar:
     """The place of one execution in its calendar; `take` checks a step and moves on."""
 
     def __init__(self, system: System) -> None:
-        self.actors = actors_of(system)
+        self.actors = scheduled_actors(system)
         self.number = {a.name: i for i, a in enumerate(self.actors)}
-        self.horizon_ns = plan_of(system).horizon_ns
+        self.horizon_ns = test_plan(system).horizon_ns
         self.quantum_ns = quantum_of(system)
-        self.ordered = plan_of(system).ordered
+        self.ordered = test_plan(system).ordered
         self.now = -1
         self._born = False
         self.done = [0] * len(self.actors)
@@ -125,15 +125,15 @@ class ExecutionCalendar:
 
     # ------------------------------------------------------------ what is to come
 
-    def window(self, i: int) -> tuple[int, int] | None:
+    def window(self, index: int) -> tuple[int, int] | None:
         """The window [lo, hi] of an actor's next step; None: it has none up to the horizon.
 
         For an actor that still runs, that step is its publications taking effect.
         """
-        actor = self.actors[i]
-        if i in self._running:
-            return self._running[i] + actor.least_ns, self._running[i] + actor.overrun_ns
-        release = self.actors[i].phase_ns + self.done[i] * self.actors[i].period_ns
+        actor = self.actors[index]
+        if index in self._running:
+            return self._running[index] + actor.least_ns, self._running[index] + actor.overrun_ns
+        release = self.actors[index].phase_ns + self.done[index] * self.actors[index].period_ns
         return None if release > self.horizon_ns else (release, release + actor.window_ns)
 
     @property
@@ -162,19 +162,19 @@ class ExecutionCalendar:
                 raise NotAllowedError("the start comes first, and once")
             self._born = True
             return None
-        i = self.number.get(step.actor)
-        if i is None:
+        index = self.number.get(step.actor)
+        if index is None:
             raise NotAllowedError(f"there is no actor `{step.actor}`")
-        window = self.window(i)
+        window = self.window(index)
         if window is None:
             raise NotAllowedError(f"`{step.actor}` has no release left up to the horizon")
-        self._check_kind(step, i, window)
-        self._check_time(step, i, window)
-        self._move(step, i)
-        return i
+        self._check_kind(step, index, window)
+        self._check_time(step, index, window)
+        self._advance(step, index)
+        return index
 
-    def _check_kind(self, step: Step, i: int, window: tuple[int, int]) -> None:
-        actor, runs = self.actors[i], i in self._running
+    def _check_kind(self, step: Step, index: int, window: tuple[int, int]) -> None:
+        actor, runs = self.actors[index], index in self._running
         if step.kind == EFFECT:
             if not runs:
                 raise NotAllowedError(f"`{actor.name}` does not run: nothing can take effect")
@@ -186,49 +186,54 @@ class ExecutionCalendar:
             raise NotAllowedError(f"{message}, not {show_ns(step.release_ns)}")
         if step.kind == BEGIN and not actor.overrun_ns:
             raise NotAllowedError(f"the test does not let `{actor.name}` overrun")
-        if step.kind == LOST and self._lost[i] >= actor.skips:
+        if step.kind == LOST and self._lost[index] >= actor.skips:
             many = f"more than {actor.skips} in a row" if actor.skips else "any"
             raise NotAllowedError(f"the test does not let `{actor.name}` skip {many}")
 
-    def _place(self, i: int) -> tuple[bool, int]:
+    def _place(self, index: int) -> tuple[bool, int]:
         """The place of an actor in the deployed order: inputs come before components."""
-        return self.actors[i].drive is None, i
+        return self.actors[index].drive is None, index
 
-    def _check_time(self, step: Step, i: int, window: tuple[int, int]) -> None:
-        lo, hi = window
-        early = max(lo, self.now)
-        if not early <= step.time_ns <= hi:
-            message = f"it can happen from {show_ns(early)} to {show_ns(hi)}"
+    def _check_time(self, step: Step, index: int, window: tuple[int, int]) -> None:
+        earliest, latest = window
+        soonest = max(earliest, self.now)
+        if not soonest <= step.time_ns <= latest:
+            message = f"it can happen from {show_ns(soonest)} to {show_ns(latest)}"
             message += f", not at {show_ns(step.time_ns)}"
             raise NotAllowedError(message)
-        if step.time_ns != early and step.time_ns % self.quantum_ns:
+        if step.time_ns != soonest and step.time_ns % self.quantum_ns:
             message = f"{show_ns(step.time_ns)} is not on the grid of {show_ns(self.quantum_ns)}"
             raise NotAllowedError(message)
-        if step.kind == LOST and step.time_ns != early:
+        if step.kind == LOST and step.time_ns != soonest:
             raise NotAllowedError("a lost release has its place as early as possible")
-        for j, actor in enumerate(self.actors):
-            other = self.window(j)
-            if other is None:
+        for other_index, actor in enumerate(self.actors):
+            other_window = self.window(other_index)
+            if other_window is None:
                 continue
-            if self.ordered and other[0] <= step.time_ns and self._place(j) < self._place(i):
+            if (
+                self.ordered
+                and other_window[0] <= step.time_ns
+                and self._place(other_index) < self._place(index)
+            ):
                 message = f"`{actor.name}` steps before it in the deployed order"
                 raise NotAllowedError(message)
-            if other[1] < step.time_ns:
-                raise NotAllowedError(f"`{actor.name}` has to step before, by {show_ns(other[1])}")
+            if other_window[1] < step.time_ns:
+                by = show_ns(other_window[1])
+                raise NotAllowedError(f"`{actor.name}` has to step before, by {by}")
 
-    def _move(self, step: Step, i: int) -> None:
+    def _advance(self, step: Step, index: int) -> None:
         self.now = step.time_ns
         if step.kind == EFFECT:
-            del self._running[i]
-            actor = self.actors[i]
+            del self._running[index]
+            actor = self.actors[index]
             busy = self.now - (1 if actor.least_ns else 0)  # who says so may step again at once
             released = (busy - actor.phase_ns) // actor.period_ns + 1
-            self.done[i] = max(self.done[i], released)  # it still ran: these are lost
+            self.done[index] = max(self.done[index], released)  # it still ran: these are lost
             return
-        self.done[i] += 1
-        self._lost[i] = self._lost[i] + 1 if step.kind == LOST else 0
+        self.done[index] += 1
+        self._lost[index] = self._lost[index] + 1 if step.kind == LOST else 0
         if step.kind == BEGIN:
-            self._running[i] = step.time_ns
+            self._running[index] = step.time_ns
 
 
 class TraceDraws(AnsweredDraws):
@@ -314,13 +319,13 @@ class Judge:
     def __init__(self, machine: ExecutableSystem) -> None:
         self._machine = machine
         self._system: System = machine.system
-        plan = plan_of(self._system)
+        plan = test_plan(self._system)
         self._timed = plan.timed
         self._horizon_ns = plan.horizon_ns
-        self._premise = {p.index: self._code(p, p.premise) for p in plan.timed}
-        self._condition = {p.index: self._code(p, p.condition) for p in plan.timed}
+        self._premise = {p.index: self._compile(p, p.premise) for p in plan.timed}
+        self._condition = {p.index: self._compile(p, p.condition) for p in plan.timed}
         self._safe = {
-            p.module: self._of_module(self._system.modules[p.module])
+            p.module: self._compile_safe(self._system.modules[p.module])
             for p in plan.timed
             if p.module is not None
         }
@@ -334,10 +339,10 @@ class Judge:
         """Words on the fault when the condition of a deadline was judged, by number."""
         self._drop_beyond_horizon()
 
-    def _code(self, prop: TimedProperty, expr: TypedExpr | None) -> Compiled | None:
+    def _compile(self, prop: TimedProperty, expr: TypedExpr | None) -> Compiled | None:
         return None if expr is None else Evaluator.of(prop.scope, {}).expression(expr)
 
-    def _of_module(self, module: Module) -> Compiled:
+    def _compile_safe(self, module: Module) -> Compiled:
         return Evaluator.of(module.scope, {}).expression(module.symbol.safe)
 
     # ------------------------------------------------------------ what happened
@@ -360,52 +365,54 @@ class Judge:
 
     # ------------------------------------------------------------ what is violated
 
-    def at(self, c: Configuration, *, observable: bool, over: bool) -> list[ViolationId]:
+    def violations_at(self, c: Configuration, *, observable: bool, over: bool) -> list[ViolationId]:
         """Everything that is violated in `c`; `over`: no step is left."""
         violations: list[ViolationId] = []
         if observable:
             self._meet_deadlines(c)
-            violations += self._properties(c)
-        for p in self._timed:
-            if p.kind == "invariant":
-                fails = observable and not self._invariant(p, c)
+            violations += self._violated_properties(c)
+        for prop in self._timed:
+            if prop.kind == "invariant":
+                fails = observable and not self._invariant(prop, c)
             else:
-                due = self._due.get(p.index)
+                due = self._due.get(prop.index)
                 fails = due is not None and (due < c.ct or over)
             if fails:
-                violations.append(ViolationId(TIMED, p.index, p.text))
+                violations.append(ViolationId(TIMED, prop.index, prop.text))
         return violations
 
-    def _properties(self, c: Configuration) -> list[ViolationId]:
+    def _violated_properties(self, c: Configuration) -> list[ViolationId]:
         own = [p for p in self._system.properties if p.component is None]
-        values = violated(self._machine, c)
+        values = violated_properties(self._machine, c)
         return [
             ViolationId(PROPERTY, p.index, f"{p.kind} {p.text}") for p in own if values[p.index]
         ]
 
     def _meet_deadlines(self, c: Configuration) -> None:
         """Drops deadlines that are met now, and makes new ones for premises that hold."""
-        for p in self._timed:
-            due = self._due.get(p.index)
-            if p.kind == "invariant" or (due is not None and due < c.ct):
+        for prop in self._timed:
+            due = self._due.get(prop.index)
+            if prop.kind == "invariant" or (due is not None and due < c.ct):
                 continue  # a missed deadline stays missed
-            if self._met(p, c):
-                self._due.pop(p.index, None)
-                self._faulted.pop(p.index, None)
-            elif p.kind == "leadsto" and due is None and self._holds(self._premise[p.index], c):
-                self._due[p.index] = c.ct + p.within_ns
-                self._since[p.index] = c.ct
+            if self._is_met(prop, c):
+                self._due.pop(prop.index, None)
+                self._faulted.pop(prop.index, None)
+            elif (
+                prop.kind == "leadsto" and due is None and self._holds(self._premise[prop.index], c)
+            ):
+                self._due[prop.index] = c.ct + prop.within_ns
+                self._since[prop.index] = c.ct
         self._drop_beyond_horizon()
 
     def _drop_beyond_horizon(self) -> None:
         """Drops deadlines beyond the horizon, which are not judged."""
         self._due = {i: due for i, due in self._due.items() if due <= self._horizon_ns}
 
-    def _met(self, p: TimedProperty, c: Configuration) -> bool:
+    def _is_met(self, p: TimedProperty, c: Configuration) -> bool:
         """Whether what a deadline waits for holds; false where that faults, which is noted."""
         fault = self._fault(self._condition[p.index], c)
         if fault is not None and p.index in self._due:
-            self._faulted.setdefault(p.index, f"{_at(c.ct)}: {fault_text(fault)}")
+            self._faulted.setdefault(p.index, f"{_time_text(c.ct)}: {fault_text(fault)}")
         return fault is None and self._holds(self._condition[p.index], c)
 
     def _holds(self, code: Compiled | None, c: Configuration) -> bool:
@@ -442,44 +449,44 @@ class Judge:
         """
         if broken.what != TIMED:
             return self._property_reason(broken.index, c, before)
-        p = self._timed[broken.index]
-        if p.kind == "invariant":
-            return self._invariant_reason(p, c)
-        due_ns = self._due[p.index]
-        missed = f"`{p.promises}` did not hold in any observable configuration"
-        fault = self._faulted.get(p.index)
+        prop = self._timed[broken.index]
+        if prop.kind == "invariant":
+            return self._invariant_reason(prop, c)
+        due_ns = self._due[prop.index]
+        missed = f"`{prop.promises}` did not hold in any observable configuration"
+        fault = self._faulted.get(prop.index)
         faulted = "" if fault is None else f" (judging it faulted at {fault})"
-        if p.premise is None:
-            return f"{missed} up to {_at(due_ns)}{faulted}"
-        held = f"`{p.asks}` held at {_at(self._since[p.index])}"
-        return f"{held}, and {missed} from then on up to {_at(due_ns)}{faulted}"
+        if prop.premise is None:
+            return f"{missed} up to {_time_text(due_ns)}{faulted}"
+        held = f"`{prop.asks}` held at {_time_text(self._since[prop.index])}"
+        return f"{held}, and {missed} from then on up to {_time_text(due_ns)}{faulted}"
 
     def _property_reason(self, index: int, c: Configuration, before: Configuration) -> str:
         """Words for an `always` or `never`: that judging it faults, or another step is to blame."""
-        fault = fault_of(self._machine, c, index)
-        said = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
-        if violated(self._machine, before)[index]:
-            said.append(
+        fault = judging_fault(self._machine, c, index)
+        clauses = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
+        if violated_properties(self._machine, before)[index]:
+            clauses.append(
                 "it was false earlier in this instant already; a property is judged after the "
                 "last step of an instant, which this is"
             )
-        return "; ".join(said)
+        return "; ".join(clauses)
 
-    def _invariant_reason(self, p: TimedProperty, c: Configuration) -> str:
-        assert p.module is not None
-        module, clock = self._system.modules[p.module], self._clocks[p.module]
-        fault = self._fault(self._safe[p.module], c)
+    def _invariant_reason(self, prop: TimedProperty, c: Configuration) -> str:
+        assert prop.module is not None
+        module, clock = self._system.modules[prop.module], self._clocks[prop.module]
+        fault = self._fault(self._safe[prop.module], c)
         if fault is not None:
             return f"judging `safe` of `{module.name}` faults ({fault_text(fault)})"
-        if not self._holds(self._safe[p.module], c):
+        if not self._holds(self._safe[prop.module], c):
             text = " ".join(module.symbol.safe.span.text.split())
             return f"`{text}`, `safe` of `{module.name}`, fails"
-        said = f"the DM last said AC at {_at(clock.verdict_ns)}"
+        said = f"the DM last said AC at {_time_text(clock.verdict_ns)}"
         if not clock.said:
             said = "the DM has not said AC since the start"
-        period = _at(module.period_ns)
+        period = _time_text(module.period_ns)
         acted = "and SC has not acted" if c.L[module.dm] == SC else "and has not handed over to SC"
-        return f"{said}, {acted} by {_at(c.ct)}, more than two periods of {period} later"
+        return f"{said}, {acted} by {_time_text(c.ct)}, more than two periods of {period} later"
 
 
 def fault_text(fault: StepFault) -> str:
@@ -489,5 +496,5 @@ def fault_text(fault: StepFault) -> str:
     return f"{fault}, {Path(fault.span.source.name).name}:{fault.span.line}"
 
 
-def _at(time_ns: int) -> str:
+def _time_text(time_ns: int) -> str:
     return show_ns(time_ns) if time_ns else "0 ms"

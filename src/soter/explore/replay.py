@@ -16,9 +16,9 @@ from soter.explore.judge import (
     Judge,
     NotAllowedError,
     TraceDraws,
-    actors_of,
     fault_text,
-    plan_of,
+    scheduled_actors,
+    test_plan,
 )
 from soter.explore.trace import (
     BEGIN,
@@ -37,7 +37,7 @@ from soter.language.model.types import ListType
 from soter.language.model.values import to_json
 from soter.semantics.configuration import DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.rules import environment_input, fault_of
+from soter.semantics.rules import environment_input, judging_fault
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -114,14 +114,18 @@ class Replayed:
     @property
     def violated_at(self) -> int | None:
         """Number of the first step that violates the trace's property; None where none does."""
-        return next((s.number for s in self.steps if self.names(s.violated)), None)
+        return next((s.number for s in self.steps if self.own_violation_among(s.violated)), None)
 
     @property
     def reproduced(self) -> bool:
         """Whether the trace is an execution that ends in the violation it names."""
-        return self.problem is None and bool(self.steps) and self.names(self.steps[-1].violated)
+        return (
+            self.problem is None
+            and bool(self.steps)
+            and self.own_violation_among(self.steps[-1].violated)
+        )
 
-    def names(self, violations: Iterable[ViolationId]) -> bool:
+    def own_violation_among(self, violations: Iterable[ViolationId]) -> bool:
         """Whether the trace's own property is among them."""
         wanted = (self.trace.broken.what, self.trace.broken.index)
         return wanted in [(b.what, b.index) for b in violations]
@@ -141,18 +145,18 @@ class Replayed:
 
 def replay(trace: Trace, system: System) -> Replayed:
     """Runs a trace; `system`: that of its test, flattened with its parameters, skew, horizon."""
-    actors = actors_of(system)
-    if violation_id_of(system, trace.broken.what, trace.broken.index) != trace.broken:
+    actors = scheduled_actors(system)
+    if find_violation_id(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
         return Replayed(trace, system, actors, {}, (), problem)
     try:
         run = _TraceRun(trace, system)
     except NotAllowedError as error:
         return Replayed(trace, system, actors, {}, (), f"the start: {error}")
-    return Replayed(trace, system, actors, run.start, *_followed(run, trace))
+    return Replayed(trace, system, actors, run.start, *_follow(run, trace))
 
 
-def _followed(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
+def _follow(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
     """The steps as far as they are allowed, and why the next one is not."""
     problem: str | None = None
     for number, step in enumerate(trace.steps, run.first_number):
@@ -203,22 +207,22 @@ class _TraceRun:
         self.ended = False
         """Whether something is violated, so that the execution ends."""
         self.steps: list[ReplayedStep] = []
-        self.start = self._topics()
+        self.start = self._topic_values()
         self._waiting: dict[int, dict[int, Value]] = {}
         """The values that overrunning steps will publish, by component."""
 
     def step(self, number: int, step: Step) -> None:
         """One step; `NotAllowedError` where it is none of this execution."""
-        i = self.schedule.take(step)
-        if i is None:
-            self._tell(number, step, self.draws.end(), _Event())
+        index = self.schedule.take(step)
+        if index is None:
+            self._record(number, step, self.draws.end(), _Event())
             return
-        actor = self.schedule.actors[i]
+        actor = self.schedule.actors[index]
         self._before = self.c
         self.c = replace(self.c, ct=step.time_ns)
         self.draws.begin(step.choices)
         event = self._act(actor, step)
-        self._tell(number, step, self.draws.end(), event)
+        self._record(number, step, self.draws.end(), event)
 
     # ------------------------------------------------------------ what a step does
 
@@ -226,12 +230,12 @@ class _TraceRun:
         if step.kind == LOST:
             return _Event()
         if actor.component is None:
-            return self._input(actor)
+            return self._give_input(actor)
         if step.kind == EFFECT:
-            return self._effect(actor.component)
+            return self._take_effect(actor.component)
         return self._fire_component(actor.component, held_back=step.kind == BEGIN)
 
-    def _input(self, actor: ScheduledActor) -> _Event:
+    def _give_input(self, actor: ScheduledActor) -> _Event:
         assert actor.drive is not None
         drive = self.system.inputs[actor.drive]
         value = self.interpreter.drawn_input(drive, self.c.ct)
@@ -239,29 +243,29 @@ class _TraceRun:
             self.draws.tell(to_json(self.system.topics[drive.topic].type, value))
         dropped = self._dropped_messages(self.c, {drive.topic: value})
         self.c = environment_input(self.machine, self.c, drive.topic, value)
-        return _Event(published=self._named({drive.topic: value}), dropped=dropped)
+        return _Event(published=self._values_by_topic({drive.topic: value}), dropped=dropped)
 
-    def _fire_component(self, n: int, *, held_back: bool) -> _Event:
+    def _fire_component(self, number: int, *, held_back: bool) -> _Event:
         before = self.c
-        after, event = self.interpreter.fire(replace(before, FN=(n,)), n)
+        after, event = self.interpreter.fire(replace(before, FN=(number,)), number)
         self.c = after
         if isinstance(event, DecisionVerdict):
             self.judge.note(event, after)
-            return self._decided(event)
-        told = _Event(broken=self._broken(n, event))
-        self.ended = bool(told.broken)
+            return self._decision_event(event)
+        done = _Event(broken=self._broken(number, event))
+        self.ended = bool(done.broken)
         if event.fault is not None:
-            told.fault = fault_text(event.fault)
-            told.reasons = self._fault_reasons(n, told)
-        told.reasons |= self._contract_reasons(n, told, before)
-        told.gated = not before.OE[n]
+            done.fault = fault_text(event.fault)
+            done.reasons = self._fault_reasons(number, done)
+        done.reasons |= self._contract_reasons(number, done, before)
+        done.gated = not before.OE[number]
         if held_back:
-            self._hold_back(before, n, event)
+            self._hold_back(before, number, event)
         else:
             self.judge.note(event, after)
-            told.published = self._named(event.published, event.bursts)
-            told.dropped = self._dropped_messages(before, event.published, event.bursts)
-        return told
+            done.published = self._values_by_topic(event.published, event.bursts)
+            done.dropped = self._dropped_messages(before, event.published, event.bursts)
+        return done
 
     def _dropped_messages(
         self,
@@ -271,35 +275,35 @@ class _TraceRun:
     ) -> list[DroppedMessage]:
         """The messages that queues lose as values reach the topics of `c`."""
         topics, losses = self.system.topics, []
-        for t in published:
-            come = len((bursts or {}).get(t, (None,)))
-            for q in [topics[i] for i in topics[t].queues]:
-                assert isinstance(q.type, ListType), q.name
-                lost = len(c.Topics[q.index]) + come - q.type.capacity
-                losses += [DroppedMessage(q.name.removesuffix(".queue"), q.policy)] * min(
-                    max(lost, 0), come
+        for topic in published:
+            arriving = len((bursts or {}).get(topic, (None,)))
+            for queue in [topics[i] for i in topics[topic].queues]:
+                assert isinstance(queue.type, ListType), queue.name
+                lost = len(c.Topics[queue.index]) + arriving - queue.type.capacity
+                losses += [DroppedMessage(queue.name.removesuffix(".queue"), queue.policy)] * min(
+                    max(lost, 0), arriving
                 )
         return losses
 
-    def _fault_reasons(self, n: int, told: _Event) -> dict[ViolationId, str]:
+    def _fault_reasons(self, n: int, done: _Event) -> dict[ViolationId, str]:
         name = self.system.components[n].name
-        return {b: f"`{name}` faults ({told.fault})" for b in told.broken if b.what == FAULT}
+        return {b: f"`{name}` faults ({done.fault})" for b in done.broken if b.what == FAULT}
 
     def _contract_reasons(
-        self, n: int, told: _Event, before: Configuration
+        self, n: int, done: _Event, before: Configuration
     ) -> dict[ViolationId, str]:
         """Words on what went wrong for contracts that could not be judged."""
         component, reasons = self.system.components[n], {}
-        for b in told.broken:
+        for b in done.broken:
             if b.what == CONTRACT:
                 assumed = self.system.properties[b.index].kind == "assumes"
                 c = before if assumed else self.c
-                fault = fault_of(self.machine, c, b.index, component)
+                fault = judging_fault(self.machine, c, b.index, component)
                 if fault is not None:
                     reasons[b] = f"judging it faults ({fault_text(fault)})"
         return reasons
 
-    def _decided(self, verdict: DecisionVerdict) -> _Event:
+    def _decision_event(self, verdict: DecisionVerdict) -> _Event:
         name = self.system.modules[verdict.module].name
         facts = {
             "module": name,
@@ -315,9 +319,9 @@ class _TraceRun:
 
     def _broken(self, n: int, event: StepOutcome) -> list[ViolationId]:
         """The violations of a step: contracts that it broke, and a fault of a trusted component."""
-        named = [violation_id_of(self.system, CONTRACT, i) for i in event.broken]
+        named = [find_violation_id(self.system, CONTRACT, i) for i in event.broken]
         if event.latched:
-            named.append(violation_id_of(self.system, FAULT, n))
+            named.append(find_violation_id(self.system, FAULT, n))
         return [b for b in named if b is not None]
 
     def _hold_back(self, before: Configuration, n: int, event: StepOutcome) -> None:
@@ -334,7 +338,7 @@ class _TraceRun:
         name = self.system.components[n].name
         return candidate.queue_of is not None and candidate.name.startswith(f"{name}.")
 
-    def _effect(self, n: int) -> _Event:
+    def _take_effect(self, n: int) -> _Event:
         waiting = self._waiting.pop(n)
         if not self.c.OE[n]:
             return _Event(gated=bool(waiting))
@@ -343,16 +347,16 @@ class _TraceRun:
             self.c = environment_input(self.machine, self.c, topic, value)
         if waiting:
             self.judge.note_published(n, self.c)
-        return _Event(published=self._named(waiting), dropped=dropped)
+        return _Event(published=self._values_by_topic(waiting), dropped=dropped)
 
     # ------------------------------------------------------------ telling
 
-    def _tell(self, number: int, step: Step, choices: tuple[Choice, ...], event: _Event) -> None:
+    def _record(self, number: int, step: Step, choices: tuple[Choice, ...], event: _Event) -> None:
         observable = step.kind != START and self.schedule.is_observable
         broken = event.broken
         if not self.ended and step.kind != START:
             over = self.schedule.is_over
-            violations = self.judge.at(self.c, observable=observable, over=over)
+            violations = self.judge.violations_at(self.c, observable=observable, over=over)
             event.reasons |= {b: self.judge.reason(b, self.c, self._before) for b in violations}
             broken = [*broken, *violations]
             self.ended = bool(broken)
@@ -371,16 +375,16 @@ class _TraceRun:
                 fault=event.fault,
                 observable=observable,
                 violated=tuple(broken),
-                topics=self._topics(),
+                topics=self._topic_values(),
                 modes={m.name: MODES[self.c.L[m.dm]] for m in self.system.modules},
-                truth=self._truth(),
+                truth=self._plant_states(),
                 reasons=tuple([event.reasons.get(b, "") for b in broken]),
                 dropped=tuple(event.dropped),
                 matters=step.matters,
             )
         )
 
-    def _named(
+    def _values_by_topic(
         self,
         values: Mapping[int, Value],
         bursts: Mapping[int, tuple[Value, ...]] | None = None,
@@ -393,10 +397,10 @@ class _TraceRun:
             for i, v in values.items()
         }
 
-    def _topics(self) -> dict[str, object]:
+    def _topic_values(self) -> dict[str, object]:
         return {t.name: to_json(t.type, self.c.Topics[t.index]) for t in self.system.topics}
 
-    def _truth(self) -> dict[str, object]:
+    def _plant_states(self) -> dict[str, object]:
         return {
             x.name: {
                 s.name: to_json(s.type, v)
@@ -407,23 +411,23 @@ class _TraceRun:
         }
 
 
-def violation_id_of(system: System, what: str, index: int) -> ViolationId | None:
+def find_violation_id(system: System, what: str, index: int) -> ViolationId | None:
     """The violation of this kind and number; None where there can be none."""
-    plan = plan_of(system)
+    plan = test_plan(system)
     if what == FAULT and index < len(system.components):
-        c = system.components[index]
-        if c.stands_for is not None:
-            told = f"what the contract of {c.stands_for.of} permits can be judged"
-            return ViolationId(FAULT, index, told)
-        return ViolationId(FAULT, index, f"no step of {c.name} faults")
+        component = system.components[index]
+        if component.stands_for is not None:
+            text = f"what the contract of {component.stands_for.of} permits can be judged"
+            return ViolationId(FAULT, index, text)
+        return ViolationId(FAULT, index, f"no step of {component.name} faults")
     if what == TIMED and index < len(plan.timed):
         return ViolationId(TIMED, index, plan.timed[index].text)
     if what not in (PROPERTY, CONTRACT) or index >= len(system.properties):
         return None
-    p = system.properties[index]
-    if (p.component is None) != (what == PROPERTY):
+    prop = system.properties[index]
+    if (prop.component is None) != (what == PROPERTY):
         return None
-    return ViolationId(what, index, f"{p.kind} {p.text}")
+    return ViolationId(what, index, f"{prop.kind} {prop.text}")
 
 
 def with_values(replay_result: Replayed) -> Replayed:
@@ -437,8 +441,12 @@ def with_values(replay_result: Replayed) -> Replayed:
 
 def with_marks(replay_result: Replayed, matters: Sequence[bool]) -> Replayed:
     """The replay with a mark at each step, also of its trace, whether it matters."""
-    told = [replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)]
+    trace_steps = [
+        replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)
+    ]
     done = [replace(s, matters=m) for s, m in zip(replay_result.steps, matters, strict=True)]
     return replace(
-        replay_result, trace=replace(replay_result.trace, steps=tuple(told)), steps=tuple(done)
+        replay_result,
+        trace=replace(replay_result.trace, steps=tuple(trace_steps)),
+        steps=tuple(done),
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.explore.engine.coverage import Coverage
-from soter.explore.judge import plan_of
+from soter.explore.judge import test_plan
 from soter.explore.search_options import CHOICES_MAX, STEPS_MAX, WORDS_MAX
 from soter.language.check.field import listed
 from soter.language.model.types import show_ns
@@ -77,12 +77,14 @@ def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
         symbol = result.system.program.tests.get(result.name)
         if symbol is not None:
             alike.setdefault(_comparison_key(result, symbol), []).append(result)
-    return tuple([_whole(group) for group in alike.values() if any(r.contracts for r in group)])
+    return tuple(
+        [_whole_by_parts(group) for group in alike.values() if any(r.contracts for r in group)]
+    )
 
 
 def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
     """The circumstances that must be equal in all parts, as executions are compared by steps."""
-    plan, system = plan_of(result.system), result.system
+    plan, system = test_plan(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}
     inputs = {(system.topics[d.topic].name, d.every_ns, repr(d.values)) for d in system.inputs}
@@ -98,34 +100,37 @@ def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
     )
 
 
-def _whole(group: list[TestResult]) -> WholeByParts:
+def _whole_by_parts(group: list[TestResult]) -> WholeByParts:
     names = {r.name for r in group}
     held: dict[str, set[str]] = {}
     for result in group:
-        for of, tests in result.contracts.items():
-            held.setdefault(of, set()).update(names.intersection(tests))
+        for instance, tests in result.contracts.items():
+            held.setdefault(instance, set()).update(names.intersection(tests))
     as_it_is = {
-        of: tuple(r.name for r in group if r.name in tests and of not in dict(r.stands_for))
-        for of, tests in held.items()
+        instance: tuple(
+            r.name for r in group if r.name in tests and instance not in dict(r.stands_for)
+        )
+        for instance, tests in held.items()
     }
     return WholeByParts(
         system=group[0].system.name if group else "",
         tests=tuple(r.name for r in group),
-        horizon_ns=min(plan_of(r.system).horizon_ns for r in group),
+        horizon_ns=min(test_plan(r.system).horizon_ns for r in group),
         held=tuple(sorted(as_it_is.items())),
         assumed=tuple((r.name, what, by) for r in group for what, by in r.stands_for),
-        missing=tuple(_missing(group, as_it_is)),
+        missing=tuple(_why_not_whole(group, as_it_is)),
     )
 
 
-def _missing(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> Iterator[str]:
+def _why_not_whole(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> Iterator[str]:
     """Reasons why the tests do not show the whole."""
     for result in group:
         if result.verdict != EXHAUSTED:
             yield f"{result.name} is not exhausted and clean"
-    for of, tests in as_it_is.items():
+    for instance, tests in as_it_is.items():
         if not tests:
-            yield f"{of} is replaced by its contract and runs as it is in no test that is asked"
+            replaced = f"{instance} is replaced by its contract"
+            yield f"{replaced} and runs as it is in no test that is asked"
 
 
 ENDS_ONLY = ("all", "instants", "groups")
@@ -344,21 +349,25 @@ class TestResult:
         if self.bound is None or self.covered_ns is None:
             return ""
         assert self.system.test is not None
-        of = show_ns(self.system.test.horizon_ns)
+        horizon = show_ns(self.system.test.horizon_ns)
         if self.bound in ENDED:
-            return f"but for that, all executions up to {of} were covered"
-        also = f"; also, {BOUNDS[self.short_of]}" if self.short_of in ENDED else ""
+            return f"but for that, all executions up to {horizon} were covered"
+        left_out = f"; also, {BOUNDS[self.short_of]}" if self.short_of in ENDED else ""
         if self.covered_ns == 0:
-            return f"no part of {of} was covered in all executions{also}"
-        return f"all executions were covered before {show_ns(self.covered_ns)} of {of}{also}"
+            return f"no part of {horizon} was covered in all executions{left_out}"
+        return (
+            f"all executions were covered before {show_ns(self.covered_ns)} of {horizon}{left_out}"
+        )
 
     @property
     def divided(self) -> str:
         """A clause on parts that were explored apart, and instances taken as equal."""
-        told = f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
-        for some in self.equal_instances:
-            told += f"; {len(some)} equal instances: {', '.join(some)}"
-        return told
+        clause = (
+            f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
+        )
+        for names in self.equal_instances:
+            clause += f"; {len(names)} equal instances: {', '.join(names)}"
+        return clause
 
     @property
     def dear(self) -> str:

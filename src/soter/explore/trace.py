@@ -145,18 +145,18 @@ def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
     }
 
 
-def _step_document(s: Step) -> dict[str, object]:
+def _step_document(step: Step) -> dict[str, object]:
     choices = [
-        {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in s.choices
+        {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in step.choices
     ]
     document: dict[str, object] = {
-        "actor": s.actor,
-        "kind": s.kind,
-        "release_ns": s.release_ns,
-        "time_ns": s.time_ns,
+        "actor": step.actor,
+        "kind": step.kind,
+        "release_ns": step.release_ns,
+        "time_ns": step.time_ns,
         "choices": choices,
     }
-    return document if s.matters is None else document | {"matters": s.matters}
+    return document if step.matters is None else document | {"matters": step.matters}
 
 
 def _relative_path(program: str, folder: Path | None) -> str:
@@ -205,13 +205,13 @@ def read_document(path: Path) -> dict[str, Any]:
 
 def read_trace(path: Path) -> Trace:
     """The trace in a file; `SoterError` D010 where it holds none."""
-    return trace_of(read_document(path), path)
+    return trace_from_document(read_document(path), path)
 
 
-def trace_of(document: Mapping[str, Any], path: Path) -> Trace:
+def trace_from_document(document: Mapping[str, Any], path: Path) -> Trace:
     """The trace that a document read from `path` stands for; `SoterError` D010."""
     try:
-        return _trace(_JsonFields(document, ""), path)
+        return _read_trace(_JsonFields(document, ""), path)
     except DamagedTraceError as error:
         raise no_trace(path, str(error)) from error
 
@@ -304,52 +304,52 @@ class _JsonFields:
         return f"{self._where}.{name}" if self._where else name
 
 
-def _trace(d: _JsonFields, path: Path) -> Trace:
-    if d.anything("kind") != KIND:
+def _read_trace(document: _JsonFields, path: Path) -> Trace:
+    if document.anything("kind") != KIND:
         raise DamagedTraceError(f'`kind` is not "{KIND}"')
-    if other := other_format(d.anything("schema"), SCHEMA):
+    if other := other_format(document.anything("schema"), SCHEMA):
         raise DamagedTraceError(other)
-    broken = d.part("property")
+    broken = document.part("property")
     return Trace(
-        program=d.text("program"),
-        sha256=d.text("sha256"),
-        system=d.text("system"),
-        test=d.text("test"),
-        params=d.mapping("params"),
-        seed=d.number("seed", 0, 2**64 - 1),
-        skew_ns=d.number("skew_ns", 0, TIME_MAX),
-        horizon_ns=d.number("horizon_ns", 1, TIME_MAX),
+        program=document.text("program"),
+        sha256=document.text("sha256"),
+        system=document.text("system"),
+        test=document.text("test"),
+        params=document.mapping("params"),
+        seed=document.number("seed", 0, 2**64 - 1),
+        skew_ns=document.number("skew_ns", 0, TIME_MAX),
+        horizon_ns=document.number("horizon_ns", 1, TIME_MAX),
         broken=ViolationId(
             broken.one_of("what", VIOLATION_KINDS),
             broken.number("index", 0, COUNT_MAX),
             broken.text("text"),
         ),
-        steps=tuple([_step(s) for s in d.objects("steps")]),
-        minimal=d.truth("minimal"),
-        not_shortest=d.text_or_none("not_shortest"),
-        assumptions=d.texts("assumptions"),
-        shrunk_from=d.number_or_none("shrunk_from", 0, COUNT_MAX) or 0,
+        steps=tuple([_read_step(s) for s in document.objects("steps")]),
+        minimal=document.truth("minimal"),
+        not_shortest=document.text_or_none("not_shortest"),
+        assumptions=document.texts("assumptions"),
+        shrunk_from=document.number_or_none("shrunk_from", 0, COUNT_MAX) or 0,
         path=path,
     )
 
 
-def _step(d: _JsonFields) -> Step:
+def _read_step(document: _JsonFields) -> Step:
     return Step(
-        actor=d.text("actor"),
-        kind=d.one_of("kind", STEP_KINDS),
-        release_ns=d.number("release_ns", -1, TIME_MAX),
-        time_ns=d.number("time_ns", -1, TIME_MAX),
-        choices=tuple([_choice(c) for c in d.objects("choices")]),
-        matters=d.truth_or_none("matters"),
+        actor=document.text("actor"),
+        kind=document.one_of("kind", STEP_KINDS),
+        release_ns=document.number("release_ns", -1, TIME_MAX),
+        time_ns=document.number("time_ns", -1, TIME_MAX),
+        choices=tuple([_read_choice(c) for c in document.objects("choices")]),
+        matters=document.truth_or_none("matters"),
     )
 
 
-def _choice(d: _JsonFields) -> Choice:
-    of = d.number("of", 1, COUNT_MAX)
-    pick = d.number("pick", 0, COUNT_MAX)
+def _read_choice(document: _JsonFields) -> Choice:
+    of = document.number("of", 1, COUNT_MAX)
+    pick = document.number("pick", 0, COUNT_MAX)
     if pick >= of:
         raise DamagedTraceError(f"a pick is {pick} of {of} alternatives: they count from 0")
-    return Choice(d.text("stream"), pick, of, d.anything("value"))
+    return Choice(document.text("stream"), pick, of, document.anything("value"))
 
 
 def program_path(trace: Trace) -> str:
@@ -403,38 +403,38 @@ class ChoiceWords:
     """Words for the choices of one system: their values (`complete`), and who asked (`what`)."""
 
     def __init__(self, system: System) -> None:
-        self._asked = {
+        self._sites = {
             c.name + ENDING: [
-                _ChoiceSite(e, c) for e in nodes(_code(c)) if isinstance(e, typed.TypedChoose)
+                _ChoiceSite(e, c) for e in nodes(_step_code(c)) if isinstance(e, typed.TypedChoose)
             ]
             for c in system.components
         }
 
     def complete(self, choice: Choice) -> Choice:
         """The choice with its value, if it had none and the program determines it."""
-        one = self._one(choice)
-        if choice.value is not None or one is None:
+        site = self._asking_site(choice)
+        if choice.value is not None or site is None:
             return choice
-        return replace(choice, value=one.value(choice.pick, choice.of))
+        return replace(choice, value=site.value(choice.pick, choice.of))
 
     def what(self, choice: Choice) -> str:
         """The source's words, or the name of the stream."""
-        one = self._one(choice)
-        return choice.stream if one is None else _words(one)
+        site = self._asking_site(choice)
+        return choice.stream if site is None else _source_words(site)
 
-    def _one(self, choice: Choice) -> _ChoiceSite | None:
+    def _asking_site(self, choice: Choice) -> _ChoiceSite | None:
         """The `choose` that asked; of several with the same words and values the first."""
-        fitting = [a for a in self._asked.get(choice.stream, ()) if a.may_ask(choice.of)]
-        told = {(_words(a), str(a.value(choice.pick, choice.of))) for a in fitting}
-        return fitting[0] if len(told) == 1 else None
+        fitting = [a for a in self._sites.get(choice.stream, ()) if a.may_ask(choice.of)]
+        meanings = {(_source_words(a), str(a.value(choice.pick, choice.of))) for a in fitting}
+        return fitting[0] if len(meanings) == 1 else None
 
 
-def _words(asked: _ChoiceSite) -> str:
+def _source_words(site: _ChoiceSite) -> str:
     """The source's words on one line."""
-    return " ".join(asked.expr.span.text.split())
+    return " ".join(site.expr.span.text.split())
 
 
-def _code(component: Component) -> Iterable[object]:
+def _step_code(component: Component) -> Iterable[object]:
     """The code that a step of a component evaluates."""
     if component.plant is not None:
         return plant_code(component.plant)

@@ -1,6 +1,7 @@
 """A replayed trace as the sequence view that the page, the log and the table show.
 
-Purpose: `view_of` puts lanes, topics, modes and every step into words (`report/sequence_view.py`).
+Purpose: `make_sequence_view` puts lanes, topics, modes and every step into the words and records of
+`report/sequence_view.py`.
 Non-goals: drawing (`report/sequence_drawing.py`); running anything (`replay.py`).
 """
 
@@ -43,7 +44,7 @@ ORDER = ("dm", "sc", "ac")
 """The order of the lanes of a module."""
 
 
-def view_of(
+def make_sequence_view(
     replay: Replayed,
     tool_version: str,
     provenance: Mapping[str, str] | None = None,
@@ -56,20 +57,22 @@ def view_of(
     trace, system = replay.trace, replay.system
     words = ChoiceWords(system)
     durations = _overrun_durations(replay)
-    steps = [_step(s, replay, words, durations) for s in replay.steps]
+    steps = [_sequence_step(s, replay, words, durations) for s in replay.steps]
     if not steps or steps[0].kind != "start":
-        steps.insert(0, _start(replay))
+        steps.insert(0, _start_step(replay))
     return SequenceView(
         program=program or trace.program,
         system=trace.system,
         test=trace.test,
         property_text=property_text(trace.broken.text),
-        verdict=_sentence(replay),
+        verdict=_verdict_sentence(replay),
         remark=_minimality_remark(replay),
         lanes=_lanes(system, replay.actors),
         steps=tuple(steps),
-        topics=tuple(_topics(system)),
-        modes=tuple([_modes(replay, i, steps[0].number) for i in range(len(system.modules))]),
+        topics=tuple(_topic_flows(system)),
+        modes=tuple(
+            [_module_modes(replay, i, steps[0].number) for i in range(len(system.modules))]
+        ),
         assumptions=trace.assumptions or (UNTOLD,),
         program_sha256=trace.sha256,
         seed=trace.seed,
@@ -84,7 +87,7 @@ def property_text(text: str) -> str:
     return f"{kind} `{rest}`" if kind in ("always", "never", "eventually") and rest else text
 
 
-def _sentence(replay: Replayed) -> str:
+def _verdict_sentence(replay: Replayed) -> str:
     if not replay.reproduced:
         return f"The trace does not reproduce: {replay.outcome}."
     last = replay.steps[-1]
@@ -112,82 +115,90 @@ def _overrun_durations(replay: Replayed) -> dict[int, int]:
     """The ns between an overrunning step and its effect, by the number of either step."""
     begun: dict[str, ReplayedStep] = {}
     durations: dict[int, int] = {}
-    for s in replay.steps:
-        if s.kind == BEGIN:
-            begun[s.actor] = s
-        elif s.kind == EFFECT and s.actor in begun:
-            start = begun.pop(s.actor)
-            durations[start.number] = durations[s.number] = s.time_ns - start.time_ns
+    for step in replay.steps:
+        if step.kind == BEGIN:
+            begun[step.actor] = step
+        elif step.kind == EFFECT and step.actor in begun:
+            start = begun.pop(step.actor)
+            durations[start.number] = durations[step.number] = step.time_ns - start.time_ns
     return durations
 
 
-def _start(replay: Replayed) -> SequenceStep:
+def _start_step(replay: Replayed) -> SequenceStep:
     return SequenceStep(number=0, time_ns=0, kind="start", published=_initial_values(replay))
 
 
 def _initial_values(replay: Replayed) -> tuple[Published, ...]:
     """The first values of topics; queues, which are empty, aside."""
     queues = {t.name for t in replay.system.topics if t.queue_of is not None}
-    return tuple([Published(n, shown(v)) for n, v in replay.start.items() if n not in queues])
+    return tuple([Published(n, value_text(v)) for n, v in replay.start.items() if n not in queues])
 
 
-def _step(
-    s: ReplayedStep, replay: Replayed, words: ChoiceWords, durations: Mapping[int, int]
+def _sequence_step(
+    step: ReplayedStep, replay: Replayed, words: ChoiceWords, durations: Mapping[int, int]
 ) -> SequenceStep:
     switch = None
-    if s.switch is not None:
-        module, before, after = s.switch
+    if step.switch is not None:
+        module, before, after = step.switch
         switch = ModeSwitch(module, cast("Mode", before), cast("Mode", after))
-    published = tuple([Published(n, shown(v)) for n, v in s.published.items()])
+    published = tuple([Published(n, value_text(value)) for n, value in step.published.items()])
     return SequenceStep(
-        number=s.number,
-        time_ns=max(s.time_ns, 0),
-        lane=s.actor,
-        kind=cast("Kind", KINDS.get(s.kind, s.kind)),
-        release_ns=None if s.kind in (START, EFFECT) else s.release_ns,
-        choices=tuple([_pick(c, words) for c in s.choices]),
-        published=_initial_values(replay) if s.kind == START else published,
-        gated=s.gated,
+        number=step.number,
+        time_ns=max(step.time_ns, 0),
+        lane=step.actor,
+        kind=cast("Kind", KINDS.get(step.kind, step.kind)),
+        release_ns=None if step.kind in (START, EFFECT) else step.release_ns,
+        choices=tuple([_pick(c, words) for c in step.choices]),
+        published=_initial_values(replay) if step.kind == START else published,
+        gated=step.gated,
         switch=switch,
-        fault=s.fault,
-        dropped=tuple([f"queue `{d.queue}` is full: {DROPS[d.policy]}" for d in s.dropped]),
-        lasts_ns=durations.get(s.number),
-        observable=s.observable,
-        violates=replay.names(s.violated),
-        note=_note(s, replay),
-        matters=s.matters is not False or not replay.reproduced,
+        fault=step.fault,
+        dropped=tuple([f"queue `{d.queue}` is full: {DROPS[d.policy]}" for d in step.dropped]),
+        lasts_ns=durations.get(step.number),
+        observable=step.observable,
+        violates=replay.own_violation_among(step.violated),
+        note=_note(step, replay),
+        matters=step.matters is not False or not replay.reproduced,
     )
 
 
-def _pick(c: Choice, words: ChoiceWords) -> Pick:
-    value = f"alternative {c.pick} of {c.of}" if c.value is None else shown(c.value)
-    return Pick(words.what(c), value, c.pick == 0)
+def _pick(choice: Choice, words: ChoiceWords) -> Pick:
+    value = (
+        f"alternative {choice.pick} of {choice.of}"
+        if choice.value is None
+        else value_text(choice.value)
+    )
+    return Pick(words.what(choice), value, choice.pick == 0)
 
 
-def shown(value: object) -> str:
+def value_text(value: object) -> str:
     """A JSON value for people: records as `x = 1, y = 2`, floats with at most 9 digits."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{n}: {shown(v)}" for n, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{n}: {value_text(v)}" for n, v in value.items()) + " }"
     if isinstance(value, list):
-        return "[" + ", ".join(shown(v) for v in value) + "]"
+        return "[" + ", ".join(value_text(v) for v in value) + "]"
     if isinstance(value, float):
         return f"{value:.9g}"
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _note(s: ReplayedStep, replay: Replayed) -> str:
+def _note(step: ReplayedStep, replay: Replayed) -> str:
     """Further words on a step, in one sentence."""
-    clauses = [r for b, r in zip(s.violated, s.reasons, strict=False) if r and replay.names([b])]
-    others = [f"`{b.text}`" for b in s.violated if not replay.names([b])]
+    clauses = [
+        r
+        for b, r in zip(step.violated, step.reasons, strict=False)
+        if r and replay.own_violation_among([b])
+    ]
+    others = [f"`{b.text}`" for b in step.violated if not replay.own_violation_among([b])]
     if others:
         clauses.append(
             f"{', '.join(others)} {'is' if len(others) == 1 else 'are'} violated as well"
         )
     if clauses:
         return "; ".join(clauses)
-    if s.decided is not None and s.switch is None:
-        seen = [n for n in ("ttf", "safer", "stale", "gate_fault") if s.decided[n]]
-        mode = s.decided["mode"]
+    if step.decided is not None and step.switch is None:
+        seen = [n for n in ("ttf", "safer", "stale", "gate_fault") if step.decided[n]]
+        mode = step.decided["mode"]
         return f"stays in {mode}" + (f" ({', '.join(seen)})" if seen else "")
     return ""
 
@@ -216,15 +227,15 @@ def _lane(system: System, actor: ScheduledActor) -> Lane:
     return Lane(actor.name, cast("Role", actor.role), module)
 
 
-def _topics(system: System) -> Iterable[TopicFlow]:
-    writers: dict[int, list[str]] = {t.index: [] for t in system.topics}
-    readers: dict[int, list[str]] = {t.index: [] for t in system.topics}
-    for c in system.components:
-        reads, writes = _reads_and_writes(system, c)
-        for t in reads:
-            readers[t].append(c.name)
-        for t in writes:
-            writers[t].append(c.name)
+def _topic_flows(system: System) -> Iterable[TopicFlow]:
+    writers: dict[int, list[str]] = {index.index: [] for index in system.topics}
+    readers: dict[int, list[str]] = {index.index: [] for index in system.topics}
+    for component in system.components:
+        reads, writes = _reads_and_writes(system, component)
+        for index in reads:
+            readers[index].append(component.name)
+        for index in writes:
+            writers[index].append(component.name)
     for drive in system.inputs:
         writers[drive.topic].append(f"input.{system.topics[drive.topic].name}")
     for topic in system.topics:
@@ -235,20 +246,20 @@ def _topics(system: System) -> Iterable[TopicFlow]:
             yield TopicFlow(topic.name, *flows)
 
 
-def _reads_and_writes(system: System, c: Component) -> tuple[list[int], list[int]]:
+def _reads_and_writes(system: System, component: Component) -> tuple[list[int], list[int]]:
     """Topics that a component reads and writes."""
-    if c.plant is not None or c.node is not None:
-        return c.reads, c.writes
-    assert c.module is not None, c.name
-    return list(system.modules[c.module].reads), []
+    if component.plant is not None or component.node is not None:
+        return component.reads, component.writes
+    assert component.module is not None, component.name
+    return list(system.modules[component.module].reads), []
 
 
-def _modes(replay: Replayed, module: int, first: int) -> ModuleModes:
-    m = replay.system.modules[module]
-    start: Literal["AC", "SC"] = "AC" if m.forced == "ac" else "SC"
+def _module_modes(replay: Replayed, module: int, first: int) -> ModuleModes:
+    flown_module = replay.system.modules[module]
+    start: Literal["AC", "SC"] = "AC" if flown_module.forced == "ac" else "SC"
     changes = [
         (s.number, cast("Mode", s.switch[2]))
         for s in replay.steps
-        if s.switch is not None and s.switch[0] == m.name
+        if s.switch is not None and s.switch[0] == flown_module.name
     ]
-    return ModuleModes(m.name, ((first, start), *changes))
+    return ModuleModes(flown_module.name, ((first, start), *changes))

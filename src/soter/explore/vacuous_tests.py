@@ -1,9 +1,9 @@
 """Finds the parts of a test that say nothing, whatever the search found.
 
-Purpose: `of_test` makes one list for every output: properties that cannot fail or were never put to
-the test, contracts that permit nothing, faults, inputs and replacements that change nothing. For
-that every scalar that a property reads has a range: its declared set and type, or one value where
-nobody can write another one.
+Purpose: `find_vacuous_parts` makes one list for every output: properties that cannot fail or were
+never put to the test, contracts that permit nothing, faults, inputs and replacements that change
+nothing. For that every scalar that a property reads has a range: its declared set and type, or one
+value where nobody can write another one.
 Non-goals: deciding conditions (`constant_truth.py`); verdicts (`command.py`); what steps compute,
 which a search answers.
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.explore.constant_truth import holds_always
-from soter.explore.judge import plan_of
+from soter.explore.judge import test_plan
 from soter.language.evaluate.range_evaluation import anything, constant
 from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
 from soter.language.evaluate.topic_ranges import published
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
 
 
 class Domains:
-    """The ranges of what a flattened test reads; with `start` before any step of it."""
+    """The ranges of what a flattened test reads; with `start` those before its first step."""
 
     def __init__(self, system: System, *, start: bool = False) -> None:
         self._system = system
         self._start = start
         self._writable = _writable(system)
-        plan = plan_of(system)
+        plan = test_plan(system)
         late = max((f.by_ns for f in plan.faults if f.kind == "late"), default=0)
         long = max((f.by_ns for f in plan.faults if f.kind == "overrun"), default=0)
         self._end_s = (plan.horizon_ns + plan.skew_ns + late + long) / 1e9
 
-    def of(self, place: ReadPlace) -> Range:
+    def scalar_range(self, place: ReadPlace) -> Range:
         """The range of a scalar."""
         if place.kind == "topic":
             return self._topic(place)
@@ -62,9 +62,9 @@ class Domains:
     def _topic(self, place: ReadPlace) -> Range:
         topic = self._system.topics[place.index]
         if topic.queue_of is not None:
-            return _range(anything(place.type), place.type)
+            return _known_range(anything(place.type), place.type)
         if self._start or place.index not in self._writable:
-            return _at(constant(topic.type, topic.default), place.path, place.type)
+            return _range_at(constant(topic.type, topic.default), place.path, place.type)
         return published(topic, place)
 
     def _truth(self, place: ReadPlace) -> Range:
@@ -74,36 +74,31 @@ class Domains:
         state = plant.states[place.path[0]]
         moved = plant.extern or state in plant.der or state in plant.next
         drawn = component.initial_range and component.initial_range[place.path[0]]
+        if moved and not self._start:
+            return _known_range(anything(place.type), place.type)
         if drawn:
-            low, high = drawn
-            return (
-                _range(anything(place.type), place.type)
-                if moved and not self._start
-                else (Range(low, high))
-            )
-        if not (moved and not self._start):
-            first = constant(state.type, component.initial[place.path[0]])
-            return _at(first, place.path[1:], place.type)
-        return _range(anything(place.type), place.type)
+            return Range(*drawn)
+        first = constant(state.type, component.initial[place.path[0]])
+        return _range_at(first, place.path[1:], place.type)
 
 
 def _writable(system: System) -> set[int]:
     """Topics that somebody may write up to the horizon."""
-    horizon = plan_of(system).horizon_ns
+    horizon = test_plan(system).horizon_ns
     topics = {drive.topic for drive in system.inputs}
-    for c in system.components:
-        if c.phase_ns <= horizon:
-            topics |= set(c.writes)
+    for component in system.components:
+        if component.phase_ns <= horizon:
+            topics |= set(component.writes)
     return topics
 
 
-def _at(whole: Known, path: tuple[int, ...], of: Type) -> Range:
+def _range_at(whole: Known, path: tuple[int, ...], of: Type) -> Range:
     for index in path:
         whole = whole[index] if isinstance(whole, tuple) and index < len(whole) else None
-    return whole if isinstance(whole, Range) else _range(anything(of), of)
+    return whole if isinstance(whole, Range) else _known_range(anything(of), of)
 
 
-def _range(known: Known, of: Type) -> Range:
+def _known_range(known: Known, of: Type) -> Range:
     assert isinstance(known, Range), (of, leaf_count(of))
     return known
 
@@ -112,18 +107,18 @@ def permits_nothing(c: Component, read: Read) -> bool:
     """Whether a component's guarantees fail for all values of its topics, whatever else is read."""
     if c.node is None or not c.node.publishes:
         return False
-    given = {
+    locals_ = {
         s.variable: s.value for s in _statements(c.node.step) if isinstance(s, typed.TypedDeclare)
     }
-    asked = [
+    guarantees = [
         _and_publishes(condition, body)
         for s in _statements(c.node.step)
         if isinstance(s, typed.TypedIf)
         for condition, body in s.arms
         if any(isinstance(n, typed.TypedPublish) for n in nodes(body)) and _is_guarantee(condition)
     ]
-    return bool(asked) and all(
-        holds_always(e, False, c.scope, read, c.period_ns, given) for e in asked
+    return bool(guarantees) and all(
+        holds_always(e, False, c.scope, read, c.period_ns, locals_) for e in guarantees
     )
 
 
@@ -181,7 +176,7 @@ class VacuousPart:
         return self.what == CANNOT_FAIL
 
 
-def of_test(
+def find_vacuous_parts(
     system: System,
     met: Sequence[tuple[bool, bool]],
     unreached: Sequence[str] = (),
@@ -195,57 +190,63 @@ def of_test(
     `unreached`: modes, as coverage names them. `replaced`: components and what stands in their
     place. `ended`: the search saw all executions, so what was not met cannot be met.
     """
-    vacuities = [*_all(system, met, ended=ended), *_unread_parts(system, replaced)]
-    for m in system.modules:
-        if ended and f"{m.name} in AC" in unreached:
+    vacuities = [*_vacuous_statements(system, met, ended=ended), *_unread_parts(system, replaced)]
+    for module in system.modules:
+        if ended and f"{module.name} in AC" in unreached:
             why = "never gives AC control, in no execution: nothing is said of what AC does"
-            vacuities.append(VacuousPart("module", m.name, why))
+            vacuities.append(VacuousPart("module", module.name, why))
     return tuple(dict.fromkeys(vacuities))
 
 
-def _all(system: System, met: Sequence[tuple[bool, bool]], *, ended: bool) -> Iterator[VacuousPart]:
+def _vacuous_statements(
+    system: System, met: Sequence[tuple[bool, bool]], *, ended: bool
+) -> Iterator[VacuousPart]:
     domains = Domains(system)
-    horizon = plan_of(system).horizon_ns
-    for p in system.properties:
-        stepped = p.component is None or system.components[p.component].phase_ns <= horizon
+    horizon = test_plan(system).horizon_ns
+    for prop in system.properties:
+        stepped = prop.component is None or system.components[prop.component].phase_ns <= horizon
         if stepped:
-            yield from _property(system, p, domains, met[p.index], ended=ended)
-    for t in plan_of(system).timed:
-        yield from _vacuity(system, t, domains, met[len(system.properties) + t.index], ended=ended)
-    yield from _contracts(system, domains)
-    yield from _faults(system)
+            yield from _property_vacuity(system, prop, domains, met[prop.index], ended=ended)
+    for timed in test_plan(system).timed:
+        yield from _timed_vacuity(
+            system, timed, domains, met[len(system.properties) + timed.index], ended=ended
+        )
+    yield from _contract_vacuities(system, domains)
+    yield from _fault_vacuities(system)
 
 
 # ---------------------------------------------------------------- properties
 
 
-def _property(
-    system: System, p: Property, domains: Domains, met: tuple[bool, bool], *, ended: bool
+def _property_vacuity(
+    system: System, prop: Property, domains: Domains, met: tuple[bool, bool], *, ended: bool
 ) -> Iterator[VacuousPart]:
-    name = f"{p.kind} {p.text}"
-    wanted = p.kind != "never"
+    name = f"{prop.kind} {prop.text}"
+    wanted = prop.kind != "never"
     judged, held = met
-    period_ns = 0 if p.component is None else system.components[p.component].period_ns
-    if holds_always(p.condition, wanted, p.scope, domains.of, period_ns):
+    period_ns = 0 if prop.component is None else system.components[prop.component].period_ns
+    if holds_always(prop.condition, wanted, prop.scope, domains.scalar_range, period_ns):
         what = CANNOT_FAIL if judged else "premise"
-        yield VacuousPart(what, name, _why(p.condition, wanted, p, domains))
+        yield VacuousPart(what, name, _why_it_cannot_fail(prop.condition, wanted, prop, domains))
         return
-    premise = premise_of(p.condition) if p.kind == "always" else None
+    premise = premise_of(prop.condition) if prop.kind == "always" else None
     if ended and premise is not None and judged and not held:
-        text = _text(premise)
+        text = _source_text(premise)
         yield VacuousPart(
             "premise", name, f"was never put to the test: `{text}` held in no execution"
         )
 
 
-def _why(condition: typed.TypedExpr, wanted: bool, p: Property, domains: Domains) -> str:
+def _why_it_cannot_fail(
+    condition: typed.TypedExpr, wanted: bool, prop: Property, domains: Domains
+) -> str:
     """Why a property that cannot fail cannot, in words."""
     reads = [n for n in nodes([condition]) if isinstance(n, _READ_KINDS)]
     if not reads:
         return "cannot fail: it reads nothing"
     premise = premise_of(condition) if wanted else None
-    if premise is not None and holds_always(premise, False, p.scope, domains.of):
-        return f"cannot fail: `{_text(premise)}` holds for no value of what it reads"
+    if premise is not None and holds_always(premise, False, prop.scope, domains.scalar_range):
+        return f"cannot fail: `{_source_text(premise)}` holds for no value of what it reads"
     holds = "holds for every value" if wanted else "its condition holds for no value"
     return f"cannot fail: {'it ' if wanted else ''}{holds} of what it reads"
 
@@ -260,42 +261,43 @@ _READ_KINDS = (
 )
 
 
-def _vacuity(
-    system: System, t: TimedProperty, domains: Domains, met: tuple[bool, bool], *, ended: bool
+def _timed_vacuity(
+    system: System, prop: TimedProperty, domains: Domains, met: tuple[bool, bool], *, ended: bool
 ) -> Iterator[VacuousPart]:
     judged, owed = met
-    if t.kind == "invariant":
-        assert t.module is not None
-        module = system.modules[t.module]
-        if holds_always(module.symbol.safe, True, module.scope, domains.of):
+    if prop.kind == "invariant":
+        assert prop.module is not None
+        module = system.modules[prop.module]
+        if holds_always(module.symbol.safe, True, module.scope, domains.scalar_range):
             why = "asks only whether SC acts in time: `safe` holds for every value"
-            yield VacuousPart("premise", t.text, why)
+            yield VacuousPart("premise", prop.text, why)
         return
-    assert t.condition is not None
-    if why := _holds_anyway(t.condition, t.premise, t.scope, domains):
-        yield VacuousPart(CANNOT_FAIL if judged else "premise", t.text, f"cannot fail: {why}")
-    elif t.premise is not None and ended and not judged:
-        why = f"was never put to the test: `{_text(t.premise)}` held in no execution in time"
-        yield VacuousPart("premise", t.text, why)
-    elif t.kind == "eventually" and ended and judged and not owed:
+    assert prop.condition is not None
+    if why := _holds_anyway(prop.condition, prop.premise, prop.scope, domains):
+        yield VacuousPart(CANNOT_FAIL if judged else "premise", prop.text, f"cannot fail: {why}")
+    elif prop.premise is not None and ended and not judged:
+        premise = _source_text(prop.premise)
+        why = f"was never put to the test: `{premise}` held in no execution in time"
+        yield VacuousPart("premise", prop.text, why)
+    elif prop.kind == "eventually" and ended and judged and not owed:
         start = Domains(system, start=True)
-        if holds_always(t.condition, True, t.scope, start.of):
+        if holds_always(prop.condition, True, prop.scope, start.scalar_range):
             why = "was never put to the test: it holds at the start already, in every execution"
-            yield VacuousPart("premise", t.text, why)
+            yield VacuousPart("premise", prop.text, why)
 
 
 def _holds_anyway(
     condition: typed.TypedExpr, premise: typed.TypedExpr | None, scope: Scope, domains: Domains
 ) -> str:
     """Why values alone decide that it holds in time; "" where they do not."""
-    if holds_always(condition, True, scope, domains.of):
-        return f"`{_text(condition)}` holds for every value of what it reads"
+    if holds_always(condition, True, scope, domains.scalar_range):
+        return f"`{_source_text(condition)}` holds for every value of what it reads"
     if premise is None:
         return ""
-    if holds_always(premise, False, scope, domains.of):
-        return f"`{_text(premise)}` holds for no value of what it reads"
-    if holds_always(_implication(premise, condition), True, scope, domains.of):
-        return f"where `{_text(premise)}` holds, `{_text(condition)}` holds at once"
+    if holds_always(premise, False, scope, domains.scalar_range):
+        return f"`{_source_text(premise)}` holds for no value of what it reads"
+    if holds_always(_implication(premise, condition), True, scope, domains.scalar_range):
+        return f"where `{_source_text(premise)}` holds, `{_source_text(condition)}` holds at once"
     return ""
 
 
@@ -305,35 +307,35 @@ def _implication(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.
     return typed.TypedBinary(BOOL, condition.span, "||", fails, condition)
 
 
-def _text(e: typed.TypedExpr) -> str:
+def _source_text(e: typed.TypedExpr) -> str:
     return " ".join(e.span.text.split())
 
 
 # ---------------------------------------------------------------- what a test changes
 
 
-def _contracts(system: System, domains: Domains) -> Iterator[VacuousPart]:
-    of: dict[str, list[Component]] = {}
-    for c in system.components:
-        if c.stands_for is not None:
-            of.setdefault(c.stands_for.of, []).append(c)
-    for name, stand_ins in of.items():
-        if all(permits_nothing(c, domains.of) for c in stand_ins):
+def _contract_vacuities(system: System, domains: Domains) -> Iterator[VacuousPart]:
+    stand_ins_by_instance: dict[str, list[Component]] = {}
+    for component in system.components:
+        if component.stands_for is not None:
+            stand_ins_by_instance.setdefault(component.stands_for.of, []).append(component)
+    for name, stand_ins in stand_ins_by_instance.items():
+        if all(permits_nothing(component, domains.scalar_range) for component in stand_ins):
             why = "permits nothing: no publication keeps it, so nothing is ever published there"
             yield VacuousPart("contract", f"the contract of {name}", why)
 
 
-def _faults(system: System) -> Iterator[VacuousPart]:
-    plan = plan_of(system)
-    for f in plan.faults:
-        c = system.components[f.component]
-        if f.least_ns:
+def _fault_vacuities(system: System) -> Iterator[VacuousPart]:
+    plan = test_plan(system)
+    for fault in plan.faults:
+        component = system.components[fault.component]
+        if fault.least_ns:
             continue
-        name = f"{f.kind} {c.name}"
-        if c.phase_ns > plan.horizon_ns:
-            first = f"{show_ns(c.phase_ns)}, after the horizon"
+        name = f"{fault.kind} {component.name}"
+        if component.phase_ns > plan.horizon_ns:
+            first = f"{show_ns(component.phase_ns)}, after the horizon"
             yield VacuousPart("fault", name, f"cannot occur: its first release is at {first}")
-        elif f.kind == "overrun" and not c.writes:
+        elif fault.kind == "overrun" and not component.writes:
             yield VacuousPart("fault", name, "changes nothing: it publishes nothing")
 
 
@@ -342,31 +344,39 @@ def _unread_parts(system: System, replaced: Sequence[tuple[str, str]]) -> Iterat
 
     Replacements by contracts are left out: they make a test smaller, and are not meant to be read.
     """
-    read = _read(system)
+    read = _topics_read(system)
     for drive in system.inputs:
         topic = system.topics[drive.topic]
         if drive.topic not in read and not read & set(topic.queues):
             yield VacuousPart(
                 "input", topic.name, "is drawn for nobody: nothing in the test reads it"
             )
-    for c in system.components:
-        written = set(c.writes)
+    for component in system.components:
+        written = set(component.writes)
         queues = {q for t in written for q in system.topics[t].queues}
-        of = next((p for p, by in replaced if c.node is not None and c.node.name == by), None)
-        if of is None or not written or read & (written | queues) or _is_extern(system, of):
+        instance = next(
+            (p for p, by in replaced if component.node is not None and component.node.name == by),
+            None,
+        )
+        if (
+            instance is None
+            or not written
+            or read & (written | queues)
+            or _was_extern(system, instance)
+        ):
             continue
-        name = f"the replacement of {of}"
+        name = f"the replacement of {instance}"
         yield VacuousPart("replacement", name, "changes nothing: nobody reads what it publishes")
 
 
-def _is_extern(system: System, path: str) -> bool:
+def _was_extern(system: System, path: str) -> bool:
     """Whether the replaced component is extern, so that it had to be replaced."""
-    test = system.program.tests.get(plan_of(system).name)
-    was = None if test is None else at(test, path)
+    test = system.program.tests.get(test_plan(system).name)
+    was = None if test is None else symbol_at_path(test, path)
     return not isinstance(was, typed.NodeSymbol) or was.extern
 
 
-def _read(system: System) -> set[int]:
+def _topics_read(system: System) -> set[int]:
     """Topics that a step, a decision or a property reads."""
     topics: set[int] = set()
     for c in system.components:
@@ -374,22 +384,24 @@ def _read(system: System) -> set[int]:
     for m in system.modules:
         topics |= {*m.reads}
         topics |= {m.scope.topics[t] for t in topic_reads(m.symbol.safe) if t in m.scope.topics}
-    for p in system.properties:
-        topics |= {p.scope.topics[t] for t in topic_reads(p.condition)}
-    for q in plan_of(system).timed:
-        roots = [e for e in (q.premise, q.condition) if e is not None]
-        topics |= {q.scope.topics[t] for t in topic_reads(*roots)}
+    for prop in system.properties:
+        topics |= {prop.scope.topics[t] for t in topic_reads(prop.condition)}
+    for timed in test_plan(system).timed:
+        roots = [e for e in (timed.premise, timed.condition) if e is not None]
+        topics |= {timed.scope.topics[t] for t in topic_reads(*roots)}
     return topics
 
 
-def at(test: typed.TestSymbol, of: str) -> typed.ModuleSymbol | typed.NodeSymbol | None:
+def symbol_at_path(
+    test: typed.TestSymbol, path: str
+) -> typed.ModuleSymbol | typed.NodeSymbol | None:
     """The module or node of that name in the system of a test, before anything is replaced."""
-    what: object = test.system
-    for name in of.split("."):
-        if isinstance(what, typed.ModuleSymbol):
-            names = {n.name.rpartition(".")[2]: n for n in what.own}
-            what = names.get(name)
+    found: object = test.system
+    for name in path.split("."):
+        if isinstance(found, typed.ModuleSymbol):
+            names = {n.name.rpartition(".")[2]: n for n in found.own}
+            found = names.get(name)
             continue
-        instance = what.by_name.get(name) if isinstance(what, typed.SystemSymbol) else None
-        what = None if instance is None else instance.what
-    return what if isinstance(what, (typed.ModuleSymbol, typed.NodeSymbol)) else None
+        instance = found.by_name.get(name) if isinstance(found, typed.SystemSymbol) else None
+        found = None if instance is None else instance.what
+    return found if isinstance(found, (typed.ModuleSymbol, typed.NodeSymbol)) else None

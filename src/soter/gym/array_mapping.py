@@ -83,7 +83,7 @@ def doubles(given: object, what: str) -> npt.NDArray[np.float64]:
     raise wrong_choice(message, why, "give a function that maps it")
 
 
-def assembled(shapes: Shapes, flat: object, what: str) -> list[Value]:
+def assemble_values(shapes: Shapes, flat: object, what: str) -> list[Value]:
     """One value per shape from the numbers of an array; SoterError U001 also for another count."""
     array = doubles(flat, what)
     numbers = iter(array.reshape(-1).tolist())
@@ -131,7 +131,7 @@ def _whole(t: Type, number: float) -> object:
     return bool(number) if isinstance(t, BoolType) else int(number)
 
 
-def flattened(shapes: Shapes, values: Sequence[Value]) -> npt.NDArray[np.float64]:
+def flatten(shapes: Shapes, values: Sequence[Value]) -> npt.NDArray[np.float64]:
     """The numbers of values, leaf by leaf, (leaves,); SoterError U001 for a list."""
     numbers: list[float] = []
     for (_, t), value in zip(shapes, values, strict=True):
@@ -253,10 +253,10 @@ def taker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.floa
     function raises it for a fraction where whole numbers are wanted.
     """
     if isinstance(space, spaces.Discrete):
-        _of_size(space, 1, count)
+        _require_size(space, 1, count)
         return lambda numbers: _member(space, int(_whole_numbers(space, numbers)[0]))
     if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)):
-        _of_size(space, int(np.prod(space.shape)), count)
+        _require_size(space, int(np.prod(space.shape)), count)
         return lambda numbers: _member(
             space, _whole_numbers(space, numbers).astype(space.dtype).reshape(space.shape)
         )
@@ -265,7 +265,7 @@ def taker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.floa
             f"an action space of type `{type(space).__name__}` has no default",
             "give command=...",
         )
-    _of_size(space, int(np.prod(space.shape)), count)
+    _require_size(space, int(np.prod(space.shape)), count)
     shape, dtype = space.shape, space.dtype
     if not np.issubdtype(dtype, np.floating):
         return lambda numbers: _whole_numbers(space, numbers).astype(dtype).reshape(shape)
@@ -279,7 +279,7 @@ def as_action(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any
     return taker(space, len(numbers))(numbers)
 
 
-def _of_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
+def _require_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
     if wanted != count:
         message = f"the plant reads {count} numbers, but an action of the environment has {wanted}"
         raise wrong_choice(f"{message} (`{space}`)", "give command=...")

@@ -109,7 +109,7 @@ class CompiledEnvironment:
         plant = None if roles.plant is None else system.components[roles.plant]
         self.moves_numbers = plant is not None and is_flat(self._states(plant))
         self.acts_numbers = is_flat(t for _, t in answer_fields(agent))
-        self.commands_numbers = is_flat(system.topics[t].type for t in self._applied())
+        self.commands_numbers = is_flat(system.topics[t].type for t in self._applied_topics())
         module = None if roles.module is None else system.modules[roles.module]
         self.given = self._buffers(agent, plant)
         return self.ffi.new(
@@ -135,7 +135,7 @@ class CompiledEnvironment:
         start: list[MemoryLeaf] = []
         if plant is not None and self.moves_numbers:
             (moved, _), start = self._answer(plant), self.truth(plant)
-        applied = self._applied() if self.commands_numbers else ()
+        applied = self._applied_topics() if self.commands_numbers else ()
         observed = [
             leaf
             for x in self.observed
@@ -143,7 +143,7 @@ class CompiledEnvironment:
                 self.truth(self.system.components[x.index]) if x.truth else self.topic(x.index)
             )
         ]
-        outputs, proposed = self._moved()
+        outputs, proposed = self._moved_parts()
         return {
             "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
             "given": LeafBuffer(self.ffi, given, sizes[agent.index]),
@@ -155,7 +155,7 @@ class CompiledEnvironment:
             "proposed": LeafBuffer(self.ffi, proposed),
         }
 
-    def _moved(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
+    def _moved_parts(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
         """Of a module whose shield moves commands: what it publishes, and what its AC proposed."""
         if self.roles.module is None:
             return [], []
@@ -189,7 +189,7 @@ class CompiledEnvironment:
         assert plant.plant is not None
         return [v.type for v in plant.plant.states]
 
-    def _applied(self) -> Sequence[int]:
+    def _applied_topics(self) -> Sequence[int]:
         """Topics: what a plant outside reads, else what the agent and its module publish."""
         if self.roles.plant is not None:
             plant = self.system.components[self.roles.plant]

@@ -21,7 +21,7 @@ import soter.api
 from soter.gym import array_mapping
 from soter.gym.off_model import (
     SessionPlant,
-    modelled,
+    make_model,
     tolerances,
     warn_of_narrow_space,
     warn_of_no_control,
@@ -32,10 +32,10 @@ from soter.gym.off_model import (
     why_not,
 )
 from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
-from soter.gym.session import NO_NUMBERS, Session, numbers, prepared
+from soter.gym.session import NO_NUMBERS, Session, numbers, prepare_system
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.values import ValueShapeError, ValueStructureError, to_python
-from soter.semantics.externs import converted
+from soter.semantics.externs import convert_answer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -125,7 +125,7 @@ class EnvironmentGuard:
     def _begin(self, space: spaces.Space[Any]) -> None:
         """Make all that follows from the choices; `space`: the environment's actions."""
         self._space = space
-        made = prepared(self.program, *self.choice)
+        made = prepare_system(self.program, *self.choice)
         session = self.session = Session(made, self.program.bound)
         outputs = array_mapping.topics_published(made.system, session.agent)
         self._reads = array_mapping.topics_read(made.system, session.plant)
@@ -160,7 +160,7 @@ class EnvironmentGuard:
         system, _, plant, params, _ = self.choice
         model = None
         if self._alarm is not False and made.moves_numbers:
-            model = modelled(self.program, system, plant, params)
+            model = make_model(self.program, system, plant, params)
         if model is None:
             if self._alarm:
                 flat = self.program.flat(system, params)
@@ -184,9 +184,9 @@ class EnvironmentGuard:
         session.outside.told = 0
         session.start(int(self._numbered.integers(SEED_END)))
         if not self._moves_numbers:
-            self._values = self._states_of(observation)
+            self._values = self._plant_states(observation)
             session.place(self._values)
-        elif not (self._in_numbers(observation) and session.place_numbers()):
+        elif not (self._observation_numbers(observation) and session.place_numbers()):
             raise self._no_states(observation)
         if broken := self._not_finite():
             names = ", ".join(f"`{n}`" for n in broken)
@@ -200,7 +200,7 @@ class EnvironmentGuard:
         self._violations = info["violations"]
         if session.seen.ttf:
             warn_of_start(session.module.name)
-        return observation, self._asked_for(info, given)
+        return observation, self._wanted_info(info, given)
 
     def step(
         self,
@@ -219,7 +219,7 @@ class EnvironmentGuard:
         plant = self._plant
         due = session.act_directly(action) if direct else NO_NUMBERS
         if due == NO_NUMBERS:
-            due = self._answered(action)
+            due = self._give_action(action)
         reward, ended, cut = 0.0, False, False
         given: dict[str, Any] = {}
         taken: Any = None
@@ -230,7 +230,7 @@ class EnvironmentGuard:
             reward += float(gained)
             due = session.move_directly(last) if direct else NO_NUMBERS
             if due == NO_NUMBERS:
-                due = self._moved(last)
+                due = self._give_observation(last)
             elif due == NO_STATES or self.judged is not None:
                 self._note_judged(last, due)
         if due == AS_TOLD:
@@ -241,7 +241,7 @@ class EnvironmentGuard:
             for key in given:
                 if key not in info:
                     info[key] = given[key]
-            asked_for = info if self._info_keys is None else self._asked_for(info, given)
+            asked_for = info if self._info_keys is None else self._wanted_info(info, given)
             return last, reward, ended, cut, asked_for
         broken = self._not_finite() if session.outside.latched else []
         cut = cut or bool(broken)
@@ -252,7 +252,7 @@ class EnvironmentGuard:
         if self._cuts and info["cost"]:
             cut = self._over = True
         self._note(info)
-        return self._last, reward, ended, cut, self._asked_for(info, given)
+        return self._last, reward, ended, cut, self._wanted_info(info, given)
 
     def _note(self, info: dict[str, Any]) -> None:
         """Keep what C compares the next step with; warn of the first step that is off the model."""
@@ -267,26 +267,26 @@ class EnvironmentGuard:
 
     # ------------------------------------------------------------ the agent's answer
 
-    def _answered(self, action: Any) -> int:  # noqa: ANN401 - any action
+    def _give_action(self, action: Any) -> int:  # noqa: ANN401 - any action
         """Give the agent's action to the module; returns the component that is due then."""
         session = self.session
         if self._act is None and getattr(action, "shape", ()) != session.action.shape:
             array_mapping.require_no_batch(self.action_space, action)
         if not self._acts_numbers:
-            session.act(self._values_of(action))
+            session.act(self._action_values(action))
             return session.go()
         count = numbers(action, session.action, "an action")
         if count is not None:
             raise array_mapping.wrong_count(self._outputs, count, "an action")
         return session.act_numbers()
 
-    def _values_of(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
+    def _action_values(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
         """The values of the agent's topics for an action; None where it is no value of them."""
         try:
             if self._act is None:
-                return list(array_mapping.assembled(self._outputs, action, "an action"))
+                return list(array_mapping.assemble_values(self._outputs, action, "an action"))
             answer = self._act(action)
-            return list(converted(self._outputs, answer))
+            return list(convert_answer(self._outputs, answer))
         except ValueStructureError as error:
             what = "`act` gave no outputs of the controller"
             raise array_mapping.wrong_structure(what, self._outputs, answer, error) from error
@@ -295,18 +295,18 @@ class EnvironmentGuard:
 
     # ------------------------------------------------------------ the environment's
 
-    def _moved(self, observation: Any) -> int:  # noqa: ANN401 - any observation
+    def _give_observation(self, observation: Any) -> int:  # noqa: ANN401 - any observation
         """Give an observation to the module; returns the component that is due then."""
         session = self.session
         if not self._moves_numbers:
-            states = self._values = self._states_of(observation)
+            states = self._values = self._plant_states(observation)
             if self.asked is not None:
-                session.moved[:] = array_mapping.flattened(self._states, states)
+                session.moved[:] = array_mapping.flatten(self._states, states)
                 session.judge()
                 self._note_judged(observation, session.plant.index)
             session.move(states)
             return session.go()
-        due = session.move_numbers() if self._in_numbers(observation) else NO_STATES
+        due = session.move_numbers() if self._observation_numbers(observation) else NO_STATES
         self._note_judged(observation, due)
         return due
 
@@ -314,7 +314,9 @@ class EnvironmentGuard:
         """States that the environment showed as NaN or infinite."""
         values = self._values
         if self._moves_numbers:
-            values = array_mapping.assembled(self._states, self.session.moved, "an observation")
+            values = array_mapping.assemble_values(
+                self._states, self.session.moved, "an observation"
+            )
         named = zip(self._states, values, strict=True)
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
@@ -325,7 +327,7 @@ class EnvironmentGuard:
         if self.judged is not None and self.asked is not None:
             self.judged(self.asked)
 
-    def _in_numbers(self, observation: Any) -> bool:  # noqa: ANN401 - any observation
+    def _observation_numbers(self, observation: Any) -> bool:  # noqa: ANN401 - any observation
         return numbers(observation, self.session.moved, "an observation") is None
 
     def _no_states(self, observation: Any) -> SoterError:  # noqa: ANN401 - any observation
@@ -334,18 +336,18 @@ class EnvironmentGuard:
         if count is not None:
             return array_mapping.wrong_count(self._states, count, "an observation")
         try:
-            array_mapping.assembled(self._states, observation, "an observation")
+            array_mapping.assemble_values(self._states, observation, "an observation")
         except ValueShapeError as error:
             return wrong_choice(f"an observation is no state of the plant: {error}")
         raise AssertionError(observation)
 
-    def _states_of(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
+    def _plant_states(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
         """The plant's states; those that `observe` leaves out stay as they are."""
         if self._observe is None:
-            return array_mapping.assembled(self._states, observation, "an observation")
+            return array_mapping.assemble_values(self._states, observation, "an observation")
         try:
             answer = self._observe(observation)
-            given = converted(self._states, answer)
+            given = convert_answer(self._states, answer)
         except ValueShapeError as error:
             what = "`observe` gave no state of the plant"
             raise array_mapping.wrong_structure(what, self._states, answer, error) from error
@@ -362,9 +364,7 @@ class EnvironmentGuard:
         values = [self.session.topic(t.index) for t in self._reads]
         shapes: list[tuple[str, Type]] = [(t.name.rpartition(".")[2], t.type) for t in self._reads]
         if self._command is None:
-            return array_mapping.as_action(
-                env.action_space, array_mapping.flattened(shapes, values)
-            )
+            return array_mapping.as_action(env.action_space, array_mapping.flatten(shapes, values))
         named = {n: to_python(t, v) for (n, t), v in zip(shapes, values, strict=True)}
         return self._command(**named)
 
@@ -383,7 +383,7 @@ class EnvironmentGuard:
             violations = session.violations(over=True)
         told = self._info_by_flags.get(outside.flags)
         if told is None:
-            told = self._info_by_flags[outside.flags] = self._of_flags(session.seen.taken_by)
+            told = self._info_by_flags[outside.flags] = self._flag_info(session.seen.taken_by)
         info = {**given, **told} if given else told.copy()
         info["margin"] = outside.margin_ns / 1e9
         info["violations"] = violations
@@ -391,12 +391,12 @@ class EnvironmentGuard:
         info["action_requested"] = action
         info["cost"] = float(violations - self._violations)
         if info["cause"] == "gate":
-            info["cause"] = self._refused()
+            info["cause"] = self._refusal_cause()
         if self._masks and session.module.shield is not None:
             info["action_mask"] = self.action_masks().astype(np.int8)
         return info
 
-    def _asked_for(self, info: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    def _wanted_info(self, info: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
         """The keys of `info` that the caller wants, and all that the environment gave (`given`)."""
         keys = self._info_keys
         if keys is None:
@@ -410,7 +410,7 @@ class EnvironmentGuard:
         known = self._info_by_flags[outside.flags]
         return {**known, "violations": violations, "cost": 0.0}
 
-    def _of_flags(self, before: int) -> dict[str, Any]:
+    def _flag_info(self, before: int) -> dict[str, Any]:
         """The part of `info` that follows from flags; `before`: the mode until now."""
         seen = self.session.seen
         mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
@@ -439,9 +439,9 @@ class EnvironmentGuard:
         if self._over:  # nobody is asked
             return np.zeros(int(space.n), dtype=np.bool_)
         actions = range(int(space.start), int(space.start) + int(space.n))
-        return np.array([self.session.publishes(self._values_of(a)) for a in actions])
+        return np.array([self.session.publishes(self._action_values(a)) for a in actions])
 
-    def _refused(self) -> str:
+    def _refusal_cause(self) -> str:
         """The cause of the last refusal: "shield" where a shield forbade it, else "gate"."""
         if self.session.module.shield is None:
             return "gate"

@@ -77,7 +77,7 @@ def why_not(plant: Component) -> str | None:
     return None
 
 
-def modelled(
+def make_model(
     program: soter.api.Program,
     system: str | None,
     plant: str | None,
@@ -120,11 +120,11 @@ class SessionPlant:
         m.states, m.drawn = model.states.fields, model.disturbances.fields
         m.state = ffi.cast("uint8_t *", self.state.ctypes.data)
         model.lib.soter_start(model.program, m.state, 0)
-        m.low, m.high = self._at(model.low), self._at(model.high)
-        m.tolerance, m.chosen = self._at(self.tolerance), self._at(self.chosen)
-        m.origin = self._at(self.origin)
-        m.residual, m.undisturbed = self._at(self.residual), self._at(self.undisturbed)
-        m.work = self._at(self._work)
+        m.low, m.high = self._pointer(model.low), self._pointer(model.high)
+        m.tolerance, m.chosen = self._pointer(self.tolerance), self._pointer(self.chosen)
+        m.origin = self._pointer(self.origin)
+        m.residual, m.undisturbed = self._pointer(self.residual), self._pointer(self.undisturbed)
+        m.work = self._pointer(self._work)
 
     @property
     def explained(self) -> bool:
@@ -136,7 +136,7 @@ class SessionPlant:
         self.observed = np.repeat(wanted, self.model.sizes)
         self.tolerance[:] = np.where(self.observed, self._own, np.inf)
 
-    def _at(self, array: Array) -> Any:  # noqa: ANN401 - cdata
+    def _pointer(self, array: Array) -> Any:  # noqa: ANN401 - cdata
         """The C pointer to an array (n,)."""
         return self.model.ffi.cast("double *", array.ctypes.data)
 

@@ -124,7 +124,7 @@ def observed_parts(
         assert agent.node is not None
         topics = [ObservedPart(agent.scope.topics[s.topic]) for s in agent.node.subscribes]
         defaults = topics or [ObservedPart(c.index, truth=True) for c in plants]
-        names = [_named(system, x) for x in defaults]
+        names = [_topic_names(system, x) for x in defaults]
     if not names:
         raise wrong_choice("an observation of nothing", "observe=[...] names topics and truths")
     known = _observable(system, plants)
@@ -145,7 +145,7 @@ def _observable(system: System, plants: Sequence[Component]) -> dict[str, Observ
     return {t.name: ObservedPart(t.index) for t in topics} | truths
 
 
-def _named(system: System, seen: ObservedPart) -> str:
+def _topic_names(system: System, seen: ObservedPart) -> str:
     place = system.components if seen.truth else system.topics
     return f"{place[seen.index].name}{'.truth' if seen.truth else ''}"
 
@@ -177,7 +177,7 @@ def require_compiled(system: System, agent: int) -> None:
             )
 
 
-def measured_by(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
+def system_with_errors(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
     """The system with the program's measurement errors on these topics that a plant drives, or all.
 
     An environment has sensors of its own; SoterError U001 for a topic that has no such errors.

@@ -27,7 +27,7 @@ from soter.gym.compiled_system import (
     compiled,
     refuse_call,
 )
-from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by
+from soter.gym.outside_roles import chosen_module, chosen_plant, system_with_errors
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
@@ -252,7 +252,9 @@ class Session:
         faults, seen.taken_by = int(facts["gate_faults"]), int(facts["mode"])
         self._answer(self.state, values)
         seen.gate_fault = int(facts["gate_faults"]) > faults
-        seen.moved = bool(seen.taken_by) and not seen.gate_fault and self._moved(self.state, values)
+        seen.moved = (
+            bool(seen.taken_by) and not seen.gate_fault and self._was_moved(self.state, values)
+        )
         seen.cause = seen.next_cause or int(seen.gate_fault) or TOWARD_SC * int(seen.moved)
         seen.off_model = 0
         seen.steps += 1
@@ -268,7 +270,7 @@ class Session:
         faults = int(record["modules"][self.module.index]["gate_faults"])
         self._answer(copy, values)
         refused = int(record["modules"][self.module.index]["gate_faults"]) > faults
-        return not refused and not self._moved(copy, values)
+        return not refused and not self._was_moved(copy, values)
 
     def _answer(self, state: Bytes, values: Sequence[Value | None] | None) -> None:
         """Give the agent's answer to C, on this state; None in place of all is a step fault."""
@@ -278,7 +280,7 @@ class Session:
         else:
             self._give(state, self.agent, self._outputs(values))
 
-    def _moved(self, state: Bytes, values: Sequence[Value | None] | None) -> bool:
+    def _was_moved(self, state: Bytes, values: Sequence[Value | None] | None) -> bool:
         """Whether the shield moved what the agent has just published."""
         shield = self.module.shield
         if shield is None or shield.proposed is None or values is None or None in values:
@@ -367,7 +369,7 @@ def numbers(given: object, into: npt.NDArray[np.float64], what: str) -> int | No
     return None
 
 
-def prepared(
+def prepare_system(
     program: soter.api.Program,
     system: str | None,
     module: str | None,
@@ -383,7 +385,7 @@ def prepared(
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         outside = (flat_module.ac, body.index)
         notes = complete(flat, bound=answered_around(flat, outside, program.bound))
-        flat = measured_by(flat, body, errors)
+        flat = system_with_errors(flat, body, errors)
         flat = answered_outside(flat, outside)
         return CompiledEnvironment(
             flat,

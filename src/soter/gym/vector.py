@@ -75,14 +75,14 @@ class BatchedStates:
         self._worlds = made.ffi.new("soter_worlds *")
         w = self._worlds
         w.view, w.count, w.stride = view, count, count
-        w.states = self._at(self.states, "uint8_t *")
-        w.begin = self._at(self._begin, "uint8_t *")
-        w.seeds = self._at(self.seeds, "uint64_t *")
-        w.facts = self._at(self.facts, "soter_facts *")
-        w.applied = self._at(self.applied, "double *")
-        w.room = self._at(self._room, "uint8_t *")
+        w.states = self._pointer(self.states, "uint8_t *")
+        w.begin = self._pointer(self._begin, "uint8_t *")
+        w.seeds = self._pointer(self.seeds, "uint64_t *")
+        w.facts = self._pointer(self.facts, "soter_facts *")
+        w.applied = self._pointer(self.applied, "double *")
+        w.room = self._pointer(self._room, "uint8_t *")
 
-    def _at(self, array: Array, type_: str) -> Any:  # noqa: ANN401 - cdata
+    def _pointer(self, array: Array, type_: str) -> Any:  # noqa: ANN401 - cdata
         """Where an array (n,) or (n, m) lies."""
         return self.compiled.ffi.cast(type_, array.ctypes.data)
 
@@ -94,7 +94,7 @@ class BatchedStates:
     def begin(self, which: Array) -> None:
         """Begin an episode in the worlds of a mask (count,)."""
         self._begin[:] = which
-        self._worlds.observations = self._at(self.observations, "double *")
+        self._worlds.observations = self._pointer(self.observations, "double *")
         done = self.compiled.lib.soter_worlds_begin(self._worlds)
         assert done == self.count, "nobody else is outside"
         self.begun = True
@@ -108,14 +108,14 @@ class BatchedStates:
         self._turn = 1 - self._turn
         self._begin[:] = begin
         w = self._worlds
-        w.observations = self._at(self.observations, "double *")
-        w.actions = self._at(actions, "double *")
+        w.observations = self._pointer(self.observations, "double *")
+        w.actions = self._pointer(actions, "double *")
         done = self.compiled.lib.soter_worlds_step(w)
         assert done == self.count, "nobody else is outside"
         return before
 
 
-def prepared(
+def prepare_system(
     program: soter.api.Program,
     system: str | None,
     module: str | None,
@@ -184,7 +184,9 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     ) -> None:
         self.autoreset = _chosen(num_envs, on_violation, max_steps, autoreset, dtype)
         loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
-        made = prepared(loaded, system, module, params, None if observe is None else tuple(observe))
+        made = prepare_system(
+            loaded, system, module, params, None if observe is None else tuple(observe)
+        )
         warn_of_no_control(made, stacklevel=3)
         self.compiled = made
         self.num_envs = num_envs
@@ -255,7 +257,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         before = worlds.step(given, again)
         self._seen[again] = worlds.facts["violations"][again]
         self._cost = (worlds.facts["violations"] - self._seen).astype(np.float64)
-        rewards, ended, cut = self._judged(before)
+        rewards, ended, cut = self._judge(before)
         if again.any():
             rewards[again] = 0.0
             ended[again] = cut[again] = False
@@ -311,7 +313,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             return observations.astype(self._dtype)
         return observations.copy() if self._copy or keep else observations
 
-    def _judged(self, before: Array) -> tuple[Array, Array, Array]:
+    def _judge(self, before: Array) -> tuple[Array, Array, Array]:
         """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
         worlds, n = self.worlds, self.num_envs
         facts, seen = worlds.facts, (before, worlds.applied, worlds.observations)

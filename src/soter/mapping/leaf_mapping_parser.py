@@ -111,17 +111,17 @@ class LeafReader:
             self.problems.add(f"`{name}` is or has a list, which no mapping can fill")
             return {}
         leaf_by_path: dict[LeafPath, Leaf] = {}
-        said: set[LeafPath] = set()
+        given_paths: set[LeafPath] = set()
         for key, what in given.items():
             for path, leaf in self._row_leaves(key, what).items():
-                if path in said:
+                if path in given_paths:
                     self.problems.add(f"`{'.'.join((name, *path))}` is given twice")
-                said.add(path)
+                given_paths.add(path)
                 if leaf is not None:
                     leaf_by_path[path] = leaf
-        left = [k for k, path in self.keys.items() if path not in said]
+        left = [missing_key for missing_key, path in self.keys.items() if path not in given_paths]
         if left:
-            names = ", ".join(f"`{k}`" for k in left)
+            names = ", ".join(f"`{missing_key}`" for missing_key in left)
             self.problems.add(f"`{name}` is to be given whole, or not at all: {names} missing")
         self._check_slopes(leaf_by_path)
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
@@ -143,8 +143,10 @@ class LeafReader:
     ) -> dict[LeafPath, Leaf | None]:
         self.vectors += 1
         nothing: dict[LeafPath, Leaf | None] = dict.fromkeys(paths)
-        if len(paths) != 3 or not all(isinstance(self.types[p], FloatType) for p in paths):
-            shown = [f"`{'.'.join((self.topic.name, *p))}`" for p in paths]
+        if len(paths) != 3 or not all(
+            isinstance(self.types[leaf_path], FloatType) for leaf_path in paths
+        ):
+            shown = [f"`{'.'.join((self.topic.name, *leaf_path))}`" for leaf_path in paths]
             self.problems.add(
                 f"`{name}` is no vector, which has three floats here: name each of its fields, "
                 f"{', '.join(shown)}"
@@ -159,15 +161,19 @@ class LeafReader:
         if len(set(names)) != 3:
             self.problems.add(f"`{name}` names a field twice: {', '.join(names)}")
             return nothing
-        rest = {k: v for k, v in row.items() if k in ("scale", "unit")}
-        made: dict[LeafPath, Leaf | None] = {}
+        rest = {
+            rest_key: rest_value
+            for rest_key, rest_value in row.items()
+            if rest_key in ("scale", "unit")
+        }
+        leaf_of_path: dict[LeafPath, Leaf | None] = {}
         for path, (component, sign) in zip(paths, self.turn, strict=True):
             given = {"from": names[component], **rest}
             leaf = self._signal_source(".".join((self.topic.name, *path)), self.types[path], given)
             if leaf is not None and sign < 0.0:
                 leaf = SignalSource(leaf.name, -leaf.scale, leaf.offset)
-            made[path] = leaf
-        return made
+            leaf_of_path[path] = leaf
+        return leaf_of_path
 
     # ---------------------------------------------------------------- leaves
 
@@ -185,20 +191,20 @@ class LeafReader:
         if "nearest" in what:
             return nearest_source(name, t, what, self.message, self.problems)
         if "constant" in what:
-            return self._constant(name, t, what["constant"])
+            return self._constant_source(name, t, what["constant"])
         if "slope" in what:
             return self._slope_source(name, what)
         return self._signal_source(name, t, what)
 
     def _slope_source(self, name: str, what: Mapping[str, Any]) -> Leaf | None:
-        of = self.keys.get(str(what["slope"]))
+        measured = self.keys.get(str(what["slope"]))
         window = self.problems.duration(what, "window", name)
-        if of is None:
+        if measured is None:
             self.problems.add(f"`{name}` is the slope of `{what['slope']}`, no field of it")
             return None
-        return SlopeSource(of, window)
+        return SlopeSource(measured, window)
 
-    def _constant(self, name: str, t: Type, given: object) -> Leaf | None:
+    def _constant_source(self, name: str, t: Type, given: object) -> Leaf | None:
         try:
             value = from_json(t, given, name)
         except ValueShapeError as error:
@@ -224,8 +230,8 @@ class LeafReader:
             problems.add(f"`scale` of `{name}`, times its unit, is {scale!r}, which nobody means")
         if len(problems.told) > before:
             return None
-        said = unit is not None or standard is not None or "scale" in what
-        assumed = t.unit if isinstance(t, (FloatType, IntType)) and not said else ""
+        says_unit = unit is not None or standard is not None or "scale" in what
+        assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
         return SignalSource(field, scale, float(what.get("offset", 0)), assumed)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:

@@ -59,20 +59,22 @@ def dialect_xml(path: Path) -> bytes:
     An included file lies in the folder of the one that names it. ValueError where a file is no
     dialect, OSError where it cannot be read.
     """
-    made = ET.Element("mavlink")
+    document_root = ET.Element("mavlink")
     ids: set[int] = set()
     names: set[str] = set()
     for root in _documents(path):
-        ET.SubElement(made, "version").text = _number(root.findtext("version") or "2", 255)
-        messages = ET.SubElement(made, "messages")
-        for m in root.findall("messages/message"):
-            messages.append(one := _message_element(m))
-            number, name = int(one.attrib["id"]), one.attrib["name"].upper()
+        ET.SubElement(document_root, "version").text = _checked_number(
+            root.findtext("version") or "2", 255
+        )
+        messages = ET.SubElement(document_root, "messages")
+        for message in root.findall("messages/message"):
+            messages.append(element := _message_element(message))
+            number, name = int(element.attrib["id"]), element.attrib["name"].upper()
             if number in ids or name in names:
                 raise ValueError(f"two messages are called {name} or have the id {number}")
             ids.add(number)
             names.add(name)
-    document: bytes = ET.tostring(made, encoding="utf-8")
+    document: bytes = ET.tostring(document_root, encoding="utf-8")
     return document
 
 
@@ -89,7 +91,7 @@ def _documents(path: Path) -> Iterator[ET.Element]:
         seen.add(at.resolve())
         if len(seen) > FILES_MAX or depth > DEPTH_MAX:
             raise ValueError(f"it includes more than {FILES_MAX} files, or deeper than {DEPTH_MAX}")
-        root = _tree(read_bytes(at, FILE_MAX))
+        root = _parse_root(read_bytes(at, FILE_MAX))
         for include in root.findall("include"):
             name = (include.text or "").strip()
             inner = beside(at, name)
@@ -102,7 +104,7 @@ def _documents(path: Path) -> Iterator[ET.Element]:
     yield from read(path, 0)
 
 
-def _tree(raw: bytes) -> ET.Element:
+def _parse_root(raw: bytes) -> ET.Element:
     """The root; a document type, and with it entities of its own, is refused."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartDoctypeDeclHandler = _refuse_doctype
@@ -123,41 +125,43 @@ def _refuse_doctype(*_of_it: object) -> None:
     raise ValueError("it has a document type (`<!DOCTYPE`), which no dialect needs")
 
 
-def _message_element(m: ET.Element) -> ET.Element:
+def _message_element(message: ET.Element) -> ET.Element:
     """A message with what pymavlink reads of one."""
-    name = m.get("name", "")
+    name = message.get("name", "")
     if not MESSAGE.fullmatch(name):
         raise ValueError(f"the message {name[:60]!r} has a name that is none in C")
-    made = ET.Element("message", {"name": name, "id": _number(m.get("id", ""), IDS_END)})
+    element = ET.Element(
+        "message", {"name": name, "id": _checked_number(message.get("id", ""), IDS_END)}
+    )
     fields: set[str] = set()
-    for part in m:
+    for part in message:
         if part.tag == "field":
-            made.append(field := _field(part, name))
+            element.append(field := _field_element(part, name))
             if field.attrib["name"] in fields:
                 raise ValueError(f"{name} has two fields `{field.attrib['name']}`")
             fields.add(field.attrib["name"])
         elif part.tag == "description":
-            ET.SubElement(made, part.tag).text = comment_text("".join(part.itertext()))
+            ET.SubElement(element, part.tag).text = comment_text("".join(part.itertext()))
         elif part.tag in ("extensions", "wip"):
-            ET.SubElement(made, part.tag)
-    return made
+            ET.SubElement(element, part.tag)
+    return element
 
 
-def _field(f: ET.Element, message: str) -> ET.Element:
+def _field_element(field: ET.Element, message: str) -> ET.Element:
     for key, form in FIELD.items():
-        if not form.fullmatch(said := f.get(key, "")):
-            raise ValueError(f"a field of {message} has the {key} {said[:60]!r}")
-    made = ET.Element("field", {key: f.attrib[key] for key in FIELD if f.get(key)})
-    made.text = comment_text("".join(f.itertext()))
-    return made
+        if not form.fullmatch(value := field.get(key, "")):
+            raise ValueError(f"a field of {message} has the {key} {value[:60]!r}")
+    element = ET.Element("field", {key: field.attrib[key] for key in FIELD if field.get(key)})
+    element.text = comment_text("".join(field.itertext()))
+    return element
 
 
-def _number(text: str, end: int) -> str:
+def _checked_number(text: str, end: int) -> str:
     """A whole number from 0 to below `end`, as decimal digits."""
-    said = text.strip()
-    if not (said.isascii() and said.isdigit() and len(said) < 10 and int(said) < end):
-        raise ValueError(f"{said[:60]!r} is no number from 0 to {end - 1}")
-    return str(int(said))
+    digits = text.strip()
+    if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and int(digits) < end):
+        raise ValueError(f"{digits[:60]!r} is no number from 0 to {end - 1}")
+    return str(int(digits))
 
 
 MAVLINK = 3
@@ -264,16 +268,16 @@ def read_dialect(path: Path) -> Dialect:
     messages: dict[str, MavlinkMessage] = {}
     checksums: dict[int, ChecksumEntry] = {}
     document = dialect_xml(path)
-    for m in _parsed_messages(document):
-        messages[m.name] = _mavlink_message(m)
-        checksums[m.id] = ChecksumEntry(
-            m.id,
-            m.crc_extra,
-            m.wire_min_length,
-            m.wire_length,
-            m.message_flags,
-            m.target_system_ofs,
-            m.target_component_ofs,
+    for parsed in _parsed_messages(document):
+        messages[parsed.name] = _make_message(parsed)
+        checksums[parsed.id] = ChecksumEntry(
+            parsed.id,
+            parsed.crc_extra,
+            parsed.wire_min_length,
+            parsed.wire_length,
+            parsed.message_flags,
+            parsed.target_system_ofs,
+            parsed.target_component_ofs,
         )
     if not messages:
         raise ValueError("it has no messages")
@@ -301,31 +305,31 @@ def _parsed_messages(document: bytes) -> list[Any]:
             raise ValueError(str(error)[:120].replace("\n", " ") or "it is no dialect") from error
 
 
-def _unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
+def _field_unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
     """The unit of a field; "" where MAVLink does not say. `deg*360/255` is no unit of ours."""
     unit = str(f.units or "").strip("[]")
     return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
 
 
-def _mavlink_message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
+def _make_message(parsed: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
     kinds: list[tuple[str, Any]] = []
-    for f in m.fields:
-        kind: Any = (BASE, (_KIND.get(f.type, f.type.removesuffix("_t")), 0))
-        if f.type == "char":
-            kind = (BASE, ("string", max(f.array_length, 1)))
-        elif f.array_length:
-            kind = (ARRAY, (kind, f.array_length))
-        kinds.append((f.name, kind))
-    units = {f.name: unit for f in m.fields if (unit := _unit(f))}
+    for part in parsed.fields:
+        kind: Any = (BASE, (_KIND.get(part.type, part.type.removesuffix("_t")), 0))
+        if part.type == "char":
+            kind = (BASE, ("string", max(part.array_length, 1)))
+        elif part.array_length:
+            kind = (ARRAY, (kind, part.array_length))
+        kinds.append((part.name, kind))
+    units = {part.name: unit for part in parsed.fields if (unit := _field_unit(part))}
     return MavlinkMessage(
         PACKAGE,
-        m.name,
-        {MAVLINK: {f"{PACKAGE}/msg/{m.name}": ([], kinds)}},
-        id=m.id,
+        parsed.name,
+        {MAVLINK: {f"{PACKAGE}/msg/{parsed.name}": ([], kinds)}},
+        id=parsed.id,
         units=units,
-        invalid={f.name: f.invalid for f in m.fields if f.invalid},
-        fields_in_order=tuple(f.name for f in m.fields),
-        extensions=frozenset(f.name for f in m.fields[m.base_fields() :]),
+        invalid={part.name: part.invalid for part in parsed.fields if part.invalid},
+        fields_in_order=tuple(part.name for part in parsed.fields),
+        extensions=frozenset(part.name for part in parsed.fields[parsed.base_fields() :]),
     )
 
 
@@ -373,9 +377,9 @@ def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems)
     """Reads the table, not to be used if problems were added; SoterError D007: no pymavlink."""
     require_mavlink_package()
     problems.only(given, KEYS, "`mavlink`")
-    urls = _urls(given.get("url"), problems)
+    urls = _read_urls(given.get("url"), problems)
     ids = {
-        key: _id(given, key, default, problems)
+        key: _read_id(given, key, default, problems)
         for key, default in (
             ("system", 1),
             ("component", AUTOPILOT),
@@ -398,20 +402,20 @@ def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems)
             "set-points would end OFFBOARD"
         )
     delay = problems.duration(given, "delay", "mavlink") if "delay" in given else None
-    dialect = _dialect(given.get("dialect", "common"), folder, problems)
+    dialect = _find_dialect(given.get("dialect", "common"), folder, problems)
     return MavlinkLink(
         urls, dialect, **ids, delay_ns=delay, resend_ns=resend, offboard_loss_ns=loss
     )
 
 
-def source_of(text: str) -> tuple[int, int] | None:
+def parse_source(text: str) -> tuple[int, int] | None:
     """`1/191` as a system and a component; None where it is none."""
     match = SOURCE.fullmatch(text)
     ids = (int(match[1]), int(match[2])) if match else (0, 0)
     return ids if all(1 <= n <= 255 for n in ids) else None
 
 
-def _urls(given: object, problems: MappingProblems) -> tuple[str, ...]:
+def _read_urls(given: object, problems: MappingProblems) -> tuple[str, ...]:
     urls = [given] if isinstance(given, str) else given
     if not isinstance(urls, list) or not 1 <= len(urls) <= LINKS_MAX:
         problems.add(f"`mavlink` needs a `url`, or up to {LINKS_MAX} of them: {URLS}")
@@ -432,7 +436,7 @@ def _is_url(url: str) -> bool:
     return serial is not None and int(serial[2]) in BAUDS
 
 
-def _id(given: Mapping[str, Any], key: str, default: int, problems: MappingProblems) -> int:
+def _read_id(given: Mapping[str, Any], key: str, default: int, problems: MappingProblems) -> int:
     number = given.get(key, default)
     if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 255:
         problems.add(f"`{key}` of `mavlink` is a number from 1 to 255, not {str(number)[:40]}")
@@ -440,7 +444,7 @@ def _id(given: Mapping[str, Any], key: str, default: int, problems: MappingProbl
     return number
 
 
-def _dialect(given: object, folder: Path, problems: MappingProblems) -> Dialect:
+def _find_dialect(given: object, folder: Path, problems: MappingProblems) -> Dialect:
     name = given if isinstance(given, str) and given else "common"
     known = standard_dialects()
     if name is not given:

@@ -1,7 +1,7 @@
 """The types of ROS messages: what a path such as `pose.pose.position.x` is.
 
 Purpose: `MessageTypes` knows the standard types of ROS 1 (noetic) and ROS 2, by the package
-`rosbags`, and those that a mapping brings along as `.msg` files. `steps_of`: the steps of a path,
+`rosbags`, and those that a mapping brings along as `.msg` files. `path_steps`: the steps of a path,
 for languages that write a member, an element of an array and one of a sequence differently;
 `text_bound`: how many bytes a text has room for. `StampSource`: which field of a message says when
 it was measured.
@@ -98,14 +98,14 @@ class MessageType:
         """Its name in ROS 2: nav_msgs/msg/Odometry."""
         return f"{self.package}/msg/{self.name}"
 
-    def known_in(self, ros: int) -> bool:
+    def exists_in(self, ros: int) -> bool:
         """Whether ROS 1, or 2, has it."""
         return self.ros2 in self.definitions.get(ros, {})
 
     def field(self, path: str, ros: int | None = None) -> MessageField:
         """The field at a path such as `a.b.0`, of ROS 1, 2 or any; raises NoSuchFieldError."""
         families = [ros] if ros else sorted(self.definitions, reverse=True)
-        versions = [v for v in families if self.known_in(v)]
+        versions = [v for v in families if self.exists_in(v)]
         if not versions:
             raise NoSuchFieldError(f"ROS {ros} has no `{self.ros1}`")
         problem = NoSuchFieldError()
@@ -123,7 +123,7 @@ class MessageType:
     def fields(self, ros: int | None = None) -> dict[str, MessageField]:
         """Every primitive of it in declared order, an element of a list or array as `*`."""
         definitions = self.definitions[ros] if ros else self._newest
-        found = self._walk((self.ros2,), "", "", definitions)
+        found = self._fields_below((self.ros2,), "", "", definitions)
         return {f.path: f for f in found}
 
     def owners(self, path: str) -> Iterator[tuple[str, str]]:
@@ -132,15 +132,15 @@ class MessageType:
         Types are written as in ROS 1; the path has to be one of `field`.
         """
         definitions = self._newest
-        kind: Any = (NAMED, self.ros2)
+        found: Any = (NAMED, self.ros2)
         parts = path.split(".")
-        for i, part in enumerate(parts):
-            if kind[0] == NAMED:
-                yield kind[1].replace("/msg/", "/"), ".".join(parts[i:])
-                kind = _members(definitions, kind[1]).get(part)
-            elif kind[0] in (ARRAY, SEQUENCE):
-                kind = kind[1][0]
-            if kind is None:
+        for depth, part in enumerate(parts):
+            if found[0] == NAMED:
+                yield found[1].replace("/msg/", "/"), ".".join(parts[depth:])
+                found = _members(definitions, found[1]).get(part)
+            elif found[0] in (ARRAY, SEQUENCE):
+                found = found[1][0]
+            if found is None:
                 return
 
     @property
@@ -160,7 +160,7 @@ class MessageType:
     @property
     def _newest(self) -> Definitions:
         """The definitions of the newest family that knows it."""
-        return self.definitions[max(v for v in self.definitions if self.known_in(v))]
+        return self.definitions[max(v for v in self.definitions if self.exists_in(v))]
 
     def _field(self, path: str, definitions: Definitions) -> MessageField:
         kind: Any = (NAMED, self.ros2)
@@ -184,9 +184,9 @@ class MessageType:
                     raise NoSuchFieldError(f"{at} has no `{part}`" + (f": {hint}" if hint else ""))
                 kind = members[part]
             done.append(part)
-        return MessageField(path, self._primitive(path, kind, definitions), through)
+        return MessageField(path, self._primitive_type(path, kind, definitions), through)
 
-    def _primitive(self, path: str, kind: Any, definitions: Definitions) -> str:  # noqa: ANN401 - see BASE
+    def _primitive_type(self, path: str, kind: Any, definitions: Definitions) -> str:  # noqa: ANN401 - see BASE
         if kind[0] in (ARRAY, SEQUENCE):
             raise NoSuchFieldError(f"`{path}` of {self.ros1} is a list: `.0` is its first element")
         if kind[0] == BASE:
@@ -196,7 +196,7 @@ class MessageType:
         members = nearest_or_all("", _members(definitions, kind[1]))
         raise NoSuchFieldError(f"`{path}` of {self.ros1} is a whole `{kind[1]}`: {members}")
 
-    def _walk(
+    def _fields_below(
         self,
         inside: tuple[str, ...],
         path: str,
@@ -213,7 +213,7 @@ class MessageType:
             elif inner[1] in TIMES:
                 yield MessageField(at, TIMES[inner[1]], passes)
             elif inner[1] not in inside:  # what holds itself has no end
-                yield from self._walk((*inside, inner[1]), f"{at}.", passes, definitions)
+                yield from self._fields_below((*inside, inner[1]), f"{at}.", passes, definitions)
 
 
 _PASSES: dict[int, Literal["array", "sequence"]] = {ARRAY: "array", SEQUENCE: "sequence"}
@@ -247,12 +247,12 @@ class MessageTypes:
     def __init__(self) -> None:
         """SoterError D007 without rosbags."""
         require_ros_package()
-        self.definitions = {v: dict(standard) for v, standard in _standard().items()}
+        self.definitions = {v: dict(standard) for v, standard in _standard_definitions().items()}
 
     def add(self, name: str, text: str) -> None:
         """Make known what a `.msg` file defines; raises UnknownMessageError where it is none."""
         for definitions in self.definitions.values():
-            definitions.update(_parsed(name, text))
+            definitions.update(_parse_definition(name, text))
 
     def named(self, name: str) -> MessageType:
         """The type; raises UnknownMessageError."""
@@ -260,7 +260,7 @@ class MessageTypes:
         if match is None:
             raise UnknownMessageError("a type is written as `nav_msgs/Odometry`")
         found = MessageType(match[1], match[2], self.definitions)
-        if not any(found.known_in(v) for v in self.definitions):
+        if not any(found.exists_in(v) for v in self.definitions):
             known = {n.replace("/msg/", "/") for d in self.definitions.values() for n in d}
             near = closest(found.ros1, sorted(known), 0.8)
             own = "types of one's own are read from `.msg` files, named under `[messages]`"
@@ -277,14 +277,14 @@ def require_ros_package() -> None:
 
 
 @cache
-def _standard() -> dict[int, Definitions]:
+def _standard_definitions() -> dict[int, Definitions]:
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra
 
     stores = {1: Stores.ROS1_NOETIC, 2: Stores.ROS2_JAZZY}
     return {v: dict(get_typestore(store).fielddefs) for v, store in stores.items()}
 
 
-def _parsed(name: str, text: str) -> Definitions:
+def _parse_definition(name: str, text: str) -> Definitions:
     """The definitions in a `.msg` file, under the name that the mapping gives it."""
     from rosbags.typesys import TypesysError, get_types_from_msg  # noqa: PLC0415 - an extra
 
@@ -301,25 +301,25 @@ def _parsed(name: str, text: str) -> Definitions:
 Step = Literal["member", "array", "sequence"]
 
 
-def steps_of(message: MessageType, path: str, ros: int) -> list[tuple[str, Step]]:
+def path_steps(message: MessageType, path: str, ros: int) -> list[tuple[str, Step]]:
     """Each part of a path, and what it is taken out of: a record, an array, a sequence."""
-    return [(part, step) for part, step, _ in _walk(message, path, ros)]
+    return [(part, step) for part, step, _ in _steps_to_field(message, path, ros)]
 
 
 def text_bound(message: MessageType, path: str, ros: int) -> int:
     """How many bytes the text at a path may have; 0 where there is no bound."""
-    *_, (_, _, kind) = _walk(message, path, ros)
+    *_, (_, _, kind) = _steps_to_field(message, path, ros)
     return int(kind[1][1]) if kind[0] == BASE else 0
 
 
-def _walk(message: MessageType, path: str, ros: int) -> Iterator[tuple[str, Step, Any]]:
+def _steps_to_field(message: MessageType, path: str, ros: int) -> Iterator[tuple[str, Step, Any]]:
     definitions = message.definitions[ros]
-    kind: Any = (NAMED, message.ros2)
+    found: Any = (NAMED, message.ros2)
     for part in path.split("."):
         step: Step = "member"
-        if kind[0] in (ARRAY, SEQUENCE):
-            step = "array" if kind[0] == ARRAY else "sequence"
-            kind = kind[1][0]
+        if found[0] in (ARRAY, SEQUENCE):
+            step = "array" if found[0] == ARRAY else "sequence"
+            found = found[1][0]
         else:
-            kind = dict(definitions[kind[1]][1])[part]
-        yield part, step, kind
+            found = dict(definitions[found[1]][1])[part]
+        yield part, step, found

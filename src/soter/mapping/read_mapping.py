@@ -1,6 +1,6 @@
 """Reads a mapping, TOML or JSON, to records that fit a system.
 
-Purpose: `read_mapping` reads the file, `mapping_of` what it says; D015 has all mistakes at once.
+Purpose: `read_mapping` reads the file, `make_log_map` what it says; D015 has all mistakes at once.
 Non-goals: what it says of a topic (`topic_mapping_parser.py`), messages and logs.
 """
 
@@ -56,13 +56,13 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return given
 
 
-def system_named(given: Mapping[str, Any]) -> str | None:
+def named_system(given: Mapping[str, Any]) -> str | None:
     """The system that a mapping is for, if it says."""
     name = given.get("system")
     return name if isinstance(name, str) else None
 
 
-def mapping_of(
+def make_log_map(
     given: Mapping[str, Any],
     system: System,
     where: Mapping[str, str] | None = None,
@@ -75,13 +75,13 @@ def mapping_of(
     is missing.
     """
     reading = _MappingReader(system, Path() if file is None else file.parent)
-    log_map = reading.mapping(given)
+    log_map = reading.read(given)
     if reading.problems.told:
         raise wrong_mapping(reading.problems.told, file)
     return replace(log_map, where={**log_map.where, **(where or {})})
 
 
-def _type_names(topics: Mapping[str, Any]) -> list[object]:
+def _named_types(topics: Mapping[str, Any]) -> list[object]:
     tables = [t for t in topics.values() if isinstance(t, dict)]
     for t in [*tables]:
         sources = t.get("sources")
@@ -89,11 +89,15 @@ def _type_names(topics: Mapping[str, Any]) -> list[object]:
     return [t["type"] for t in tables if "type" in t]
 
 
-def _with_link_delay(m: TopicMap, link: MavlinkLink | None) -> TopicMap:
+def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
     """A topic with the delay of the MAVLink link, if its messages are MAVLink without a stamp."""
-    if link is None or m.stamp is not None or not isinstance(m.message, MavlinkMessage):
-        return m
-    return replace(m, delay_ns=link.delay_ns or 0)
+    if (
+        link is None
+        or topic_map.stamp is not None
+        or not isinstance(topic_map.message, MavlinkMessage)
+    ):
+        return topic_map
+    return replace(topic_map, delay_ns=link.delay_ns or 0)
 
 
 class _TypesByFamily:
@@ -122,7 +126,7 @@ class _MappingReader:
         self.folder = folder
         self.problems = MappingProblems()
 
-    def mapping(self, given: Mapping[str, Any]) -> LogMap:
+    def read(self, given: Mapping[str, Any]) -> LogMap:
         problems = self.problems
         problems.only(given, KEYS, "the mapping")
         if not isinstance(given.get("system", ""), str):
@@ -131,22 +135,24 @@ class _MappingReader:
         if frame not in WORLD:
             problems.add(f"`frame` of the mapping is {' or '.join(WORLD)}, not {frame!r}")
             frame = "ENU"
-        of_time = problems.table(given, "time", "the mapping")
-        time, unit = self._time_scale(of_time)
-        since, until = (self._seconds(of_time, key) for key in ("since", "until"))
+        time_table = problems.table(given, "time", "the mapping")
+        time_name, unit = self._time_scale(time_table)
+        since, until = (self._read_seconds(time_table, key) for key in ("since", "until"))
         if since is not None and until is not None and since > until:
             problems.add("`since` of `time` lies after `until`")
         where = problems.texts(given, "where", "the mapping")
         topics = problems.table(given, "topics", "the mapping")
         if not set(topics) - self.unused and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")
-        link = self._link(given, topics)
+        link = self._read_link(given, topics)
         types = self._message_types(problems.table(given, "messages", "the mapping"), topics, link)
-        maps = [self._topic_maps(name, given_, frame, types) for name, given_ in topics.items()]
-        mapped = tuple(_with_link_delay(m, link) for of_topic in maps for m in of_topic)
-        return LogMap(mapped, time, unit, where, link, since, until)
+        maps = [self._read_topic(name, given_, frame, types) for name, given_ in topics.items()]
+        mapped = tuple(
+            _with_link_delay(topic_map, link) for sources in maps for topic_map in sources
+        )
+        return LogMap(mapped, time_name, unit, where, link, since, until)
 
-    def _topic_maps(
+    def _read_topic(
         self, name: str, given: object, frame: str, types: KnownTypes | None
     ) -> tuple[TopicMap, ...]:
         topic = self.known.get(name)
@@ -161,10 +167,10 @@ class _MappingReader:
         delay_ns = self.delays_ns.get(name, 0)
         return TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns).read(given)
 
-    def _link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:
+    def _read_link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:
         """The table `mavlink`, which messages of MAVLink need."""
         table = self.problems.table(given, "mavlink", "the mapping")
-        if not table and not any(is_mavlink(name) for name in _type_names(topics)):
+        if not table and not any(is_mavlink(name) for name in _named_types(topics)):
             return None
         return read_link(table, self.folder, self.problems)
 
@@ -172,7 +178,7 @@ class _MappingReader:
         self, messages: Mapping[str, Any], topics: Mapping[str, Any], link: MavlinkLink | None
     ) -> KnownTypes | None:
         """The types of messages; None where the mapping names none."""
-        names = _type_names(topics)
+        names = _named_types(topics)
         of_ros = bool(messages) or any(not is_mavlink(name) for name in names)
         if not of_ros:
             return _TypesByFamily(None, link) if names else None
@@ -209,7 +215,7 @@ class _MappingReader:
             scale = 1
         return self.problems.name(given, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
 
-    def _seconds(self, given: Mapping[str, Any], key: str) -> int | None:
+    def _read_seconds(self, given: Mapping[str, Any], key: str) -> int | None:
         """A time of a log, a number of seconds or its text, in ns; None where there is none."""
         if key not in given:
             return None

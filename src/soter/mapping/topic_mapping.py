@@ -17,25 +17,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal
-
-from soter.language.model.types import FloatType, leaves, show_ns
-from soter.mapping.mapping_errors import is_number, unknown
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from soter.language.model.system import Topic
     from soter.language.model.types import Value
-    from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.mavlink_dialects import MavlinkLink
     from soter.mapping.message_types import MessageType, StampSource
-
-
-PROMISE_KEYS = ("every", "delayed", "measured", "after")
-SOURCES_MAX = 8
-WHOLE = "value"
-"""The key of `measured` that means all of a topic."""
 
 
 @dataclass(frozen=True)
@@ -85,55 +75,6 @@ class SourceTurns:
         own = self.newest[rank]
         self.newest[rank] = stamp_ns if own is None else max(own, stamp_ns)
         return "taken" if taken is None or stamp_ns > taken else "older"
-
-
-def read_promise(
-    table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
-) -> SourcePromise:
-    """Reads the promise in a source's table; not to be used if problems were added."""
-    delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
-    after = 0
-    if rank > 0:
-        after = problems.duration(table, "after", name)
-    elif "after" in table:
-        problems.add(f"`after` of `{name}`: the first source takes over from nobody")
-    errors = _errors(problems.table(table, "measured", f"`{name}`"), topic, problems, name)
-    return SourcePromise(rank, problems.duration(table, "every", name), delayed, errors, after)
-
-
-def _errors(
-    measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
-) -> dict[tuple[str, ...], float]:
-    """Float leaf -> its error; the name of a part with several leaves stands for each of them."""
-    floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
-    errors: dict[tuple[str, ...], float] = {}
-    for key, error in measured.items():
-        parts = () if key == WHOLE else tuple(key.split("."))
-        meant = [path for path in floats if path[: len(parts)] == parts]
-        if not meant:
-            known = [".".join(path) or WHOLE for path in floats]
-            problems.add(unknown(f"`measured` of `{name}`: no float of the topic is", key, known))
-        elif not is_number(error) or error < 0:
-            problems.add(f"`{key}` in `measured` of `{name}` is no error, 0 or more: {error!r}")
-        else:
-            errors.update(dict.fromkeys(meant, float(error)))
-    return errors
-
-
-def early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
-    """Yields a problem for each source that takes over from others which keep their promises.
-
-    What those before it have had in their turn may be as old as the topic is with one of them that
-    keeps its promise: its own sample is newer, but may have waited for its turn in vain.
-    """
-    for promise in promises[1:]:
-        patience = max(p.oldest_ns for p in promises[: promise.rank])
-        if promise.after_ns < patience:
-            yield (
-                f"`after` of `{name}.sources.{promise.rank + 1}` is {show_ns(promise.after_ns)}: "
-                f"with a source before it the topic may be {show_ns(patience)} old while it keeps "
-                "its promise"
-            )
 
 
 GAP_NS = 10**9

@@ -2,7 +2,8 @@
 
 Purpose: a `TopicReader` reads the channel and the messages: their type, when they were measured,
 whose they are, and what of them is constant. `read_qos` reads the three policies of DDS that decide
-whether a reader and a writer meet, and what is kept.
+whether a reader and a writer meet, and what is kept. `read_promise` reads what one of several
+sources promises, and `early_turns` finds sources that take over too early.
 Non-goals: the leaves (`leaf_mapping_parser.py`); whether a log or a middleware has such messages;
 what the policies mean to it (`targets/dds_package.py`), and the other policies of DDS.
 """
@@ -15,7 +16,9 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from soter.language.model.types import FloatType, leaves, show_ns
 from soter.mapping.leaf_mapping_parser import LeafReader
+from soter.mapping.mapping_errors import is_number, unknown
 from soter.mapping.message_types import (
     INTEGERS,
     NUMBERS,
@@ -25,20 +28,17 @@ from soter.mapping.message_types import (
 )
 from soter.mapping.topic_mapping import (
     GAP_NS,
-    PROMISE_KEYS,
-    SOURCES_MAX,
     ConstantSource,
     QualityOfService,
     SignalSource,
     SlopeSource,
+    SourcePromise,
     TopicMap,
-    early_turns,
-    read_promise,
 )
 from soter.mapping.units import FRAMES, TIME_UNITS, turn_between
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.language.model.system import Topic
     from soter.mapping.mapping_errors import MappingProblems
@@ -56,35 +56,90 @@ def read_qos(given: Mapping[str, Any], problems: MappingProblems, where: str) ->
     """Reads the table of policies; the record is not to be used if problems were added."""
     problems.only(given, KEYS, where)
     return QualityOfService(
-        _one_of(given, "reliability", RELIABILITY, problems, where),
-        _one_of(given, "durability", DURABILITY, problems, where),
+        _read_policy(given, "reliability", RELIABILITY, problems, where),
+        _read_policy(given, "durability", DURABILITY, problems, where),
         _queue_depth(given.get("depth"), problems, where),
     )
 
 
-def _one_of(
+def _read_policy(
     given: Mapping[str, Any],
     key: str,
     known: tuple[str, ...],
     problems: MappingProblems,
     where: str,
 ) -> Any:  # noqa: ANN401 - one of the words, which mypy cannot see
-    said = given.get(key)
-    if said is not None and said not in known:
-        problems.add(f"`{key}` in {where} is {' or '.join(known)}, not {said!r}")
+    word = given.get(key)
+    if word is not None and word not in known:
+        problems.add(f"`{key}` in {where} is {' or '.join(known)}, not {word!r}")
         return None
-    return said
+    return word
 
 
-def _queue_depth(said: object, problems: MappingProblems, where: str) -> int | None:
-    if said is None:
+def _queue_depth(depth: object, problems: MappingProblems, where: str) -> int | None:
+    if depth is None:
         return None
-    if said == ALL:
+    if depth == ALL:
         return 0
-    if isinstance(said, int) and not isinstance(said, bool) and 1 <= said <= DEPTH_MAX:
-        return said
-    problems.add(f'`depth` in {where} is a number from 1 to {DEPTH_MAX}, or "{ALL}", not {said!r}')
+    if isinstance(depth, int) and not isinstance(depth, bool) and 1 <= depth <= DEPTH_MAX:
+        return depth
+    problems.add(f'`depth` in {where} is a number from 1 to {DEPTH_MAX}, or "{ALL}", not {depth!r}')
     return None
+
+
+PROMISE_KEYS = ("every", "delayed", "measured", "after")
+SOURCES_MAX = 8
+WHOLE = "value"
+"""The key of `measured` that means all of a topic."""
+
+
+def read_promise(
+    table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
+) -> SourcePromise:
+    """Reads the promise in a source's table; not to be used if problems were added."""
+    delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
+    after = 0
+    if rank > 0:
+        after = problems.duration(table, "after", name)
+    elif "after" in table:
+        problems.add(f"`after` of `{name}`: the first source takes over from nobody")
+    errors = _errors(problems.table(table, "measured", f"`{name}`"), topic, problems, name)
+    return SourcePromise(rank, problems.duration(table, "every", name), delayed, errors, after)
+
+
+def _errors(
+    measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
+) -> dict[tuple[str, ...], float]:
+    """Float leaf -> its error; the name of a part with several leaves stands for each of them."""
+    floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
+    errors: dict[tuple[str, ...], float] = {}
+    for key, error in measured.items():
+        parts = () if key == WHOLE else tuple(key.split("."))
+        meant = [path for path in floats if path[: len(parts)] == parts]
+        if not meant:
+            known = [".".join(path) or WHOLE for path in floats]
+            problems.add(unknown(f"`measured` of `{name}`: no float of the topic is", key, known))
+        elif not is_number(error) or error < 0:
+            problems.add(f"`{key}` in `measured` of `{name}` is no error, 0 or more: {error!r}")
+        else:
+            errors.update(dict.fromkeys(meant, float(error)))
+    return errors
+
+
+def early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
+    """Yields a problem for each source that takes over from others which keep their promises.
+
+    What those before it have had in their turn may be as old as the topic is with one of them that
+    keeps its promise: its own sample is newer, but may have waited for its turn in vain.
+    """
+    for promise in promises[1:]:
+        patience = max(p.oldest_ns for p in promises[: promise.rank])
+        if promise.after_ns < patience:
+            yield (
+                f"`after` of `{name}.sources.{promise.rank + 1}` is {show_ns(promise.after_ns)}: "
+                f"with a source before it the topic may be {show_ns(patience)} old while it keeps "
+                "its promise"
+            )
 
 
 TOPIC_KEYS = (
@@ -122,7 +177,7 @@ class TopicReader:
         """The topic as the mapping has it, once or a source each; useless where problems came."""
         if "sources" not in table:
             self.problems.only(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
-            return (self._topic_map(table),)
+            return (self._read_topic_map(table),)
         self.problems.only(table, ("sources",), f"`{self.name}`, which has `sources`,")
         tables = table["sources"]
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
@@ -134,23 +189,25 @@ class TopicReader:
                 "is said at the topic itself"
             )
             return ()
-        maps = tuple([self._source(rank, table) for rank, table in enumerate(tables)])
+        maps = tuple([self._read_source(rank, table) for rank, table in enumerate(tables)])
         self._check_sources(maps)
         return maps
 
-    def _source(self, rank: int, table: Mapping[str, Any]) -> TopicMap:
+    def _read_source(self, rank: int, table: Mapping[str, Any]) -> TopicMap:
         self.name = f"{self.topic.name}.sources.{rank + 1}"
         where = f"`{self.name}`"
         self.problems.only(table, SOURCE_KEYS, where)
-        made = self._topic_map({k: v for k, v in table.items() if k in TOPIC_KEYS})
-        if made.stamp is None:
+        topic_map = self._read_topic_map({k: v for k, v in table.items() if k in TOPIC_KEYS})
+        if topic_map.stamp is None:
             self.problems.add(f"{where} has no stamp: sources take over by when they measured")
-        if made.leaves and all(isinstance(x, ConstantSource) for x in made.leaves.values()):
+        if topic_map.leaves and all(
+            isinstance(x, ConstantSource) for x in topic_map.leaves.values()
+        ):
             self.problems.add(f"{where} is constant: it measures nothing")
-        if any(isinstance(leaf, SlopeSource) for leaf in made.leaves.values()):
+        if any(isinstance(leaf, SlopeSource) for leaf in topic_map.leaves.values()):
             self.problems.add(f"{where} has a slope, which jumps where another source takes over")
         promise = read_promise(table, rank, self.topic, self.problems, self.name)
-        return replace(made, promise=promise)
+        return replace(topic_map, promise=promise)
 
     def _check_sources(self, maps: tuple[TopicMap, ...]) -> None:
         """Note where sources do not fit together, each of which is right by itself."""
@@ -162,7 +219,7 @@ class TopicReader:
         for problem in early_turns(self.name, promises):
             self.problems.add(problem)
 
-    def _topic_map(self, table: Mapping[str, Any]) -> TopicMap:
+    def _read_topic_map(self, table: Mapping[str, Any]) -> TopicMap:
         problems, where = self.problems, f"`{self.name}`"
         between = table.get("between", "hold")
         if between not in ("hold", "linear"):
@@ -171,8 +228,8 @@ class TopicReader:
         message = self._message_type(table)
         leaf_reader = LeafReader(self.topic, problems, message, self._frame_turn(table))
         leaf_by_path = leaf_reader.read(problems.table(table, "fields", where))
-        stamp = self._stamp(table, message)
-        made = TopicMap(
+        stamp = self._read_stamp(table, message)
+        topic_map = TopicMap(
             self.topic,
             leaf_by_path,
             problems.name(table, "channel", where),
@@ -183,7 +240,7 @@ class TopicReader:
             delay_ns=self.delay_ns if stamp is None else 0,
             frame_id=self._frame_id(table, message),
             publisher=problems.name(table, "publisher", where),
-            constants=self._constant_fields(problems.table(table, "set", where), message),
+            constants=self._read_constants(problems.table(table, "set", where), message),
             qos=read_qos(problems.table(table, "qos", where), problems, f"`qos` of {where}"),
             where=problems.texts(table, "where", where),
         )
@@ -192,11 +249,11 @@ class TopicReader:
                 f"`frame` of {where} turns nothing: a vector is three names, "
                 'such as "p" = ["x", "y", "z"]'
             )
-        filled = {x.name for x in leaf_by_path.values() if isinstance(x, SignalSource)}
-        for path in made.constants:
+        filled = {leaf.name for leaf in leaf_by_path.values() if isinstance(leaf, SignalSource)}
+        for path in topic_map.constants:
             if path in filled:
                 problems.add(f"`set` of {where} has `{path}`, which its fields have, too")
-        return made
+        return topic_map
 
     def _message_type(self, table: Mapping[str, Any]) -> MessageType | None:
         name = self.problems.name(table, "type", f"`{self.name}`")
@@ -229,7 +286,9 @@ class TopicReader:
 
     # ---------------------------------------------------------------- when it was measured
 
-    def _stamp(self, table: Mapping[str, Any], message: MessageType | None) -> StampSource | None:
+    def _read_stamp(
+        self, table: Mapping[str, Any], message: MessageType | None
+    ) -> StampSource | None:
         stamp = table.get("stamp")
         if stamp is None:
             return message.default_stamp if message is not None else None
@@ -275,7 +334,7 @@ class TopicReader:
 
     # ---------------------------------------------------------------- what goes out
 
-    def _constant_fields(
+    def _read_constants(
         self, table: Mapping[str, Any], message: MessageType | None
     ) -> dict[str, object]:
         constants: dict[str, object] = {}

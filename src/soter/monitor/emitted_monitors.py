@@ -35,7 +35,12 @@ from soter.diagnostics.diagnostic import (
 from soter.language.front_end import system_of
 from soter.language.model.types import leaf_name, show_ns
 from soter.language.syntax.printer import format_source
-from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
+from soter.monitor.linear_model import (
+    discretised_step,
+    driven_leaves,
+    linear_model,
+    parameter_leaves,
+)
 from soter.monitor.model_membership import ROUNDING, observation_map, topic_names
 from soter.simulate.run_options import param_values
 from soter.verify.problem.extract import extract_sets
@@ -59,7 +64,7 @@ FORM = 2
 """The version of the text that is written: a new one makes all earlier files stale."""
 
 
-def record_of(
+def record_line(
     system: System, module: str, problem: Problem, params: Mapping[str, object] | None
 ) -> str:
     """The line of an emitted file that says what the monitor was made of."""
@@ -111,11 +116,11 @@ def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
     for file in checked.loaded.files:
         if EMITTED in file.source.text:
             wrong = _stale(checked, file)
-            stale += [wrong] if wrong is not None else _of_other_systems(checked, file)
+            stale += [wrong] if wrong is not None else _other_system_warnings(checked, file)
     return stale
 
 
-def _of_other_systems(checked: CheckResult, file: LoadedFile) -> list[Diagnostic]:
+def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagnostic]:
     """Warnings for systems with this monitor whose `set` gives its module another model."""
     text = file.source.text
     line = text[text.index(RECORD) + len(RECORD) :].split("\n", 1)[0]
@@ -135,15 +140,15 @@ def _of_other_systems(checked: CheckResult, file: LoadedFile) -> list[Diagnostic
         try:
             other = any(fingerprint(extract_sets(flat, m)) != made["model"] for m in modules)
         except SoterError as error:  # no monitor can be made of it, and this one was
-            others.append(_of_another_system(symbol, error.diagnostics[0].message))
+            others.append(_other_system_warning(symbol, error.diagnostics[0].message))
             continue
         if other:
             why = f"by its `set`; the monitor is of `{made['system']}`"
-            others.append(_of_another_system(symbol, why))
+            others.append(_other_system_warning(symbol, why))
     return others
 
 
-def _of_another_system(symbol: SystemSymbol, why: str) -> Diagnostic:
+def _other_system_warning(symbol: SystemSymbol, why: str) -> Diagnostic:
     return Diagnostic(
         "D022",
         f"the model monitor of system `{symbol.name}` is not of the model that this system has",
@@ -333,7 +338,7 @@ def _case_lines(
     problem: Problem, parameter: Sequence[int], k: int, names: dict[int, str]
 ) -> list[str]:
     model = linear_model(problem, parameter)
-    step = step_of(model, problem.plant_period_ns / 1e9)
+    step = discretised_step(model, problem.plant_period_ns / 1e9)
     sight = observation_map(problem, model)
     y = [leaf_name(names[t], path) for t, path in driven_leaves(problem)]
     n = len(problem.states)
@@ -364,14 +369,14 @@ def _case_lines(
     lines += ["        }", "      }"]
     for i in range(n):
         lines += [
-            f"      low[{i}] = {_kept(f'from{i}', f'least{i}', 'max')};",
-            f"      high[{i}] = {_kept(f'to{i}', f'most{i}', 'min')};",
+            f"      low[{i}] = {_interval_end_code(f'from{i}', f'least{i}', 'max')};",
+            f"      high[{i}] = {_interval_end_code(f'to{i}', f'most{i}', 'min')};",
         ]
     lines += ["      begun = seen || known;", f"      followed = {k};"]
     return lines
 
 
-def _kept(predicted: str, seen: str, meet: str) -> str:
+def _interval_end_code(predicted: str, seen: str, meet: str) -> str:
     """The code of an interval's end after a step: met with what is seen, or begun anew."""
     return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
@@ -427,7 +432,7 @@ def write_monitor(
     }
     imported = os.path.relpath(program, target.parent or ".")
     topic = None if alarm is None else f"watched.{alarm}"
-    record = record_of(system, module.name, problem, params)
+    record = record_line(system, module.name, problem, params)
     text = monitor_source(problem, imported, names, topic, record)
     try:
         target.write_text(text, encoding="utf-8")

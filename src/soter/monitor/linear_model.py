@@ -131,19 +131,19 @@ class Plants:
                 out.append(0.0)
                 continue
             value = self.evaluators[leaf.owner].expression(e)(envs[leaf.owner])
-            out.append(leaf_of(v.type, value, leaf.path))
+            out.append(leaf_number(v.type, value, leaf.path))
         return np.array(out, dtype=np.float64)
 
     def discrete(self, topic: int, path: Sequence[str], parameter: Sequence[int]) -> int:
         """A discrete leaf of a driven topic, at the origin."""
         t = self.problem.system.topics[topic].type
-        return int(leaf_of(t, self._driven(np.zeros(len(self.states)), parameter)[topic], path))
+        return int(leaf_number(t, self._driven(np.zeros(len(self.states)), parameter)[topic], path))
 
     def outputs(self, x: Floats, parameter: Sequence[int]) -> Floats:
         """The driven float leaves (`driven_leaves`) at `x` (states,): (leaves,)."""
         values = self._driven(x, parameter)
         topics = self.problem.system.topics
-        outputs = [leaf_of(topics[t].type, values[t], path) for t, path in self.driven]
+        outputs = [leaf_number(topics[t].type, values[t], path) for t, path in self.driven]
         return np.array(outputs, dtype=np.float64)
 
     def _driven(self, x: Floats, parameter: Sequence[int]) -> dict[int, Value]:
@@ -171,7 +171,7 @@ def driven_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
     return leaf_paths
 
 
-def leaf_of(t: Type, value: Value, path: Sequence[str]) -> float:
+def leaf_number(t: Type, value: Value, path: Sequence[str]) -> float:
     """One number of a value."""
     for i in positions(t, path):
         value = value[i]
@@ -248,7 +248,7 @@ def exponential(a: Floats) -> Floats:
     return result
 
 
-def step_of(model: LinearModel, h: float) -> AffineStep:
+def discretised_step(model: LinearModel, h: float) -> AffineStep:
     """One step of h seconds (flows) with u held, d any measurable function; or of a map."""
     n, m = len(model.a), model.b.shape[1]
     c = model.c + model.w @ model.d_mid

@@ -71,11 +71,11 @@ def replay(
     for m in system.modules:
         m.forced = None
     system.faults = ()
-    interpreter = Interpreter(system, 0, _unused(system))
+    interpreter = Interpreter(system, 0, _unused_externs(system))
     started = [s for s in samples if not s.always]
     from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
-    _bounded(system, plan, to_ns - from_ns, log)
-    judged = _unjudged(system, samples, plan, log)
+    _require_bounded(system, plan, to_ns - from_ns, log)
+    judged = _empty_judgement(system, samples, plan, log)
     judged.from_s, judged.to_s, judged.forced = from_ns / 1e9, to_ns / 1e9, forced
     for of_module, m in zip(judged.modules, system.modules, strict=True):
         of_module.waiting = max(0, from_ns - begin_ns) // m.period_ns
@@ -93,7 +93,7 @@ def replay(
     return judged
 
 
-def _unjudged(
+def _empty_judgement(
     system: System, samples: list[TopicSamples], plan: Decidable, log: str
 ) -> LogJudgement:
     """The judgement of a log before any step: the facts on its samples, and empty modules."""
@@ -127,7 +127,7 @@ def _unjudged(
     )
 
 
-def _unused(system: System) -> dict[str, object]:
+def _unused_externs(system: System) -> dict[str, object]:
     """Extern -> a function that is never called."""
 
     def nobody(*_: object) -> object:
@@ -151,7 +151,7 @@ def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
         yield now
 
 
-def _bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
+def _require_bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
     """D016 for a log so long that it must be a mistake: a clock that jumped, another unit."""
     parts = [system.components[system.modules[m].dm] for m in plan.modules]
     steps = sum(length_ns // c.period_ns for c in parts)
@@ -213,10 +213,10 @@ class _LogState:
         for feeds in self.at.values():
             for feed in feeds:
                 self._publish(feed, feed.before(ct))
-        self._feed(-1, ct)
+        self._feed_samples(-1, ct)
         released = {n.index for n in due}
         for n in self.system.components:
-            self._feed(n.index, ct)
+            self._feed_samples(n.index, ct)
             if n.index in released:
                 self._step(n, watches)
 
@@ -240,7 +240,7 @@ class _LogState:
     def _read_by_safe(self, module: int) -> list[object]:
         return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.of_safe[module])]
 
-    def _feed(self, driver: int, ct: int) -> None:
+    def _feed_samples(self, driver: int, ct: int) -> None:
         for feed in self.at.get(driver, ()):
             self._publish(feed, feed.until(ct))
 
@@ -392,7 +392,7 @@ class _Watch:
 
     def _distances(self, env: Environment, time_s: float) -> None:
         module_log = self.found
-        far = self._asked(self.ttf, env)
+        far = self._ask(self.ttf, env)
         if far is not None:
             module_log.margin = _least(module_log.margin, -far.far, far, self.margins, time_s)
             for bound, distance in self.margins.seen.items():
@@ -416,7 +416,7 @@ class _Watch:
 
     def _clear(self, env: Environment, time_s: float) -> bool | None:
         """Whether `safe` holds; None where nobody can say."""
-        clear = self._asked(self.safe, env)
+        clear = self._ask(self.safe, env)
         if clear is None:
             return None
         found = self.found
@@ -426,7 +426,7 @@ class _Watch:
             found.first_outside_s = time_s
         return holds
 
-    def _asked(
+    def _ask(
         self, measure: Callable[[Environment], Distance] | None, env: Environment
     ) -> Distance | None:
         if measure is None:

@@ -1,7 +1,7 @@
 """Surveys a log: its channels, how often they speak, how old they get, and what stands in them.
 
 Purpose: for `soter new --from`, `surveyed` reads every number of every channel in one pass, with
-little memory; `program_of` and `mapping_of_log` make a program's head and a mapping of that.
+little memory; `program_head` and `mapping_of_log` make a program's head and a mapping of that.
 Non-goals: what a topic is called in somebody's program, units; a judgement: what is said of rates
 and ages is of this log and no promise of the robot's.
 """
@@ -26,18 +26,18 @@ from soter.monitor.log_files.csv_log import csv_head, csv_rows, head_helps, is_t
 from soter.monitor.log_files.log_columns import (
     FileFacts,
     Wanted,
-    decimal_of,
     is_plain,
     no_time,
+    parse_decimal,
     seconds_text,
     unusable,
 )
 from soter.monitor.log_files.read_columns import (
     NoPartError,
     NoTimeError,
-    messages_of,
-    part_of,
-    time_ns_of,
+    channel_messages,
+    message_part,
+    read_time_ns,
 )
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class Channel:
                 mask |= isfinite(value) << numbers.place
         self.held.append(self.masks.setdefault(mask, len(self.masks)))
         try:
-            late = now_ns - time_ns_of(part_of(content, STAMP))
+            late = now_ns - read_time_ns(message_part(content, STAMP))
         except (NoPartError, NoTimeError):
             late = -1
         self.late_ns.append(late if 0 <= late < LATE_NS else -1)
@@ -222,10 +222,10 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
 
 
 def _rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    return _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
+    return _csv_rows(path, facts, found) if is_table(path) else channel_messages(path, EVERY, facts)
 
 
-def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
+def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
     """The rows of a CSV; its time is the first column that is called so, in a unit that fits."""
     head = csv_head(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
@@ -234,7 +234,7 @@ def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]
         raise unusable(path, told, *head_helps(head), TIME_NAMED)
     time, unit_ns = called[0], 0
     for line, (clock,), row in csv_rows(path, head, time, facts):
-        now = decimal_of(clock)
+        now = parse_decimal(clock)
         if now is None or now.adjusted() >= INT_DIGITS:
             raise no_time(path, clock, f"line {line}")
         if not unit_ns:
@@ -256,7 +256,7 @@ def _unit(said: str | None, first: Decimal) -> tuple[str, int]:
 
 def _number(cell: str) -> float | int | str:
     """A cell as a float or an int of a mapping reads it; a text as it is."""
-    number = decimal_of(cell)
+    number = parse_decimal(cell)
     if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
         return int(number) if number == number.to_integral_value() else float(cell)
     try:
@@ -299,25 +299,25 @@ def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - th
 # ---------------------------------------------------------------- as texts
 
 
-def program_of(survey: LogSurvey, log: str, name: str) -> str:
+def program_head(survey: LogSurvey, log: str, name: str) -> str:
     """The head of a program: a type and a topic for each channel, and what the log says of it."""
     lines = [
         "soter 1;",
         "",
-        f"// What {_shown(log)} holds, to begin a program with: keep what your",
+        f"// What {_number_text(log)} holds, to begin a program with: keep what your",
     ]
     lines += [f"// modules read. Figures are of this log, and `{name}.toml` is its mapping:"]
     lines += [f"// `soter monitor {name}.soter LOG --map {name}.toml`, once a module is written."]
     lines += ["// A topic is an `input` until a plant, whose proof is about it, drives it."]
-    if _of_two_numbers(survey) is not None:
+    if _csv_with_command(survey) is not None:
         lines += [
             "// A command that a node publishes is a topic of its own, here and in the mapping:"
         ]
         lines += [f"// `{name}.toml` ends with an example. `--estimates` finds it nowhere else."]
-    lines += [f"// {_shown(note)}" for note in survey.notes]
-    for channel, topic, of_type, fields in _named(survey):
+    lines += [f"// {_number_text(note)}" for note in survey.notes]
+    for channel, topic, of_type, fields in _named_channels(survey):
         found = survey.channels[channel]
-        lines += ["", f"// {_shown(channel)}: {_rate(found)}", *_remarks(found)]
+        lines += ["", f"// {_number_text(channel)}: {_rate(found)}", *_remarks(found)]
         lines.append(f"type {of_type} = {{")
         for path, called in fields.items():
             n = found.fields[path]
@@ -332,24 +332,24 @@ def program_of(survey: LogSurvey, log: str, name: str) -> str:
 
 def mapping_of_log(survey: LogSurvey, log: str) -> str:
     """A mapping of the log, as TOML."""
-    lines = [f"# What is what in {_shown(log)}: docs/mapping.md."]
+    lines = [f"# What is what in {_number_text(log)}: docs/mapping.md."]
     if survey.time is not None:
         name, unit = survey.time
-        lines += ["", "[time]  # guessed by its name and size", f"from = {_quoted(name)}"]
+        lines += ["", "[time]  # guessed by its name and size", f"from = {_toml_text(name)}"]
         lines.append(f'unit = "{unit}"')
-    topics = [*_named(survey)]
+    topics = [*_named_channels(survey)]
     for channel, topic, _, fields in topics:
-        lines += ["", f"[topics.{topic}]", f"channel = {_quoted(channel)}"]
+        lines += ["", f"[topics.{topic}]", f"channel = {_toml_text(channel)}"]
         if survey.channels[channel].stamped:
             lines.append(f'stamp = "{STAMP}"')
         lines += ["", f"[topics.{topic}.fields]"]
-        lines += [f"{called} = {_quoted(path)}" for path, called in fields.items()]
-    if (example := _of_two_numbers(survey)) is not None:
-        lines += _command_of(*example, {*RESERVED, *(topic for _, topic, _, _ in topics)})
+        lines += [f"{called} = {_toml_text(path)}" for path, called in fields.items()]
+    if (example := _csv_with_command(survey)) is not None:
+        lines += _command_comments(*example, {*RESERVED, *(topic for _, topic, _, _ in topics)})
     return "\n".join(lines) + "\n"
 
 
-def _named(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
+def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
     """Channel, topic, type, and names of fields by path: of each that has a number."""
     taken: set[str] = set(RESERVED)
     for channel in sorted(survey.channels):
@@ -374,13 +374,13 @@ def _name(text: str, taken: set[str]) -> str:
     return tried
 
 
-def _of_two_numbers(survey: LogSurvey) -> tuple[str, str] | None:
+def _csv_with_command(survey: LogSurvey) -> tuple[str, str] | None:
     """A CSV that has several numbers, in one of which a command may stand, and the last of them."""
     channels = survey.channels if survey.time is not None else {}
     return next(((c, found.kept[-1]) for c, found in channels.items() if found.kept[1:]), None)
 
 
-def _command_of(channel: str, path: str, taken: set[str]) -> list[str]:
+def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:
     """Lines of comments for a mapping, by which a column may become a command."""
     topic = _name(path, taken)
     return [
@@ -389,8 +389,8 @@ def _command_of(channel: str, path: str, taken: set[str]) -> list[str]:
         "# field out, here and in the program, say there, with the limits of what it moves,",
         f"# `topic {topic}: float in [LOW, HIGH] = 0.0;`, and here",
         f"# [topics.{topic}]",
-        f"# channel = {_quoted(channel)}",
-        f"# fields = {{ value = {_quoted(path)} }}",
+        f"# channel = {_toml_text(channel)}",
+        f"# fields = {{ value = {_toml_text(path)} }}",
     ]
 
 
@@ -399,12 +399,14 @@ def _remarks(found: Channel) -> list[str]:
     lines = []
     no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
     if no_number:
-        lines.append(f"// Left out, as no single number: {_shown(', '.join(sorted(no_number)))}")
+        lines.append(
+            f"// Left out, as no single number: {_number_text(', '.join(sorted(no_number)))}"
+        )
     missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept}
     told = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
     if told:
         lines += [
-            f"// A sample has every number. Empty or no finite number: {_shown(told)}.",
+            f"// A sample has every number. Empty or no finite number: {_number_text(told)}.",
             "// What comes at times of its own wants a topic of its own, here and in the mapping.",
         ]
     if found.back:
@@ -449,10 +451,10 @@ def _figure(x: float) -> str:
     return f"{x:.6g}" if isinstance(x, float) else str(x).lower()
 
 
-def _shown(text: str) -> str:
+def _number_text(text: str) -> str:
     return safe(text).replace("\n", " ")[:300]
 
 
-def _quoted(text: str) -> str:
+def _toml_text(text: str) -> str:
     """A text of TOML."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -20,11 +20,11 @@ from soter.language.evaluate.statements import Evaluator
 from soter.monitor.linear_model import (
     AffineStep,
     Plants,
+    discretised_step,
     driven_leaves,
-    leaf_of,
+    leaf_number,
     linear_model,
     parameter_leaves,
-    step_of,
 )
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class _Models:
     def step(self, parameter: tuple[int, ...], ns: int) -> AffineStep:
         key = (parameter, ns)
         if key not in self._steps:
-            self._steps[key] = step_of(self.model(parameter), ns / 1e9)
+            self._steps[key] = discretised_step(self.model(parameter), ns / 1e9)
         return self._steps[key]
 
     def around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
@@ -191,7 +191,7 @@ class RecordReader:
             assert c.plant is not None
             whole = values[c.name]
             at = [v.name for v in c.plant.states].index(leaf.member)  # type: ignore[attr-defined]
-            return leaf_of(c.plant.states[at].type, whole[at], leaf.path)  # type: ignore[attr-defined]
+            return leaf_number(c.plant.states[at].type, whole[at], leaf.path)  # type: ignore[attr-defined]
 
         x = np.array([part(leaf) for leaf in self.states])
         return x, tuple(int(part(leaf)) for leaf in self.parameters)
@@ -207,7 +207,9 @@ class RecordReader:
     ) -> tuple[int, ...]:
         """The parameters as driven topics show them (`parameter_leaves`)."""
         known = self.problem.system.topics
-        return tuple(int(leaf_of(known[i].type, topics[self.names[i]], path)) for i, path in places)
+        return tuple(
+            int(leaf_number(known[i].type, topics[self.names[i]], path)) for i, path in places
+        )
 
     def commands(self, topics: Mapping[str, Value]) -> Floats:
         """The commands u as they stand in the topics, (controls,)."""
@@ -215,7 +217,7 @@ class RecordReader:
         commands = []
         for leaf in self.controls:
             value = topics[self.names[leaf.owner]]
-            commands.append(leaf_of(system.topics[leaf.owner].type, value, leaf.path))
+            commands.append(leaf_number(system.topics[leaf.owner].type, value, leaf.path))
         return np.array(commands)
 
     def estimate(self, topics: Mapping[str, Value]) -> Floats:
@@ -223,7 +225,7 @@ class RecordReader:
         system = self.problem.system
         return np.array(
             [
-                leaf_of(system.topics[t].type, topics[self.names[t]], path)
+                leaf_number(system.topics[t].type, topics[self.names[t]], path)
                 for t, path in driven_leaves(self.problem)
             ]
         )

@@ -70,18 +70,18 @@ class PredicateMargins:
     def of(self, e: t.TypedExpr, at: PredicatePosition = ROOT) -> Callable[[Environment], Distance]:
         """`environment -> distance`; raises `StepFault` where the predicate does."""
         if isinstance(e, t.TypedBinary) and e.op in ("&&", "||"):
-            return self._joined(e, at)
+            return self._connective(e, at)
         if isinstance(e, t.TypedBinary) and e.op in COMPARED:
-            return self._compared(e, at)
+            return self._comparison(e, at)
         if isinstance(e, t.TypedUnary) and e.op == "!":
             inner = self.of(e.operand, at._replace(sense=-at.sense))
-            return lambda env: _negated(inner(env))
+            return lambda env: _negate(inner(env))
         if isinstance(e, t.Conditional):
             asked, then = self.of(e.condition, at._replace(sense=0.0)), self.of(e.then, at)
             otherwise = self.of(e.otherwise, at)
             return lambda env: _after([c := asked(env)], (then if _holds(c) else otherwise)(env))
         if isinstance(e, t.TypedCall) and not e.fun.extern and e.fun.body is not None:
-            return self._called(e, at)
+            return self._call(e, at)
         value = self._evaluator.expression(e)
         return lambda env: Far[0] if value(env) else Far[1]
 
@@ -102,7 +102,9 @@ class PredicateMargins:
                 others = [c for c in others if c[depth : depth + 1] == (call,)]
         return ": ".join((*told, text))
 
-    def _joined(self, e: t.TypedBinary, at: PredicatePosition) -> Callable[[Environment], Distance]:
+    def _connective(
+        self, e: t.TypedBinary, at: PredicatePosition
+    ) -> Callable[[Environment], Distance]:
         """Both sides count; one that faults where the language would not ask it does not."""
         left, right = self.of(e.left, at), self.of(e.right, at)
         choose = max if e.op == "||" else min
@@ -119,7 +121,7 @@ class PredicateMargins:
 
         return joined
 
-    def _compared(
+    def _comparison(
         self, e: t.TypedBinary, at: PredicatePosition
     ) -> Callable[[Environment], Distance]:
         left, right = self._evaluator.expression(e.left), self._evaluator.expression(e.right)
@@ -139,7 +141,7 @@ class PredicateMargins:
 
         return compared
 
-    def _called(self, e: t.TypedCall, at: PredicatePosition) -> Callable[[Environment], Distance]:
+    def _call(self, e: t.TypedCall, at: PredicatePosition) -> Callable[[Environment], Distance]:
         arguments = [self._evaluator.expression(a) for a in e.arguments]
         body = self._block(e.fun.body or (), PredicatePosition((*at.calls, _text(e)), at.sense))
         parameters = e.fun.parameters
@@ -238,7 +240,7 @@ def _order(d: Distance) -> tuple[float, float]:
     return d.far, math.copysign(1.0, d.far)
 
 
-def _negated(d: Distance) -> Distance:
+def _negate(d: Distance) -> Distance:
     return Distance(-d.far, d.bound)
 
 

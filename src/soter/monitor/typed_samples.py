@@ -1,7 +1,7 @@
 """The values of topics in a log, with their times, and all that was done to get them.
 
-Purpose: from columns and a mapping `samples_of` makes values of the program's types; it counts what
-it leaves out, and names what it derives, with its error.
+Purpose: from columns and a mapping `read_samples` makes values of the program's types; it counts
+what it leaves out, and names what it derives, with its error.
 Non-goals: whether a value lies in its topic's set: the gate decides.
 """
 
@@ -35,12 +35,12 @@ from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
     RowChoice,
-    decimal_of,
     is_plain,
+    parse_decimal,
     unusable,
 )
 from soter.semantics.draws import assemble
-from soter.semantics.publication_gate import check_of
+from soter.semantics.publication_gate import make_check
 from soter.simulate.run_log import RecordedRun
 
 if TYPE_CHECKING:
@@ -188,22 +188,22 @@ class TopicSamples:
         if i == 0 or since > self.gap_ns or apart > self.gap_ns:
             return None
         share = since / apart
-        return _continued(self.topic.type, self.values[i - 1], self.values[i], share)
+        return _extend_line(self.topic.type, self.values[i - 1], self.values[i], share)
 
 
-def _continued(t: Type, a: Value, b: Value, share: float) -> Value:
+def _extend_line(t: Type, a: Value, b: Value, share: float) -> Value:
     """Extends floats from a over b by `share` of b - a; anything else keeps its value of b."""
     if isinstance(t, FloatType):
         return b + share * (b - a)
     if isinstance(t, RecordType):
         fields = zip(t.fields, a, b, strict=True)
-        return tuple([_continued(f, x, y, share) for (_, f), x, y in fields])
+        return tuple([_extend_line(f, x, y, share) for (_, f), x, y in fields])
     if isinstance(t, ArrayType):
-        return tuple([_continued(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
+        return tuple([_extend_line(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
     return b
 
 
-def samples_of(
+def read_samples(
     path: Path, mapping: LogMap, columns: dict[str | None, Columns]
 ) -> list[TopicSamples]:
     """All mapped topics, times counted from the first row of the log; SoterError D016."""
@@ -217,9 +217,9 @@ def samples_of(
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
         made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
-            _of_sources(path, of, made, first)
+            _samples_of_sources(path, of, made, first)
         elif t.names:
-            _of_rows(path, t, rows, made, first)
+            _add_rows(path, t, rows, made, first)
         else:
             _always(t, made)
         samples.append(made)
@@ -231,7 +231,7 @@ def _always(t: TopicMap, made: TopicSamples) -> None:
     made.constants = [t.name_of(p) for p in t.leaves]
 
 
-def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, first_ns: int) -> None:
+def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, first_ns: int) -> None:
     read: dict[LeafPath, list[Any]] = {
         p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
     }
@@ -269,7 +269,7 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
     _fill(path, t, made, read)
 
 
-def _of_sources(
+def _samples_of_sources(
     path: Path, sources: list[tuple[TopicMap, Columns]], made: TopicSamples, first_ns: int
 ) -> None:
     """The samples that a bridge takes of several sources: one after the other, as they arrived."""
@@ -278,7 +278,7 @@ def _of_sources(
     made.constants = [n for t, _ in sources for n in map(t.name_of, _constants(t))]
     turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
     taken = []
-    check = check_of(topic)
+    check = make_check(topic)
     choices = [RowChoice(t.where) for t, _ in sources]
     arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
     for now, rank, i in sorted(arrivals):
@@ -287,7 +287,7 @@ def _of_sources(
             continue
         if t.stamp is not None:
             made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
-        value, stamp, why = _of_source(path, t, columns, i, check)
+        value, stamp, why = _source_row(path, t, columns, i, check)
         if why:
             made.leave_out(columns.where[i], why)
         elif turns.judge(rank, stamp) == "taken":
@@ -313,7 +313,7 @@ def _constants(t: TopicMap) -> dict[LeafPath, Value]:
     return {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
 
 
-def _of_source(
+def _source_row(
     path: Path, t: TopicMap, columns: Columns, i: int, check: Check
 ) -> tuple[Value, int, str]:
     """Value and stamp of a row of one of several sources; why it says nothing, or ""."""
@@ -470,13 +470,13 @@ def _between(low: int, value: int, high: int) -> int:
 
 def _whole(cell: Any) -> int:  # noqa: ANN401 - a text, or a number
     """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
-    number = decimal_of(cell)
+    number = parse_decimal(cell)
     if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
         raise ValueError
     return int(number)
 
 
-def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
+def record_of_samples(system: System, samples: list[TopicSamples]) -> RecordedRun:
     """The topics at every time at which one of them was sampled, from when all are known.
 
     Nothing is interpolated; times are those of measuring, from the first row of the log on; there

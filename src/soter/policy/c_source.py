@@ -74,14 +74,14 @@ def c_source(
     given = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
-    body = _observed(policy, given)
+    body = _observation_code(policy, given)
     size, at = network.inputs, "x0"
     for number, layer in enumerate(network.layers, 1):
         constants, steps = _layer(layer, number, size, at)
         lines += constants
         body += steps
         size, at = _size(layer, size), f"x{number}"
-    body += _answered(policy, writes, size, at)
+    body += _answer_code(policy, writes, size, at)
     statics = list(_statics(policy, len(given)))
     head = f"int {function}(const {name}_in *in, {name}_out *out) {{"
     return "\n".join([*lines, *statics, head, *(f"  {line}" for line in body), "}"]) + "\n"
@@ -102,7 +102,7 @@ def _statics(policy: Policy, frame: int) -> Iterator[str]:
     yield ""
 
 
-def _observed(policy: Policy, given: Sequence[str]) -> list[str]:
+def _observation_code(policy: Policy, given: Sequence[str]) -> list[str]:
     """Statements that make the observation: older frames move down, a new one is read."""
     inputs, frame = policy.network.inputs, len(given)
     if not frame or inputs % frame or (policy.keys and frame != inputs):
@@ -208,7 +208,7 @@ def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], li
     ]
 
 
-def _answered(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[str]:
+def _answer_code(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[str]:
     """Statements that write what is published, number by number."""
     network = policy.network
     places = [(p, k) for n, t in writes for p, k in _places(f"out->{field_name(n)}", t)]
@@ -264,11 +264,11 @@ def _table(name: str, array: npt.NDArray[np.floating]) -> list[str]:
     axes = "".join(f"[{n}]" for n in array.shape)
     lines = [f"static const {'float' if single else 'double'} {name}{axes} = {{"]
     for row in array if array.ndim == 2 else array[None]:
-        inner = list(_wrapped([_number(x, single=single) for x in row.tolist()]))
+        inner = list(_wrapped_comment([_number(x, single=single) for x in row.tolist()]))
         lines += ["  {", *inner, "  },"] if array.ndim == 2 else inner
     return [*lines, "};"]
 
 
-def _wrapped(words: Sequence[str]) -> Iterable[str]:
+def _wrapped_comment(words: Sequence[str]) -> Iterable[str]:
     for k in range(0, len(words), COLUMNS):
         yield "    " + " ".join(f"{w}," for w in words[k : k + COLUMNS])

@@ -190,7 +190,7 @@ def _gives(layer: Layer) -> int | None:
     return layer.outputs if isinstance(layer, (OneHot, Lstm)) else _takes(layer)
 
 
-def in_numbers(count: int) -> str:
+def numbers_text(count: int) -> str:
     """How many numbers, in words."""
     return f"{count} number{'s' * (count != 1)}"
 
@@ -209,19 +209,19 @@ def _bad_numbers(layer: Layer, arrays: list[Floats]) -> str:
     return ""
 
 
-def problem_of(network: Network) -> str:
+def network_problem(network: Network) -> str:
     """Why layers do not fit each other or have numbers that cannot be; "" where all is well."""
     size = network.inputs
     for number, layer in enumerate(network.layers, 1):
         arrays = [x for x in vars(layer).values() if isinstance(x, np.ndarray)]
         takes = _takes(layer)
         if takes not in (None, size):
-            return f"layer {number} takes {in_numbers(takes)}, and is given {size}"
+            return f"layer {number} takes {numbers_text(takes)}, and is given {size}"
         if wrong := _bad_numbers(layer, arrays):
             return f"layer {number} {wrong}"
         size = _gives(layer) or size
     if network.choices and sum(network.choices) != size:
-        chosen = f"{in_numbers(sum(network.choices))} to choose from"
+        chosen = f"{numbers_text(sum(network.choices))} to choose from"
         return f"its action space has {chosen}, its network {size}"
     return ""
 
@@ -229,7 +229,7 @@ def problem_of(network: Network) -> str:
 # ---------------------------------------------------------------- in float32
 
 
-def standardised(layer: Standardised, x: Doubles) -> Floats:
+def standardise(layer: Standardised, x: Doubles) -> Floats:
     """What VecNormalize makes of observations (..., n)."""
     scaled = (x - layer.mean) / layer.deviation
     return np.clip(scaled, -layer.limit, layer.limit).astype(np.float32)
@@ -267,7 +267,7 @@ def made_ready(network: Network) -> ReadyNetwork:
             after = before if steps else _with_one(network.inputs)
             if isinstance(layer, OneHot):
                 after = _with_one(layer.outputs)
-            steps += _in_place(layer, before[:-1], after[:-1])
+            steps += _elementwise_steps(layer, before[:-1], after[:-1])
         before = after
     answer = before[:-1]
 
@@ -287,7 +287,7 @@ def _with_one(size: int) -> Floats:
     return np.append(np.zeros(size, np.float32), np.float32(1.0))
 
 
-def _in_place(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
+def _elementwise_steps(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
     """The steps of a layer whose numbers each depend on one number of its input."""
     if isinstance(layer, Tanh):
         return [partial(np.tanh, x, out=out)]
@@ -304,7 +304,7 @@ def _in_place(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]
     if isinstance(layer, OneHot):
         return [partial(_one_hot, layer.sizes, x, out)]
     assert isinstance(layer, Standardised)
-    return [lambda: np.copyto(out, standardised(layer, x.astype(np.float64)))]
+    return [lambda: np.copyto(out, standardise(layer, x.astype(np.float64)))]
 
 
 def _one_hot(sizes: Sequence[int], x: Floats, out: Floats) -> None:

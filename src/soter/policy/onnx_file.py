@@ -27,10 +27,10 @@ from soter.policy.network import (
     Policy,
     Relu,
     Tanh,
-    in_numbers,
-    problem_of,
+    network_problem,
+    numbers_text,
 )
-from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of, missing_package
+from soter.policy.policy_errors import FILE_MAX, bad_policy, missing_package, read_policy_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -58,11 +58,11 @@ class OnnxContent(NamedTuple):
 
 def onnx_content(path: Path) -> OnnxContent:
     """The content of an ONNX file. SoterError X003, X014; D007 where it takes `onnx` to read it."""
-    data = content_of(path)
+    data = read_policy_bytes(path)
     endless = LOOP in data
     if LOCATION not in data and not endless:
         return OnnxContent(data, {})
-    model = parsed(path, data)
+    model = parse_model(path, data)
     if endless and any(node.op_type == "Loop" for node in _messages(model, "NodeProto")):
         help_ = "export the policy for one step, without a loop"
         raise bad_policy(path, "it has the operator Loop, which need not end", help_)
@@ -70,7 +70,7 @@ def onnx_content(path: Path) -> OnnxContent:
     room = FILE_MAX
     for tensor in _messages(model, "TensorProto"):
         if tensor.data_location == tensor.EXTERNAL or tensor.external_data:
-            _put_in(path, tensor, files, room)
+            _load_tensor(path, tensor, files, room)
             room -= len(tensor.raw_data)
     if not files:
         return OnnxContent(data, {})
@@ -78,7 +78,7 @@ def onnx_content(path: Path) -> OnnxContent:
     return OnnxContent(model.SerializeToString(), told)
 
 
-def parsed(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
+def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
     """The model that bytes are; SoterError X014, D007."""
     try:
         import onnx  # noqa: PLC0415 - an extra
@@ -101,7 +101,7 @@ def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
                 yield from _messages(part, kind)
 
 
-def _put_in(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
+def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
     """Put a tensor's numbers, at most `room` bytes, into it from the file that it names.
 
     `files`: those that were read so far.
@@ -162,11 +162,11 @@ class _UnreadError(Exception):
 def read_onnx(path: Path) -> Policy:
     """The policy of a file; SoterError X003, X014, D007 without the package `onnx`."""
     content = onnx_content(path)
-    model = parsed(path, content.data)
+    model = parse_model(path, content.data)
     graph = model.graph
     try:
         given, answered, network = _network(graph)
-        why = problem_of(network)
+        why = network_problem(network)
     except (_UnreadError, ValueError, TypeError, LookupError) as error:
         ask = f'asked as it is by onnxruntime: `extern node ... from "onnx:{path}" {{ ... }}`'
         read = f"operators that are read as layers: {READ}"
@@ -176,9 +176,9 @@ def read_onnx(path: Path) -> Policy:
     versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
     facts = {
         "file": f"ONNX, operators of version {versions}",
-        "observation": f"`{given}`, {in_numbers(network.inputs)}",
+        "observation": f"`{given}`, {numbers_text(network.inputs)}",
         "answer": f"`{answered}`, "
-        + ("the index of the largest" if network.choices else in_numbers(network.outputs)),
+        + ("the index of the largest" if network.choices else numbers_text(network.outputs)),
     }
     if content.beside:
         told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
@@ -204,7 +204,7 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     layers: list[Layer] = []
     for node in chain:
         network = Network(size, tuple(layers))
-        layers += _maker_of(node)(node, constants, network.outputs)
+        layers += _find_maker(node)(node, constants, network.outputs)
     network = Network(size, tuple(layers))
     choices = (network.outputs,) if choice else ()
     return given[0].name, answered, Network(size, tuple(layers), choices)
@@ -318,7 +318,7 @@ def _matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> F
         raise _UnreadError("it multiplies with what is no constant matrix on the right")
     weight = array if transposed else array.T
     if weight.shape[1] != size or not weight.size:
-        raise _UnreadError(f"a matrix takes {in_numbers(weight.shape[1])}, and is given {size}")
+        raise _UnreadError(f"a matrix takes {numbers_text(weight.shape[1])}, and is given {size}")
     return np.ascontiguousarray(weight)
 
 
@@ -340,7 +340,7 @@ def _clip(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: A
     return [Clipped(low, high)]
 
 
-def _shaped(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+def _no_layer(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
     """No layer, for operators that only reshape and leave an observation in one row."""
     if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
         raise _UnreadError("its Flatten makes several rows of one observation")
@@ -364,7 +364,7 @@ def _require_choice(node: Any) -> None:  # noqa: ANN401
         raise _UnreadError("its ArgMax is not of the last axis, or takes the last of equal numbers")
 
 
-def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
+def _find_maker(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
     """The function that makes layers of a node."""
     name = node.op_type
     if name in ARITHMETIC:
@@ -373,7 +373,7 @@ def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noq
     if name in simple:
         return lambda *_: [simple[name]]
     known = {"Gemm": _gemm, "MatMul": _matmul, "Clip": _clip}
-    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape", "Expand"), _shaped)
+    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape", "Expand"), _no_layer)
     if name not in known:
         raise _UnreadError(f"it has the operator {name[:40]}")
     return known[name]

@@ -46,7 +46,7 @@ def _without_end(name: str) -> str:
     return ENDS.sub("", _without_direction(name))
 
 
-def carried(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
+def memory_pairs(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
     """For each input with memory, the output that it gets at the next step, by names and shapes.
 
     They go together where the input and one output alone have the same name without directions, or
@@ -74,7 +74,9 @@ def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
     return bool(x.type == y.type and fits)
 
 
-def _said(path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
+def _declared_pairs(
+    path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]
+) -> dict[str, str]:
     """The pairs of memory that a program gives as `h0=hn,c0=cn`; X014 for unknown names."""
     names = [{x.name for x in inputs}, {x.name for x in outputs}]
     pairs = dict(part.split("=") for part in text.split(","))
@@ -86,7 +88,7 @@ def _said(path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]) 
     return pairs
 
 
-def _answer_of(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
+def _answer_output(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
     """The output that is the answer, and what is assumed where there are several."""
     if not outputs:
         raise bad_policy(path, "it has no output that is an answer", SAY)
@@ -106,14 +108,18 @@ class OnnxSession:
     """
 
     def __init__(self, path: Path, memory: str = "") -> None:
-        session, ort_value = _loaded(path)
+        session, ort_value = _load_session(path)
         inputs, outputs = session.get_inputs(), session.get_outputs()
-        pairs = _said(path, memory, inputs, outputs) if memory else carried(inputs, outputs)
+        pairs = (
+            _declared_pairs(path, memory, inputs, outputs)
+            if memory
+            else memory_pairs(inputs, outputs)
+        )
         seen = [x for x in inputs if x.name not in pairs]
         if not seen:
             raise bad_policy(path, "it has no input that is an observation", SAY)
         rest = [x for x in outputs if x.name not in pairs.values() or x.name in NAMES]
-        output, self.assumed = _answer_of(path, rest)
+        output, self.assumed = _answer_output(path, rest)
         if pairs and not memory:
             told = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
             self.assumed += (f"it remembers: {told}, zeros at the start",)
@@ -153,7 +159,7 @@ class OnnxSession:
             kept[...] = 0
 
 
-def _loaded(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
+def _load_session(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
     """The session, and the function that makes its value in the memory of an array."""
     data = onnx_content(path).data
     runtime = _onnxruntime()

@@ -121,16 +121,16 @@ class _Machine:
                 raise PickleError("it is no pickle: a tuple of what is not there")
             stack[at:] = [tuple(stack[at:])]
         elif name == "TUPLE":
-            stack.append(tuple(self._marked()))
+            stack.append(tuple(self._pop_to_mark()))
         elif name == "APPEND":
             self._extend([stack.pop()])
         elif name == "APPENDS":
-            self._extend(self._marked())
+            self._extend(self._pop_to_mark())
         elif name == "SETITEM":
             value = stack.pop()
             self._enter([stack.pop(), value])
         elif name == "SETITEMS":
-            self._enter(self._marked())
+            self._enter(self._pop_to_mark())
         else:
             self._make(name, argument)
 
@@ -156,7 +156,7 @@ class _Machine:
         else:
             raise PickleError(f"it has the opcode {name}, which is not read here")
 
-    def _marked(self) -> list[Any]:
+    def _pop_to_mark(self) -> list[Any]:
         """Pop the values above the last mark, and the mark."""
         at = max(i for i, x in enumerate(self.stack) if x is _Mark)
         parts = self.stack[at + 1 :]
@@ -188,7 +188,7 @@ def _constant(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
 # ---------------------------------------------------------------- NumPy's arrays
 
 
-def array_of(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
+def read_array(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
     """The array that a pickle makes, in its shape, little-endian; PickleError where it is none."""
     made = value if isinstance(value, Made) else Made("", ())
     shape: Any = ()
@@ -201,14 +201,14 @@ def array_of(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it hold
             data, dtype, shape, order = made.arguments
         else:  # a scalar of NumPy's, or nothing of the kind
             dtype, data = made.arguments
-        flat: npt.NDArray[Any] = np.frombuffer(data, dtype_of(dtype))
+        flat: npt.NDArray[Any] = np.frombuffer(data, read_dtype(dtype))
         shaped: npt.NDArray[Any] = flat.reshape(shape, order=order)
     except (TypeError, ValueError) as error:
         raise PickleError(f"there is no array where one belongs: {error}") from error
     return shaped
 
 
-def dtype_of(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
+def read_dtype(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
     """One of `DTYPES` that a pickle names; PickleError."""
     if isinstance(value, Made) and value.name == "numpy.dtype" and value.arguments:
         text, state = value.arguments[0], value.state

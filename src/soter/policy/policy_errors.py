@@ -32,7 +32,7 @@ def missing_package(package: str, purpose: str) -> SoterError:
     )
 
 
-def content_of(path: Path) -> bytes:
+def read_policy_bytes(path: Path) -> bytes:
     """The bytes of a policy's file, an ordinary one; SoterError X003 where it cannot be read."""
     try:
         return read_bytes(path, FILE_MAX)

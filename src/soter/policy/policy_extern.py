@@ -24,10 +24,10 @@ from soter.language.model.types import (
     IntType,
     RecordType,
 )
-from soter.policy.network import Clipped, in_numbers, made_ready, standardised
+from soter.policy.network import Clipped, made_ready, numbers_text, standardise
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
-from soter.policy.policy_errors import bad_policy, content_of
+from soter.policy.policy_errors import bad_policy, read_policy_bytes
 from soter.policy.sb3_file import read_sb3
 from soter.policy.sb3_parts import statistics_beside
 from soter.semantics.externs import Converted
@@ -56,9 +56,11 @@ class PolicyExtern(FilePolicy):
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
         path = Path(binding.file)
-        asked, self._run, self._forget, assumed = _asked(binding, path)
+        asked, self._run, self._forget, assumed = _ask_session(binding, path)
         if assumed.keys:
-            reads = by_name(path, assumed.keys, reads, *([SAY] if assumed.policy is None else []))
+            reads = reads_by_name(
+                path, assumed.keys, reads, *([SAY] if assumed.policy is None else [])
+            )
         places = [p for name, t in reads for p in _places(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
@@ -68,7 +70,7 @@ class PolicyExtern(FilePolicy):
         frames = asked.size // count if count and asked.size % count == 0 else 0
         if not frames or (frames > 1 and assumed.keys):
             names = ", ".join(f"`{name}`" for name, _ in reads)
-            why = f"it takes {in_numbers(asked.size)}, the node reads {count} ({names})"
+            why = f"it takes {numbers_text(asked.size)}, the node reads {count} ({names})"
             raise bad_policy(
                 path, why, "what a node `subscribes` is its observation, in this order"
             )
@@ -78,7 +80,7 @@ class PolicyExtern(FilePolicy):
         told = [f"its observation is {order}", *assumed.texts]
         if frames > 1:
             told.append(f"{frames} frames are stacked, the oldest first, zeros before the first")
-        self._per_frame = _standardised_by(path, assumed, count)
+        self._per_frame = _standardisation(path, assumed, count)
         self.assumed = tuple(told)
         _require_answers(path, assumed, answers)
 
@@ -94,23 +96,23 @@ class PolicyExtern(FilePolicy):
             x[: self._older] = x[x.size - self._older :]
         assert self._get is not None
         given = self._get(inputs)
-        self._frame[:] = _joined(given) if self._blocks else given
+        self._frame[:] = _join_numbers(given) if self._blocks else given
         if self._per_frame is not None:
-            self._frame[:] = standardised(self._per_frame, self._frame.astype(np.float64))
+            self._frame[:] = standardise(self._per_frame, self._frame.astype(np.float64))
         numbers = iter(self._run())
         return Converted([build(numbers) for build in self._build])
 
 
-def _standardised_by(path: Path, assumed: _Assumed, count: int) -> Standardised | None:
+def _standardisation(path: Path, assumed: _Assumed, count: int) -> Standardised | None:
     """The standardisation of each frame of `count` numbers, if there is one."""
     own = assumed.policy.per_frame if assumed.policy is not None else None
     if own is not None and own.mean.size != count:
-        size = in_numbers(own.mean.size)
+        size = numbers_text(own.mean.size)
         raise bad_policy(path, f"a frame of it has {size}, the node reads {count}")
     return own
 
 
-def _joined(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
+def _join_numbers(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
     """The numbers of one value, or of several, in one array."""
     parts = given if isinstance(given, tuple) else (given,)
     return np.concatenate([np.ravel(part) for part in parts])
@@ -125,7 +127,7 @@ class _Assumed:
         self.keys = policy.keys if policy is not None else ()
 
 
-def _asked(
+def _ask_session(
     binding: BindingText, path: Path
 ) -> tuple[npt.NDArray[Any], Callable[[], list[float]], Callable[[], None], _Assumed]:
     """The array for the observation, the functions that answer and forget, what is assumed."""
@@ -145,21 +147,23 @@ def _asked(
     return asked.observation, run, asked.reset, _Assumed(policy.assumed, network.answers, policy)
 
 
-def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str) -> Shapes:
+def reads_by_name(
+    path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str
+) -> Shapes:
     """What a node reads, in the order of the policy's names; SoterError X014 without one."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
     name, of = reads[0] if len(reads) == 1 else ("", None)
     if isinstance(of, RecordType):
         known = {field: (f"{name}.{field}", t) for field, t in of.fields}
     if set(known) != {key for key, _ in keys}:
-        names = ", ".join(f"`{key}` ({in_numbers(n)})" for key, n in keys)
+        names = ", ".join(f"`{key}` ({numbers_text(n)})" for key, n in keys)
         why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in known)}"
         help_ = "name topics like that, or one topic that is a record with these fields"
         raise bad_policy(path, why, help_, *helps)
     for key, count in keys:
         given = sum(n for _, n in _places(path, *known[key]))
         if given != count:
-            raise bad_policy(path, f"its `{key}` is {in_numbers(count)}, the node reads {given}")
+            raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {given}")
     return [known[key] for key, _ in keys]
 
 
@@ -169,7 +173,7 @@ def sha256_of_files(binding: BindingText) -> dict[str, str]:
     if binding.kind == "sb3" and not binding.name:
         found = statistics_beside(Path(binding.file))
     names = (*binding.files, *([str(found)] if found else []))
-    told = {name: sha256(content_of(Path(name))).hexdigest() for name in names}
+    told = {name: sha256(read_policy_bytes(Path(name))).hexdigest() for name in names}
     if binding.kind == "onnx":
         path = Path(binding.file)
         told |= {str(path.parent / n): sha for n, sha in onnx_content(path).beside.items()}
@@ -249,7 +253,9 @@ def _require_answers(path: Path, assumed: _Assumed, answers: Shapes) -> None:
     kinds = [k for _, t in answers for k in _kinds(t)]
     names = ", ".join(f"`{name}`" for name, _ in answers)
     if len(kinds) != assumed.outputs:
-        why = f"it answers {in_numbers(assumed.outputs)}, the node publishes {len(kinds)} ({names})"
+        why = (
+            f"it answers {numbers_text(assumed.outputs)}, the node publishes {len(kinds)} ({names})"
+        )
         raise bad_policy(path, why)
     if not assumed.whole and any(not isinstance(k, FloatType) for k in kinds):
         why = f"it answers numbers with fractions, and {names} takes whole ones"

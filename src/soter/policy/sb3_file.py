@@ -24,27 +24,27 @@ from soter.policy.network import (
     Policy,
     Relu,
     Tanh,
-    problem_of,
+    network_problem,
 )
 from soter.policy.pickle_data import Name, PickleError
-from soter.policy.policy_errors import bad_policy, content_of
+from soter.policy.policy_errors import bad_policy, read_policy_bytes
 from soter.policy.sb3_parts import (
     EXPORT,
     NUMBERS_MAX,
     bits,
     bounds,
-    decoded,
-    kind_of,
-    normalised,
-    observed,
-    opened,
+    choice_counts,
+    decode_value,
+    open_zip,
     part,
+    read_observation,
+    require_space,
     settings,
-    shown,
-    sizes_of,
-    space_of,
+    space_kind,
+    space_text,
     tensors,
     version,
+    with_statistics,
 )
 
 if TYPE_CHECKING:
@@ -134,30 +134,32 @@ def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
     """
     no_zip = "it is no zip, which is what Stable-Baselines3's `model.save` writes"
     try:
-        with opened(path, content_of(path), no_zip) as parts:
+        with open_zip(path, read_policy_bytes(path), no_zip) as parts:
             policy = _policy(path, parts)
     except (PickleError, RecursionError) as error:
         raise bad_policy(path, str(error), EXPORT) from error
-    return normalised(policy, statistics)
+    return with_statistics(policy, statistics)
 
 
 def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     said = settings(path, parts)
     kind, name = _kind(path, said)
-    seen = observed(path, decoded(path, said.get("observation_space")))
-    actions = space_of(path, decoded(path, said.get("action_space")), "action space", ACTED)
+    seen = read_observation(path, decode_value(path, said.get("observation_space")))
+    actions = require_space(
+        path, decode_value(path, said.get("action_space")), "action space", ACTED
+    )
     weights = tensors(path, part(path, parts, "policy.pth"))
     if any("features_extractor." in key for key in weights):
         raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
     options = _options(path, said)
-    squashed = kind_of(actions) == "Box" and options.get("squash_output", kind.squashed) is True
+    squashed = space_kind(actions) == "Box" and options.get("squash_output", kind.squashed) is True
     layers = [*seen.layers, *_layers(path, kind, options, weights)]
     last, choices = _choices(path, kind, actions, layers[-1])
     layers[-1:] = last
     if not choices:
         layers += _ending(path, actions, squashed=squashed)
     network = Network(len(seen.sizes), tuple(layers), choices)
-    if why := problem_of(network):
+    if why := network_problem(network):
         raise bad_policy(path, why)
     return Policy(
         str(path),
@@ -165,8 +167,8 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         {
             "file": f"Stable-Baselines3 {version(parts)}, {name} ({kind.algorithms})",
             "observation": seen.shown,
-            "action": shown(path, actions),
-            "answer": _ended(choices, squashed=squashed),
+            "action": space_text(path, actions),
+            "answer": _choice_ends(choices, squashed=squashed),
         },
         _assumed(kind),
         box=seen.box,
@@ -185,7 +187,7 @@ def _assumed(kind: _Kind) -> tuple[str, ...]:
 
 def _kind(path: Path, said: Mapping[str, Any]) -> tuple[_Kind, str]:
     """How the class of policies keeps its network, and its name."""
-    value = decoded(path, said.get("policy_class"))
+    value = decode_value(path, said.get("policy_class"))
     name = value.text if isinstance(value, Name) else "of its own"
     if name not in KINDS:
         known = ", ".join(dict.fromkeys(k.algorithms for k in KINDS.values()))
@@ -196,7 +198,7 @@ def _kind(path: Path, said: Mapping[str, Any]) -> tuple[_Kind, str]:
 
 def _options(path: Path, said: Mapping[str, Any]) -> dict[str, Any]:
     """The `policy_kwargs`; X014 where one of them changes what is answered and is not read."""
-    options = decoded(path, said.get("policy_kwargs"))
+    options = decode_value(path, said.get("policy_kwargs"))
     if not isinstance(options, dict):
         raise bad_policy(path, "its `policy_kwargs` are no dict")
     if more := sorted(set(options) - IGNORED):
@@ -289,7 +291,9 @@ def _linear(path: Path, name: str, weights: Tensors) -> Affine:
 
 def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
     """A `BatchRenorm` as it is in use, not in training."""
-    parts = _all(path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")])
+    parts = _named_tensors(
+        path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")]
+    )
     if any(x.ndim != 1 or x.shape != parts[0].shape for x in parts):
         raise bad_policy(path, f"its layer `{name}` normalises without a number for each")
     mean, variance, scale, bias = parts
@@ -299,7 +303,7 @@ def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator
     yield Elementwise("+", bias)
 
 
-def _all(path: Path, weights: Tensors, names: Sequence[str]) -> list[Floats]:
+def _named_tensors(path: Path, weights: Tensors, names: Sequence[str]) -> list[Floats]:
     """The tensors of these names; X014 where one is missing."""
     if missing := [name for name in names if name not in weights]:
         raise bad_policy(path, f"it has no numbers `{missing[0]}`", EXPORT)
@@ -312,7 +316,7 @@ def _memory(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
     while kind.memory and f"{kind.memory}weight_ih_l{count}" in weights:
         parts = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
         names = [f"{kind.memory}{part_name}_l{count}" for part_name in parts]
-        into, back, *biases = _all(path, weights, names)
+        into, back, *biases = _named_tensors(path, weights, names)
         count += 1
         size = back.size and back.shape[-1]
         fits = into.ndim == back.ndim == 2 and len(into) == len(back) == 4 * size > 0
@@ -331,7 +335,7 @@ def _choices(
     path: Path, kind: _Kind, actions: Made, last: Layer
 ) -> tuple[list[Layer], tuple[int, ...]]:
     """The last layer and those that choose after it; the sizes of the choices, () for a Box."""
-    name = kind_of(actions)
+    name = space_kind(actions)
     if name == "Box":
         if kind.values:
             raise bad_policy(
@@ -346,7 +350,7 @@ def _choices(
             weight, bias = (np.stack([0.0 * x, x], axis=1) for x in (last.weight, last.bias))
             last = Affine(weight.reshape(-1, weight.shape[-1]), bias.reshape(-1))
         return [last], (2,) * count
-    sizes = sizes_of(path, actions)
+    sizes = choice_counts(path, actions)
     if kind.hidden != _QRDQN.hidden or not isinstance(last, Affine):
         return [last], sizes
     each, rest = divmod(last.bias.size, sizes[0])
@@ -372,7 +376,7 @@ def _ending(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
     return [Tanh(), *scaled, Elementwise("+", low), Clipped(low, high)]
 
 
-def _ended(choices: tuple[int, ...], *, squashed: bool) -> str:
+def _choice_ends(choices: tuple[int, ...], *, squashed: bool) -> str:
     if choices:
         each = f", of {len(choices)} groups" if len(choices) > 1 else ""
         return f"the index of the largest number{each} (deterministic)"

@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from soter.language.load.named_files import NO_STATISTICS
-from soter.policy.network import OneHot, Policy, Standardised, in_numbers
-from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
-from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of
+from soter.policy.network import OneHot, Policy, Standardised, numbers_text
+from soter.policy.pickle_data import Made, Name, Persistent, PickleError, read_array, read_pickle
+from soter.policy.policy_errors import FILE_MAX, bad_policy, read_policy_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -41,7 +41,7 @@ PART_MAX, PARTS_MAX = 64 * 2**20, 10_000
 """Bytes of one part of the file, unpacked, and how many parts, at most."""
 
 
-def opened(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
+def open_zip(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
     """The parts of a zip; X014 in the words of `otherwise` where Python reads none."""
     if data.count(b"PK\1\2") > PARTS_MAX:
         raise bad_policy(path, f"it has more than {PARTS_MAX:,} parts")
@@ -89,7 +89,7 @@ def version(parts: zipfile.ZipFile) -> str:
     return text if text.replace(".", "").isalnum() else "of an unknown version"
 
 
-def decoded(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it holds
+def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it holds
     """A value of `data`, from JSON or from its pickle; SoterError X014, PickleError."""
     if not isinstance(value, dict) or ":serialized:" not in value:
         return value
@@ -107,7 +107,7 @@ def tensors(path: Path, data: bytes) -> dict[str, Floats]:
 
     SoterError X014.
     """
-    with opened(path, data, "its part `policy.pth` is no zip of `torch.save`") as parts:
+    with open_zip(path, data, "its part `policy.pth` is no zip of `torch.save`") as parts:
         names = [n for n in parts.namelist() if n.endswith("/data.pkl")]
         if len(names) != 1:
             raise bad_policy(path, "its part `policy.pth` is no file of `torch.save`")
@@ -176,25 +176,25 @@ class ObservationLayout(NamedTuple):
         return [OneHot(self.sizes)] if any(self.sizes) else []
 
 
-def kind_of(space: Made) -> str:
+def space_kind(space: Made) -> str:
     """The name of a space's class."""
     return space.name.rpartition(".")[2]
 
 
-def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
+def require_space(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
     """The space, which has to be of one of these kinds; SoterError X014."""
     if not isinstance(space, Made) or not isinstance(space.state, dict):
         raise bad_policy(path, f"it does not say its {which}")
-    if kind_of(space) not in kinds:
-        why = f"its {which} is a `{kind_of(space)[:40]}`"
+    if space_kind(space) not in kinds:
+        why = f"its {which} is a `{space_kind(space)[:40]}`"
         raise bad_policy(path, why, f"what can be read: {', '.join(kinds)}")
     return space
 
 
-def observed(path: Path, space: object) -> ObservationLayout:
+def read_observation(path: Path, space: object) -> ObservationLayout:
     """Reads what a policy observes from its space; SoterError X014 for any other space."""
-    made = space_of(path, space, "observation space", OBSERVED)
-    return OBSERVED[kind_of(made)](path, made)
+    made = require_space(path, space, "observation space", OBSERVED)
+    return OBSERVED[space_kind(made)](path, made)
 
 
 def _box(path: Path, space: Made) -> ObservationLayout:
@@ -209,7 +209,7 @@ def _box(path: Path, space: Made) -> ObservationLayout:
     if all(np.isfinite(end).all() for end in ends):
         # of stacked frames the space's bounds stand in another order
         hull = np.full(low.size, ends[0].min()), np.full(low.size, ends[1].max())
-    return ObservationLayout((0,) * low.size, shown(path, space), hull)
+    return ObservationLayout((0,) * low.size, space_text(path, space), hull)
 
 
 def _shape(path: Path, space: Made) -> tuple[int, ...]:
@@ -219,23 +219,25 @@ def _shape(path: Path, space: Made) -> tuple[int, ...]:
     return shape
 
 
-def _one_of(path: Path, space: Made) -> ObservationLayout:
-    sizes = sizes_of(path, space)
+def _box_observation(path: Path, space: Made) -> ObservationLayout:
+    sizes = choice_counts(path, space)
     low, high = np.zeros(len(sizes)), np.array(sizes, np.float64) - 1.0
-    return ObservationLayout(sizes, shown(path, space), (low, high))
+    return ObservationLayout(sizes, space_text(path, space), (low, high))
 
 
 def _bits(path: Path, space: Made) -> ObservationLayout:
     count = bits(path, space)
-    return ObservationLayout((0,) * count, shown(path, space), (np.zeros(count), np.ones(count)))
+    return ObservationLayout(
+        (0,) * count, space_text(path, space), (np.zeros(count), np.ones(count))
+    )
 
 
-def _by_name(path: Path, space: Made) -> ObservationLayout:
+def _dict_observation(path: Path, space: Made) -> ObservationLayout:
     kept = space.state.get("spaces")
     inner = kept.items if isinstance(kept, Made) else kept  # an OrderedDict is made
     if not isinstance(inner, dict) or not inner:
         raise bad_policy(path, "its observations by name have no names")
-    parts = {name: observed(path, part) for name, part in inner.items()}
+    parts = {name: read_observation(path, part) for name, part in inner.items()}
     if not all(name.isprintable() and len(name) <= NAME_MAX for name in inner):
         raise bad_policy(path, "a name of its observations is no name")
     if sum(len(part.sizes) for part in parts.values()) > NUMBERS_MAX:
@@ -261,32 +263,32 @@ def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Dou
 
 OBSERVED = {
     "Box": _box,
-    "Discrete": _one_of,
-    "MultiDiscrete": _one_of,
+    "Discrete": _box_observation,
+    "MultiDiscrete": _box_observation,
     "MultiBinary": _bits,
-    "Dict": _by_name,
+    "Dict": _dict_observation,
 }
 
 
 def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """The least and the largest of each number, (n,), of a Box; SoterError X014."""
-    low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
+    low, high = (read_array(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
         raise bad_policy(path, "the bounds of a Box are not one for each number")
     return low, high
 
 
-def sizes_of(path: Path, space: Made) -> tuple[int, ...]:
+def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
     """The numbers of choices of a Discrete or a MultiDiscrete, from 0 on; SoterError X014.
 
     X014, too, where they begin at another number.
     """
-    if kind_of(space) == "Discrete":
+    if space_kind(space) == "Discrete":
         sizes, starts = [whole(space, "n")], [whole(space, "start", 0)]
     else:
         start = space.state.get("start")
-        sizes = array_of(space.state.get("nvec")).reshape(-1).tolist()
-        starts = [] if start is None else array_of(start).reshape(-1).tolist()
+        sizes = read_array(space.state.get("nvec")).reshape(-1).tolist()
+        starts = [] if start is None else read_array(start).reshape(-1).tolist()
     if not all(isinstance(n, int) and n > 0 for n in sizes) or sum(sizes) > NUMBERS_MAX:
         raise bad_policy(path, "it does not say how many there are to choose from")
     if any(starts):
@@ -308,18 +310,18 @@ def whole(space: Made, which: str, default: int = -1) -> int:
     """An int of a Discrete: Python's in older files, NumPy's in newer ones."""
     value = space.state.get(which, default)
     if isinstance(value, Made):
-        numbers = array_of(value)
+        numbers = read_array(value)
         value = int(numbers) if numbers.ndim == 0 and numbers.dtype.kind == "i" else default
     return value if isinstance(value, int) else default
 
 
-def shown(path: Path, space: Made) -> str:
+def space_text(path: Path, space: Made) -> str:
     """A space in a few words."""
-    kind = kind_of(space)
+    kind = space_kind(space)
     if kind == "MultiBinary":
         return f"MultiBinary({bits(path, space)})"
     if kind != "Box":
-        return f"{kind}({', '.join(map(str, sizes_of(path, space)))})"
+        return f"{kind}({', '.join(map(str, choice_counts(path, space)))})"
     low, high = bounds(path, space)
     return f"Box of {low.size}: {', '.join(_intervals(low, high))}"
 
@@ -362,7 +364,7 @@ def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
     )
 
 
-def normalised(policy: Policy, named: Path | None) -> Policy:
+def with_statistics(policy: Policy, named: Path | None) -> Policy:
     """The policy with its statistics in front of it, or with what is assumed without them.
 
     SoterError X003, X014.
@@ -402,13 +404,13 @@ def _before(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
     if size and inputs % size == 0 and not policy.keys:
         facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
         return replace(policy, facts=facts, per_frame=layer)
-    why = f"it is of {in_numbers(size)}, the policy takes {inputs}"
+    why = f"it is of {numbers_text(size)}, the policy takes {inputs}"
     raise bad_policy(statistics, why, *_ways(Path(policy.path), statistics)[1:])
 
 
 def _state(path: Path) -> dict[str, Any]:
     """What a VecNormalize keeps."""
-    made = read_pickle(content_of(path))
+    made = read_pickle(read_policy_bytes(path))
     state = made.state if isinstance(made, Made) and made.name.endswith(".VecNormalize") else None
     if not isinstance(state, dict):
         raise bad_policy(path, "it is no VecNormalize that `env.save` wrote")
@@ -443,11 +445,11 @@ def _block(
         return np.zeros(count), np.ones(count), np.full(count, np.inf)
     if not isinstance(moments, Made) or not isinstance(moments.state, dict):
         raise bad_policy(path, "its statistics have no mean and variance")
-    mean, variance = (array_of(moments.state.get(k)) for k in ("mean", "var"))
+    mean, variance = (read_array(moments.state.get(k)) for k in ("mean", "var"))
     if mean.shape != variance.shape or {mean.dtype, variance.dtype} != {np.dtype(np.float64)}:
         raise bad_policy(path, "its mean and variance are no lists of float64 of one length")
     if count not in (-1, mean.size):
-        raise bad_policy(path, f"it is of {in_numbers(mean.size)}, the policy takes {count}")
+        raise bad_policy(path, f"it is of {numbers_text(mean.size)}, the policy takes {count}")
     mean, shifted = mean.reshape(-1), variance.reshape(-1) + epsilon
     if not (np.isfinite(mean).all() and np.isfinite(shifted).all() and (shifted > 0.0).all()):
         raise bad_policy(path, "its mean and variance are not finite, or a variance is negative")

@@ -82,14 +82,14 @@ def error_bound(network: Network, low: Doubles, high: Doubles) -> Doubles:
     if not_written(network):
         return np.full(network.outputs, np.inf)
     with np.errstate(over="ignore", invalid="ignore"):
-        x = _observed(low, high)
+        x = _observation_text(low, high)
         for layer in network.layers:
-            x = _passed(layer, x)
+            x = _layer_text(layer, x)
         bound = (x.single + x.double) * SLACK
     return np.where(np.isfinite(bound), bound, np.inf)
 
 
-def _observed(low: Doubles, high: Doubles) -> _Numbers:
+def _observation_text(low: Doubles, high: Doubles) -> _Numbers:
     largest = np.maximum(np.abs(low), np.abs(high))
     return _Numbers(low, high, _overflown(largest, SINGLE * largest + SINGLE_TINY), 0.0 * largest)
 
@@ -98,7 +98,7 @@ def _overflown(largest: Doubles, error: Doubles) -> Doubles:
     return np.where(largest + error < SINGLE_LARGE, error * SLACK, np.inf)
 
 
-def _passed(layer: Layer, x: _Numbers) -> _Numbers:
+def _layer_text(layer: Layer, x: _Numbers) -> _Numbers:
     if isinstance(layer, Affine):
         return _affine(layer, x)
     if isinstance(layer, Tanh):
@@ -115,7 +115,7 @@ def _passed(layer: Layer, x: _Numbers) -> _Numbers:
         ]
         return _Numbers(ends[0], ends[1], x.single, x.double + np.maximum(*moved))
     if isinstance(layer, Standardised):
-        return _standardised(layer, x)
+        return _standardised_text(layer, x)
     assert isinstance(layer, Elementwise)  # others are not written (`not_written`)
     return _elementwise(layer, x)
 
@@ -179,7 +179,7 @@ def _elementwise(layer: Elementwise, x: _Numbers) -> _Numbers:
     return _Numbers(ends[0] - own, ends[1] + own, _overflown(size, error[0]), error[1])
 
 
-def _standardised(layer: Standardised, x: _Numbers) -> _Numbers:
+def _standardised_text(layer: Standardised, x: _Numbers) -> _Numbers:
     """In float64 on both sides: the float32 one rounds what goes in and what comes out."""
     deviation, limit = layer.deviation, layer.limit
     error = []
@@ -309,14 +309,18 @@ def _table(name: str, array: npt.NDArray[np.float32] | npt.NDArray[np.float64]) 
     """A constant: numbers of a vector, or rows of a matrix."""
     kind = "".join(f"[{n}]" for n in reversed(array.shape))
     if array.ndim == 1:
-        return [f"const {name}: float{kind} = [", *_wrapped(map(_number, array.tolist())), "];"]
+        return [
+            f"const {name}: float{kind} = [",
+            *_wrapped_lines(map(_number, array.tolist())),
+            "];",
+        ]
     lines = [f"const {name}: float{kind} = ["]
     for row in array.tolist():
-        lines += ["  [", *("  " + line for line in _wrapped(map(_number, row))), "  ],"]
+        lines += ["  [", *("  " + line for line in _wrapped_lines(map(_number, row))), "  ],"]
     return [*lines, "];"]
 
 
-def _wrapped(words: Iterable[str]) -> Iterator[str]:
+def _wrapped_lines(words: Iterable[str]) -> Iterator[str]:
     line = " "
     for word in words:
         if len(line) + len(word) + 2 > COLUMNS:

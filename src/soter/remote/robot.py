@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import WrongTextError, duration_ns
-from soter.remote.topics import Channel, compiled, topics_of
+from soter.remote.topics import Channel, compiled_library, find_topics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -166,13 +166,13 @@ def connect(
     `channels.json`. `system`: of a program; by default the only one, or the `default`.
     SoterError X013, U002 and those of the program; X004, X005 where no C compiles here.
     """
-    topics = topics_of(program, system)
+    topics = find_topics(program, system)
     folder = Path(channels)
     if not folder.is_dir():
         start = f"make it, and start the robot with `--channels {folder}`"
         message = f"there is no folder `{folder}`: {start}"
         raise SoterError((Diagnostic("X013", message),))
-    compiled()  # here, and not before the first action
+    compiled_library()  # here, and not before the first action
     return Robot(topics, folder)
 
 
@@ -204,7 +204,7 @@ class Robot:
         t = self._topics.find(topic)
         with self._lock:
             if t.name not in self._read:
-                self._read[t.name] = self._opened(t, writes=False)
+                self._read[t.name] = self._open_topic(t, writes=False)
             fresh = self._read[t.name].read()
             if fresh is not None:
                 self._newest[t.name] = fresh
@@ -223,7 +223,7 @@ class Robot:
         if not wanted:
             raise SoterError((Diagnostic("U001", "`every` needs the name of a topic"),))
         limit_ns = None if timeout is None else _positive_ns("timeout", timeout)
-        own = {name: self._opened(t, writes=False) for name, t in wanted.items()}
+        own = {name: self._open_topic(t, writes=False) for name, t in wanted.items()}
         own[topics[0]].read()  # what was written before anybody asked is no news
         return self._observations(wanted, own, limit_ns)
 
@@ -327,10 +327,10 @@ class Robot:
     def _writer(self, t: Topic) -> Channel:
         with self._lock:
             if t.name not in self._written:
-                self._written[t.name] = self._opened(t, writes=True)
+                self._written[t.name] = self._open_topic(t, writes=True)
             return self._written[t.name]
 
-    def _opened(self, t: Topic, *, writes: bool) -> Channel:
+    def _open_topic(self, t: Topic, *, writes: bool) -> Channel:
         if self._closed:
             raise ValueError("the connection is closed")
         return Channel(self._folder, t.channel, t.number, t.size, writes=writes)

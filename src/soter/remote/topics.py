@@ -3,7 +3,7 @@
 Purpose: a `Channel` is a topic's file in shared memory, to write, read or wait for; many threads
 may use one. The C is that of the robot: the order of its stores and loads makes a value whole, and
 Python says nothing about that. A `Topic` turns values into bytes and back, and judges what is to be
-published as the gate would, before anybody sees it. `topics_of` finds the topics of a package, or
+published as the gate would, before anybody sees it. `find_topics` finds the topics of a package, or
 those that `soter build` would write of a program that was not built.
 Non-goals: who may write: whoever may write into the folder.
 """
@@ -66,7 +66,7 @@ ANEW = "stop everything that uses the folder, empty it, start anew"
 
 
 @lru_cache(maxsize=1)
-def compiled() -> tuple[Any, Any]:
+def compiled_library() -> tuple[Any, Any]:
     """(ffi, library); SoterError X004, X005 where nothing compiles here."""
     compiler = find()
     flags = (*STRICT, "-O2", "-fPIC", "-shared", *OWN_SYMBOLS)
@@ -88,7 +88,7 @@ class Channel:
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None
-        self._ffi, self._lib = compiled()
+        self._ffi, self._lib = compiled_library()
         self._name, self._size = name, size
         self._lock = Lock()
         self._c = self._ffi.new("soter_outside *")
@@ -217,7 +217,7 @@ class Topic:
         try:
             value = from_python(widened(self.type), given, where)
         except ValueShapeError as error:
-            raise _refused(str(error)) from error
+            raise _refusal(str(error)) from error
         fitting = _Fitting(self.ends, clip=clip).value(self.type, value, where)
         buffer = bytearray(self.size)
         encode_into(buffer, 0, self.type, fitting)
@@ -245,7 +245,7 @@ class Topics:
         found = self._known.get(name)
         if found is None:
             near = likely(name, self._known)
-            listed = f"did you mean `{near}`?" if near else f"it has {_listed(self.all)}"
+            listed = f"did you mean `{near}`?" if near else f"it has {_topic_list(self.all)}"
             message = f"system `{self.system}` has no channel `{name}`: {listed}"
             raise SoterError((Diagnostic("U001", message),))
         return found
@@ -254,32 +254,32 @@ class Topics:
         """The topic of this name; SoterError U001 also where the robot publishes it itself."""
         topic = self.find(name)
         if not topic.writable:
-            open_ = _listed([t for t in self.all if t.writable])
+            open_ = _topic_list([t for t in self.all if t.writable])
             message = f"`{name}` is published by the robot itself; open to others: {open_}"
             raise SoterError((Diagnostic("U001", message),))
         return topic
 
 
-def _listed(topics: Sequence[Topic]) -> str:
+def _topic_list(topics: Sequence[Topic]) -> str:
     return ", ".join(f"`{t.name}`" for t in topics) or "none"
 
 
 # ---------------------------------------------------------------- from a package, or a program
 
 
-def topics_of(program: str | Path | Declared, system: str | None) -> Topics:
+def find_topics(program: str | Path | Declared, system: str | None) -> Topics:
     """The topics of a package (its folder, its channels.json) or of a program (file or loaded)."""
     if isinstance(program, (str, Path)):
         path = Path(program)
         if path.is_dir():
             there = [f / CHANNELS for f in (path, path / TRUSTED)]
-            return _of_package(next((f for f in there if f.is_file()), there[0]), system)
+            return _package_topics(next((f for f in there if f.is_file()), there[0]), system)
         if path.suffix == ".json":
-            return _of_package(path, system)
-    return parsed(document_of(program, system), "the program")
+            return _package_topics(path, system)
+    return parse_channels(channels_document(program, system), "the program")
 
 
-def _of_package(path: Path, system: str | None) -> Topics:
+def _package_topics(path: Path, system: str | None) -> Topics:
     try:
         document = json.loads(read_json_text(path))
     except OSError as error:
@@ -287,14 +287,14 @@ def _of_package(path: Path, system: str | None) -> Topics:
         raise SoterError((Diagnostic("X013", message),)) from error
     except (ValueError, RecursionError) as error:
         raise _no_document(str(path)) from error
-    topics = parsed(document, str(path))
+    topics = parse_channels(document, str(path))
     if system is not None and system not in (topics.system, topics.system.rpartition(".")[2]):
         message = f"`{path}` is about system `{topics.system}`, not `{system}`"
         raise SoterError((Diagnostic("X013", message),))
     return topics
 
 
-def parsed(document: object, where: str) -> Topics:
+def parse_channels(document: object, where: str) -> Topics:
     """The topics of a `channels.json`; SoterError X013 where it is none, or has no channels."""
     try:
         whole = cast("Mapping[str, Any]", document)
@@ -389,16 +389,16 @@ class _Fitting:
         if isinstance(t, (BoolType, EnumType)):
             return given
         if isinstance(t, FloatType) and not math.isfinite(given):
-            raise _refused(f"{path}: {given} is no finite number")
+            raise _refusal(f"{path}: {given} is no finite number")
         if ends is None or ends[0] <= given <= ends[1]:
             return given
         low, high = Bound(*ends).singles if isinstance(t, FloatType) else ends
         if self._clip or low <= given <= high:
             return type(given)(min(max(given, ends[0]), ends[1]))
-        raise _refused(f"{path}: {given} is not in [{ends[0]}, {ends[1]}] (clip=True clips it)")
+        raise _refusal(f"{path}: {given} is not in [{ends[0]}, {ends[1]}] (clip=True clips it)")
 
 
-def _refused(message: str) -> SoterError:
+def _refusal(message: str) -> SoterError:
     return SoterError((Diagnostic("U012", message),))
 
 
@@ -409,7 +409,7 @@ class Declared(Protocol):
         """A system of the program; SoterError where there is none."""
 
 
-def document_of(program: str | Path | Declared, system: str | None) -> dict[str, object]:
+def channels_document(program: str | Path | Declared, system: str | None) -> dict[str, object]:
     """`channels.json` of a system; `program`: a file, or what `soter.load` gave.
 
     SoterError where the program has mistakes, U002 where there is no such system.

@@ -223,7 +223,7 @@ WAITS, READY, ACKNOWLEDGED = 0, 1, 2
 OPEN, CLOSED = 0, 1
 
 
-def enabled(
+def enabled_outputs(
     system: System, oe: Sequence[bool], modes: Sequence[int], module: Module
 ) -> tuple[bool, ...]:
     """OE after the mode of a module was decided; `modes` by module.
@@ -248,7 +248,7 @@ def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
     """OE at the start; what is no controller always has it."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
     for module in system.modules:
-        oe = enabled(system, oe, modes, module)
+        oe = enabled_outputs(system, oe, modes, module)
     return oe
 
 
@@ -279,7 +279,7 @@ def latch_seen(
         held, since = READY, stamp
     elif stamp > since and held == READY and pressed:
         held, since = ACKNOWLEDGED if c.ct - stamp <= max_age else WAITS, stamp
-    return _remembered(c, module.latch, held, since), held == ACKNOWLEDGED
+    return _remember_latch(c, module.latch, held, since), held == ACKNOWLEDGED
 
 
 def latch_switched(c: Configuration, module: Module, after: int) -> Configuration:
@@ -287,10 +287,10 @@ def latch_switched(c: Configuration, module: Module, after: int) -> Configuratio
     if module.latch is None:
         return c
     if module.acknowledgement is None:
-        return _remembered(c, module.latch, CLOSED, NEVER)
-    return _remembered(c, module.latch, WAITS, NEVER if after == AC else c.ct)
+        return _remember_latch(c, module.latch, CLOSED, NEVER)
+    return _remember_latch(c, module.latch, WAITS, NEVER if after == AC else c.ct)
 
 
-def _remembered(c: Configuration, latch: int, held: int, since: int) -> Configuration:
+def _remember_latch(c: Configuration, latch: int, held: int, since: int) -> Configuration:
     topics = put(c.Topics, latch, held)
     return replace(c, Topics=topics, stamps=put(c.stamps, latch, since))

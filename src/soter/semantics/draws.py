@@ -184,7 +184,7 @@ class AnsweredDraws:
     def __init__(
         self, system: System, answer: Answer | Mapping[str, Iterable[int]], seed: int = 0
     ) -> None:
-        self.answer = answer if callable(answer) else queued(answer)
+        self.answer = answer if callable(answer) else queued_answers(answer)
         self.asked: list[ChoiceQuestion] = []
         self._chance = SeededDraws(seed)
         self._by_chance = frozenset(_drawn_by_chance(system))
@@ -228,7 +228,7 @@ class AnsweredDraws:
         return outcome
 
 
-def queued(picks: Mapping[str, Iterable[int]]) -> Answer:
+def queued_answers(picks: Mapping[str, Iterable[int]]) -> Answer:
     """Answers from one queue of picks a stream; the default where it has run out."""
     left = {stream: iter(queue) for stream, queue in picks.items()}
     return lambda stream, _: next(left.get(stream, iter(())), 0)
@@ -261,7 +261,7 @@ def _between(bits: int, low: float, high: float) -> float:
     return min(low + (high - low) * u, high)
 
 
-def _mixed(key: int, index: int, low: float, high: float) -> float:
+def _mix_uniform(key: int, index: int, low: float, high: float) -> float:
     segment = _spread(key, index >> (3 + (key & 7)))
     if segment & 3 == 0:
         return low
@@ -285,7 +285,7 @@ def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -
     elif pattern == TOGETHER:
         side ^= _spread(seed_key, index >> (seed_key % 13)) >> 63
     elif pattern == MIXED:
-        return _mixed(key, index, low, high)
+        return _mix_uniform(key, index, low, high)
     elif pattern != CORNER:
         return _between(_spread(key, index), low, high)
     return high if side else low
@@ -361,7 +361,7 @@ class RecordedDraws:
 
     choices: Mapping[str, list[tuple[int, Value]]]
 
-    def _at(self, stream: str, index: int) -> Value:
+    def _draw_at(self, stream: str, index: int) -> Value:
         noted = self.choices.get(stream, [])
         at = bisect_right(noted, index, key=lambda entry: entry[0]) - 1
         if at < 0:
@@ -370,14 +370,14 @@ class RecordedDraws:
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
         """The float that was chosen."""
-        value = self._at(stream, index)
+        value = self._draw_at(stream, index)
         if isinstance(value, bool) or not isinstance(value, float) or not low <= value <= high:
             raise ChoiceError(f"`{stream}` at {index}: {value} is not in [{low}, {high}]")
         return value
 
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """The value that was chosen."""
-        value = self._at(stream, index)
+        value = self._draw_at(stream, index)
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
             return self.uniform(stream, index, bound.low, bound.high)
@@ -396,7 +396,7 @@ class RecordedDraws:
 
     def choice(self, stream: str, index: int, count: int) -> int:
         """The alternative that was chosen."""
-        value = self._at(stream, index)
+        value = self._draw_at(stream, index)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
             raise ChoiceError(f"`{stream}` at {index}: {value} is none of {count} alternatives")
         return value

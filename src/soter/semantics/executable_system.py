@@ -23,9 +23,9 @@ from soter.language.model.tree_walk import chosen_lets, first_lets
 from soter.language.model.types import ArrayType, FloatType, ListType, RecordType, leaves, positions
 from soter.semantics.configuration import AC
 from soter.semantics.draws import SeededDraws
-from soter.semantics.externs import UnboundExternError, extern_node, extern_plant, step_of
-from soter.semantics.faults import by_component
-from soter.semantics.publication_gate import check_of
+from soter.semantics.externs import UnboundExternError, extern_node, extern_plant, step_function
+from soter.semantics.faults import group_by_component
+from soter.semantics.publication_gate import make_check
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -219,7 +219,7 @@ class ExecutableSystem:
         self.system = system
         self.seed = seed
         self.draws = draws or SeededDraws(seed)
-        self.checks = tuple([check_of(topic) for topic in system.topics])
+        self.checks = tuple([make_check(topic) for topic in system.topics])
         self.nodes: dict[int, NodeCode] = {}
         self.dms: dict[int, DmCode] = {}
         self.plants: dict[int, PlantCode] = {}
@@ -233,9 +233,9 @@ class ExecutableSystem:
         self._require_bound([c.name for c in system.components if c.extern])
         for component in system.components:
             self._compile(component)
-        self.timing = by_component(system, of_time=True)
+        self.timing = group_by_component(system, of_time=True)
         """Component -> what happens to its releases."""
-        self.faults = by_component(system, of_time=False)
+        self.faults = group_by_component(system, of_time=False)
         """Component -> what happens to its publications and disturbances."""
         self.properties = tuple([self._property(p) for p in system.properties])
         self.contracts: dict[int, list[tuple[str, int]]] = {}
@@ -271,7 +271,7 @@ class ExecutableSystem:
     def _extern_functions(self) -> dict[FunSymbol, Extern]:
         functions = self.system.program.funs.values()
         return {
-            f: step_of(self._externs[f.name])
+            f: step_function(self._externs[f.name])
             for f in functions
             if f.extern and f.name in self._externs
         }
@@ -324,7 +324,7 @@ class ExecutableSystem:
     def _plant(self, component: Component) -> PlantCode:
         move = None
         if component.extern:
-            move = extern_plant(component, step_of(self._externs[component.name]))
+            move = extern_plant(component, step_function(self._externs[component.name]))
         evaluator = self._evaluator(component.scope)
         return compile_plant(component, evaluator, self.system.topics, move)
 
@@ -334,7 +334,7 @@ class ExecutableSystem:
         evaluator = self._evaluator(component.scope)
         if component.extern:
             step = extern_node(
-                self.system.topics, component, step_of(self._externs[component.name])
+                self.system.topics, component, step_function(self._externs[component.name])
             )
         else:
             step = evaluator.block(node.step)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import inputs_to_python, outputs_from_python
 from soter.report.wording import visible
-from soter.semantics.publication_gate import to_ends
+from soter.semantics.publication_gate import rounded_to_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -60,7 +60,7 @@ class ExternResetError(Exception):
         self.name = name
 
 
-def message_of(error: BaseException) -> str:
+def error_message(error: BaseException) -> str:
     """What an exception of an extern says, on one line; its code may fail even at that."""
     try:
         text = str(error)
@@ -73,11 +73,11 @@ def message_of(error: BaseException) -> str:
 
 def visible_error(error: BaseException) -> str:
     """Kind and message of an exception of an extern, every character of them visible."""
-    text, kind = message_of(error), type(error).__name__
+    text, kind = error_message(error), type(error).__name__
     return visible(f"{kind}: {text}" if text else kind)
 
 
-def step_of(bound: object) -> Step:
+def step_function(bound: object) -> Step:
     """The function behind a bound object: its `step` method, or itself; TypeError without one."""
     step = getattr(bound, "step", bound)
     if not callable(step):
@@ -104,20 +104,20 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
     scope = component.scope.topics
     reads = []
     for s in component.node.subscribes:  # a queue is a list of what the topic holds
-        name, _, index = _named(s.topic, scope)
+        name, _, index = _short_topic(s.topic, scope)
         reads.append((name, topics[index].type, index))
     writes = [(scope[topic], topic in component.node.bursts) for topic in component.node.publishes]
     shapes = component.node.answers
 
     def run(env: Environment) -> None:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
-        answers = converted(shapes, step(inputs))
+        answers = convert_answer(shapes, step(inputs))
         for (index, burst), value in zip(writes, answers, strict=True):
             if value is not None and not (burst and not value):  # no message is no publication
-                given = [to_ends(topics[index], m) for m in (value if burst else (value,))]
+                given = [rounded_to_ends(topics[index], m) for m in (value if burst else (value,))]
                 env.published[index] = tuple(given) if burst else given[0]
 
-    return _guarded(component, run)
+    return _guard_step(component, run)
 
 
 def extern_plant(component: Component, step: Step) -> Move:
@@ -127,32 +127,32 @@ def extern_plant(component: Component, step: Step) -> Move:
     """
     assert component.plant is not None
     scope = component.scope.topics
-    reads = [_named(topic, scope) for topic in component.plant.reads]
+    reads = [_short_topic(topic, scope) for topic in component.plant.reads]
     shapes = [(v.name, v.type) for v in component.plant.states]
 
     def move(env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
         named = zip(shapes, states, strict=True)
         inputs.state = inputs_to_python([(name, t, value) for (name, t), value in named])
-        answers = converted(shapes, step(inputs))
+        answers = convert_answer(shapes, step(inputs))
         return tuple(
             [old if new is None else new for old, new in zip(states, answers, strict=True)]
         )
 
-    return _guarded(component, move)
+    return _guard_step(component, move)
 
 
-def converted(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
+def convert_answer(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
     """The values of an answer, in the order of `shapes`."""
     return answer if isinstance(answer, Converted) else outputs_from_python(shapes, answer)
 
 
-def _named(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str, Type, int]:
+def _short_topic(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str, Type, int]:
     """(short name, type, index): the name is the declaration's own, whatever it is renamed to."""
     return topic.name.rpartition(".")[2], topic.type, scope[topic]
 
 
-def _guarded(component: Component, run: Callable[..., Any]) -> Callable[..., Any]:
+def _guard_step(component: Component, run: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(*arguments: object) -> object:
         try:
             return run(*arguments)

@@ -34,7 +34,7 @@ ORDERS = 64
 """Indices of the stream of orders that belong to one instant."""
 
 
-def by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
+def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
     """The faults of each component that has some: those of its releases, or the others."""
     faults_by_component: dict[int, tuple[Fault, ...]] = {}
     for f in system.faults:
@@ -46,7 +46,7 @@ def by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...
 # ---------------------------------------------------------------- when
 
 
-def slot_of(fault: Fault, seed: int, t: int, period_ns: int) -> int:
+def fault_slot(fault: Fault, seed: int, t: int, period_ns: int) -> int:
     """The slot of a fault that t lies in; where slots begin is drawn once."""
     if fault.slot_ns == 0:
         return t // period_ns
@@ -63,7 +63,7 @@ def _drawn(fault: Fault, seed: int, slot: int) -> bool:
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
     """Whether a fault is active at t; one whose slots stay `apart` never is in two in a row."""
-    slot = slot_of(fault, seed, t, period_ns)
+    slot = fault_slot(fault, seed, t, period_ns)
     if not _drawn(fault, seed, slot):
         return False
     return not fault.apart or not _drawn(fault, seed, slot - 1)
@@ -71,7 +71,7 @@ def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
 
 def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
     """The time until which a component that is held up at t waits; else t."""
-    slot = slot_of(fault, seed, t, period_ns)
+    slot = fault_slot(fault, seed, t, period_ns)
     if not is_active(fault, seed, t, period_ns):
         return t
     begin = slot * fault.slot_ns - _offset(fault, seed)
@@ -99,7 +99,7 @@ def happens(
             if is_active(f, seed, nominal, c.period_ns):
                 return None
         elif f.on is not None:
-            t = max(t, _waited(system, f.on, seed, nominal) or t)
+            t = max(t, _awaited_release(system, f.on, seed, nominal) or t)
         elif f.slot_ns:
             t = _held_until(f, seed, t, c.period_ns)
         else:
@@ -107,7 +107,7 @@ def happens(
     return t if t == nominal or t < nominal + c.period_ns else None
 
 
-def _waited(system: System, on: int, seed: int, nominal: int) -> int | None:
+def _awaited_release(system: System, on: int, seed: int, nominal: int) -> int | None:
     """When the last release of another component, up to a nominal time, happens, if it does."""
     other = system.components[on]
     since = nominal - other.phase_ns
@@ -152,7 +152,7 @@ def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
 # ---------------------------------------------------------------- what
 
 
-def disturbed(
+def with_faults(
     system: System,
     faults: Sequence[Fault],
     c: Component,
@@ -174,13 +174,17 @@ def disturbed(
             continue
         topic = system.topics[f.topic]
         paths = [positions(topic.type, path) for path, _ in leaves(topic.type)]
-        slot = slot_of(f, seed, ct, c.period_ns)
+        slot = fault_slot(f, seed, ct, c.period_ns)
         for i in f.leaves:
             if f.kind == "stuck":
-                new = _at(now[f.topic], paths[i])
+                new = _value_at(now[f.topic], paths[i])
             else:
                 new = _leaf(
-                    f, seed, (slot, ct, i), _at(value_by_topic[f.topic], paths[i]), topic.bounds[i]
+                    f,
+                    seed,
+                    (slot, ct, i),
+                    _value_at(value_by_topic[f.topic], paths[i]),
+                    topic.bounds[i],
                 )
             bound = topic.bounds[i]
             if c.plant is not None and bound is not None and isinstance(new, float):
@@ -214,12 +218,12 @@ def factor(faults: Sequence[Fault], c: Component, d: int, seed: int, ct: int) ->
     return scale
 
 
-def _at(value: Value, path: Sequence[int]) -> Value:
+def _value_at(value: Value, path: Sequence[int]) -> Value:
     for i in path:
         value = value[i]
     return value
 
 
-def in_any_order(seed: int, ct: int, waiting: int) -> int:
+def next_in_any_order(seed: int, ct: int, waiting: int) -> int:
     """The index, among `waiting` nodes at ct, of the one that steps next."""
     return draw_bits(seed, "fault.order", ct * ORDERS + waiting % ORDERS) % waiting

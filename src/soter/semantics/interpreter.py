@@ -44,15 +44,15 @@ from soter.semantics.configuration import (
 from soter.semantics.draws import assemble, chooser, chosen_value
 from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset
-from soter.semantics.faults import disturbed, factor, in_any_order
-from soter.semantics.publication_gate import check_publications, latch, publish, to_ends
+from soter.semantics.faults import factor, next_in_any_order, with_faults
+from soter.semantics.publication_gate import check_publications, latch, publish, rounded_to_ends
 from soter.semantics.rules import (
     ac_or_sc_step,
     discrete_time_progress_step,
     dm_step,
     environment_input,
     next_instant,
-    violated,
+    violated_properties,
 )
 
 if TYPE_CHECKING:
@@ -94,16 +94,16 @@ def plant_step(
     try:
         drawn = _disturbances(component, machine.draws, c.ct if moves else None)
         if n in machine.faults:
-            drawn = _scaled(machine, component, drawn, c.ct)
+            drawn = _scaled_disturbances(machine, component, drawn, c.ct)
         env.variables.update(drawn)
         states = c.L[n]
         env.choose = chooser(machine.draws, component, c.ct)
         _choose_lets(code, env, states)
         if moves:
-            states = code.store(_moved(code, env, states))
-        out = _measured(code, env, states, machine.draws, c.ct)
+            states = code.store(_next_states(code, env, states))
+        out = _drive_values(code, env, states, machine.draws, c.ct)
         if n in machine.faults:
-            out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
+            out = with_faults(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, out, out, component.span)
     except StepFault as fault:
         return latch(c, n), StepOutcome(n, {}, fault, latched=True)
@@ -121,7 +121,7 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
     return drawn
 
 
-def _scaled(
+def _scaled_disturbances(
     machine: ExecutableSystem, component: Component, drawn: dict[Variable, Value], ct: int
 ) -> dict[Variable, Value]:
     """The disturbances, scaled by the faults of the system."""
@@ -145,7 +145,7 @@ def _disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
 # ---------------------------------------------------------------- motion
 
 
-def _moved(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
+def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
     """The states one period later: every `next` from the old states, every `der` integrated."""
     if code.move is not None:
         return code.move(env, states)
@@ -154,11 +154,11 @@ def _moved(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> tupl
         _see(code, env, states)
         new.update({variable: value(env) for variable, value in code.next})
     if code.der:
-        new.update(_integrated(code, env, states))
+        new.update(_integrate(code, env, states))
     return tuple([new[variable] for variable in code.states])
 
 
-def _integrated(
+def _integrate(
     code: PlantCode, env: Environment, states: tuple[Value, ...]
 ) -> dict[Variable, Value]:
     """All `der` states together over one period, in `substeps` equal steps; the others held."""
@@ -206,7 +206,7 @@ def _along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> 
 # ---------------------------------------------------------------- measurement
 
 
-def _measured(
+def _drive_values(
     code: PlantCode, env: Environment, states: tuple[Value, ...], draws: Draws, ct: int
 ) -> dict[int, Value]:
     """What the plant publishes: its `drives` on these states, measurement errors added."""
@@ -260,8 +260,8 @@ def refusal(
 
     EXTERN: the topic is not the environment's, the value is none of its type, or the time is before
     the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
-    value is not in the topic's set (`to_ends`). `within`: time has moved to an instant that is not
-    over, though FN may be empty: nobody is released when only an input is drawn.
+    value is not in the topic's set (`rounded_to_ends`). `within`: time has moved to an instant
+    that is not over, though FN may be empty: nobody is released when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
@@ -270,7 +270,7 @@ def refusal(
     if not c.stamps[topic] <= time_ns <= latest or not is_value(topics[topic].type, value):
         return FaultKind.EXTERN
     try:
-        machine.checks[topic](to_ends(topics[topic], value), topics[topic].symbol.span)
+        machine.checks[topic](rounded_to_ends(topics[topic], value), topics[topic].symbol.span)
     except StepFault as fault:
         return fault.kind
     return None
@@ -393,7 +393,7 @@ class Interpreter:
         first = deployed_order(c)
         if not self.system.shuffled or self.system.components[first].role == "plant":
             return first
-        return c.FN[in_any_order(self.machine.seed, c.ct, len(c.FN))]
+        return c.FN[next_in_any_order(self.machine.seed, c.ct, len(c.FN))]
 
     def publish(self, c: Configuration, published: Mapping[int, Value]) -> Configuration:
         """Put values on topics and their queues, for drivers that hold publications back."""
@@ -411,7 +411,7 @@ class Interpreter:
         refused = refusal(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
             return c, refused
-        taken = to_ends(self.system.topics[topic], value)
+        taken = rounded_to_ends(self.system.topics[topic], value)
         return environment_input(self.machine, c, topic, taken, time_ns), None
 
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
@@ -449,7 +449,7 @@ class Interpreter:
             if record is not None:
                 record.note(event, c.ct)
         if record is not None:
-            record.note_properties(violated(self.machine, c), c.ct)
+            record.note_properties(violated_properties(self.machine, c), c.ct)
         return c
 
     def run(

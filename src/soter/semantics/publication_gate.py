@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # ---------------------------------------------------------------- the topic's set
 
 
-def check_of(topic: Topic) -> Check:
+def make_check(topic: Topic) -> Check:
     """`(value, span)` raises a step fault unless the value lies in the topic's set."""
     bounds = iter(topic.bounds)
     names = iter([".".join((topic.name, *path)) for path, _ in leaves(topic.type)])
@@ -97,19 +97,19 @@ def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Val
     return published if topic in bursts else (published,)
 
 
-def to_ends(topic: Topic, value: Value) -> Value:
+def rounded_to_ends(topic: Topic, value: Value) -> Value:
     """A value from outside in which the float32 of an end of the topic's set is that end."""
     if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
         return value
-    return _at_leaves(_to_end, topic.type, iter(topic.bounds), value)
+    return _map_leaves(_round_to_end, topic.type, iter(topic.bounds), value)
 
 
-def clipped(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
+def clip(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
     """A value with numbers outside of a topic's set moved to its ends; NaN and infinity stay."""
-    return _at_leaves(_inside, t, iter(bounds), value)
+    return _map_leaves(_inside, t, iter(bounds), value)
 
 
-def _at_leaves(
+def _map_leaves(
     leaf: Callable[[Type, Bound | None, Value], Value],
     t: Type,
     bounds: Iterator[Bound | None],
@@ -118,12 +118,12 @@ def _at_leaves(
     """A value whose leaves went through `leaf`; takes as many bounds as the type has leaves."""
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
-        return tuple([_at_leaves(leaf, f, bounds, part) for (_, f), part in fields])
+        return tuple([_map_leaves(leaf, f, bounds, part) for (_, f), part in fields])
     if isinstance(t, ArrayType):
-        return tuple([_at_leaves(leaf, t.element, bounds, part) for part in value])
+        return tuple([_map_leaves(leaf, t.element, bounds, part) for part in value])
     if isinstance(t, ListType):
         own = [next(bounds) for _ in leaves(t.element)]
-        return tuple([_at_leaves(leaf, t.element, iter(own), part) for part in value])
+        return tuple([_map_leaves(leaf, t.element, iter(own), part) for part in value])
     return leaf(t, next(bounds), value)
 
 
@@ -135,7 +135,7 @@ def _inside(t: Type, bound: Bound | None, value: Value) -> Value:
     return type(value)(min(max(value, bound.low), bound.high))
 
 
-def _to_end(t: Type, bound: Bound | None, value: Value) -> Value:
+def _round_to_end(t: Type, bound: Bound | None, value: Value) -> Value:
     if bound is None or not isinstance(t, FloatType):
         return value
     low, high = bound.singles
@@ -193,11 +193,11 @@ def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
     """Empty those of these queues that lost a value, after the fault of `must_not_lose`."""
     for q in queues:
         if c.stamps[q] == LOST:
-            c = replace(emptied(c, (q,)), stamps=put(c.stamps, q, NEVER))
+            c = replace(empty_queues(c, (q,)), stamps=put(c.stamps, q, NEVER))
     return c
 
 
-def emptied(c: Configuration, queues: Iterable[int]) -> Configuration:
+def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
     """Empty the queues of a node after its completed step."""
     for q in queues:
         if c.Topics[q]:

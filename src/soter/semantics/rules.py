@@ -26,18 +26,18 @@ from soter.semantics.configuration import (
     SC,
     DecisionVerdict,
     StepOutcome,
-    enabled,
+    enabled_outputs,
     latch_seen,
     latch_switched,
     put,
 )
 from soter.semantics.draws import chooser, draw_bits
-from soter.semantics.faults import disturbed, is_released, next_release, overrun_ns
+from soter.semantics.faults import is_released, next_release, overrun_ns, with_faults
 from soter.semantics.publication_gate import (
     check_publications,
     clear_lost_queues,
     count_clean_step,
-    emptied,
+    empty_queues,
     latch,
     must_not_lose,
     publish,
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from soter.semantics.executable_system import ExecutableSystem, ShieldCode
 
 
-def violated(machine: ExecutableSystem, c: Configuration) -> list[bool]:
+def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[bool]:
     """Per property of the system: whether it is violated now; one that faults is.
 
     Contracts are not judged at an instant: False.
@@ -67,7 +67,7 @@ def violated(machine: ExecutableSystem, c: Configuration) -> list[bool]:
     ]
 
 
-def judged(
+def violated_contracts(
     machine: ExecutableSystem, c: Configuration, component: Component, kind: str
 ) -> dict[int, bool]:
     """The contracts of a node of one kind, by property index: whether each is violated."""
@@ -78,7 +78,7 @@ def judged(
     return {i: _is_violated(machine, i, env) for i in own}
 
 
-def fault_of(
+def judging_fault(
     machine: ExecutableSystem, c: Configuration, index: int, component: Component | None = None
 ) -> StepFault | None:
     """What goes wrong as a property, or a contract of a node, is judged; None: nothing."""
@@ -111,7 +111,7 @@ class Shielded:
     proposed: dict[int, Value] = field(default_factory=dict)
 
 
-def shielded(
+def apply_shield(
     machine: ExecutableSystem,
     c: Configuration,
     component: Component,
@@ -126,19 +126,19 @@ def shielded(
         return Shielded(published)
     dm = machine.system.components[_shielding_module(machine, component).dm]
     held = {code.topic: code.held(machine.environment(c, dm))}
-    proposed = _proposed(machine, c, component, code, published)
+    proposed = _with_proposal(machine, c, component, code, published)
     if component.role != "ac":
         return Shielded(published, held, proposed)
     if proposed:
         seen = _with(c, {**held, **proposed})
         env = machine.environment(seen, dm)
-        published = _moved(machine, component, published, [move(env) for move in code.moved])
+        published = _with_numbers(machine, component, published, [move(env) for move in code.moved])
     if not code.permits(machine.environment(_with(c, {**published, **held}), dm)):
         raise StepFault(FaultKind.SHIELD, component.span, "the shield does not permit it")
     return Shielded(published, held, proposed)
 
 
-def _proposed(
+def _with_proposal(
     machine: ExecutableSystem,
     c: Configuration,
     component: Component,
@@ -158,7 +158,7 @@ def _proposed(
     return {code.proposed: tuple(numbers)}
 
 
-def _moved(
+def _with_numbers(
     machine: ExecutableSystem,
     component: Component,
     published: Mapping[int, Value],
@@ -244,7 +244,7 @@ def dm_step(
     c = replace(
         c,
         L=locals_,
-        OE=enabled(machine.system, c.OE, modes, module),  # dm1, dm2
+        OE=enabled_outputs(machine.system, c.OE, modes, module),  # dm1, dm2
         FN=_without(c.FN, dm),
         gate_fault=put(c.gate_fault, module.index, False),
     )
@@ -286,19 +286,19 @@ def _node_step(
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
         return _fail_safe(machine, c, component, StepOutcome(n, {}))
-    assumed = judged(machine, c, component, "assumes")
+    assumed = violated_contracts(machine, c, component, "assumes")
     try:
         kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
         if n in machine.faults:
-            out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
+            out = with_faults(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, code.outputs, out, component.span, code.bursts)
-        commands = shielded(machine, c, component, out)
+        commands = apply_shield(machine, c, component, out)
         out = commands.published
     except StepFault as fault:
-        c, outcome = _faulted(machine, c, component, fault)
+        c, outcome = _after_fault(machine, c, component, fault)
         return c, replace(outcome, judged=assumed)
     c = replace(c, L=put(c.L, n, kept), had_control=put(c.had_control, n, oe))
-    c = emptied(c, code.queues)
+    c = empty_queues(c, code.queues)
     c = publish(machine.system.topics, c, commands.proposed)
     if component.role == "ac":
         c = count_clean_step(c, _module(machine, component), code.outputs, out)
@@ -307,7 +307,9 @@ def _node_step(
         return before, StepOutcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
     c = publish(machine.system.topics, c, {**out, **commands.held}, bursts=code.bursts)
-    guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
+    guaranteed = (
+        {} if any(assumed.values()) else violated_contracts(machine, c, component, "guarantees")
+    )
     if component.held is not None:
         return before, StepOutcome(n, {}, judged={**assumed, **guaranteed})
     several = {t: out[t] for t in code.bursts if t in out}
@@ -456,7 +458,7 @@ def _transition(
     return code.store(tuple([env.variables[v] for v in code.locals])), env.published
 
 
-def _faulted(
+def _after_fault(
     machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
 ) -> tuple[Configuration, StepOutcome]:
     """After a step fault nothing is published, locals stay, AC is gated, a trusted node latched."""

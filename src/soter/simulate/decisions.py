@@ -31,10 +31,10 @@ from soter.simulate.explain_decision import (
     DecisionReason,
     Explainer,
     TopicRead,
-    path_of,
+    leaf_path_name,
     published_before,
 )
-from soter.simulate.run_observer import decided_at
+from soter.simulate.run_observer import decided_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -132,25 +132,28 @@ class TubeLooks:
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
-        asked = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
-        read = {m: [a for a in of if not _is_map_number(a)] for m, of in asked.items()}
-        self.names = {m: tuple([path_of(a) for a in every]) for m, every in read.items()}
+        arguments = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
+        followed = {m: [a for a in of if not _is_map_number(a)] for m, of in arguments.items()}
+        self.names = {m: tuple([leaf_path_name(a) for a in every]) for m, every in followed.items()}
         """The names of what a module's check reads, one for each state that it follows."""
-        self.units = {m: tuple([getattr(a.type, "unit", "") for a in of]) for m, of in read.items()}
+        units = {m: [getattr(a.type, "unit", "") for a in of] for m, of in followed.items()}
+        self.units = {m: tuple(of) for m, of in units.items()}
         self._late = {}
         builder = UnitBuilder(system, lower(system), None)
         unit = builder.run()
         self._dtype = state_dtype(unit.layout)
-        source = _all_watched(unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder)
+        source = _watch_functions(unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder)
         for m in self.modules:
             early = published_before(system, m.dm)
             self._late[m.index] = [t.name for t in system.topics if t.index not in early]
         cases = [_judgement(m, builder.module_names[m.index]) for m in self.modules]
-        source += _asked(unit.prefix, cases)
-        held = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
-        self._ask = getattr(held, f"{unit.prefix}_led")
+        source += _query_function(unit.prefix, cases)
+        loaded = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
+        self._ask = getattr(loaded, f"{unit.prefix}_led")
 
-    def of(self, module: int, before: bytes | None, at: bytes, *, judged: bool = False) -> TubeLook:
+    def follow(
+        self, module: int, before: bytes | None, at: bytes, *, judged: bool = False
+    ) -> TubeLook:
         """The tube of the DM step in the instant that ended in the state `at`, after `before`.
 
         The check is asked whether the estimate is good with any command, or with those that were
@@ -169,7 +172,7 @@ class TubeLooks:
             boxes = np.vstack([boxes, [FAILED, *last[1:]]])
         return TubeLook(boxes, failed.value)
 
-    def told(self, module: Module, led: TubeLook) -> str:
+    def failure_words(self, module: Module, led: TubeLook) -> str:
         """Words on the part that failed, and where; for a good look on when SC comes to rest."""
         until = float(led.boxes[:, 2].max(initial=0.0))
         if led.failed == GOOD:
@@ -188,7 +191,7 @@ class TubeLooks:
         return f"{TOLD[led.failed]}: {where} {start_s:.3g} to {end_s:.3g} s after the estimate"
 
 
-def looks_of(system: System) -> TubeLooks | None:
+def compile_looks(system: System) -> TubeLooks | None:
     """The looks of modules with `rest`; None: there is none, or no compiler."""
     modules = [m for m in system.modules if m.symbol.rest is not None and m.computed]
     with contextlib.suppress(SoterError, OSError):
@@ -208,13 +211,13 @@ def _paths(e: object) -> Iterator[str]:
     """The names of the leaves of topics that an expression reads."""
     if isinstance(e, (typed.TopicRead, typed.TypedField, typed.Index)):
         with contextlib.suppress(AssertionError):
-            yield path_of(e)
+            yield leaf_path_name(e)
             return
     for x in children(e):
         yield from _paths(x)
 
 
-def _asked(prefix: str, cases: Sequence[str]) -> str:
+def _query_function(prefix: str, cases: Sequence[str]) -> str:
     """The C function that Python calls."""
     return f"""
 int {prefix}_led(int m, bool judged, const void *state, double *rows, int width, int *failed) {{
@@ -234,14 +237,14 @@ int {prefix}_led(int m, bool judged, const void *state, double *rows, int width,
 """
 
 
-def _all_watched(source: str, builder: UnitBuilder) -> str:
+def _watch_functions(source: str, builder: UnitBuilder) -> str:
     for f in builder.core.functions:
         if f.span.source.name == CHECK and f.source_name in NOTED:
-            source = _watched(source, builder.functions[f.name][0], *NOTED[f.source_name])
+            source = _watch_function(source, builder.functions[f.name][0], *NOTED[f.source_name])
     return source
 
 
-def _watched(source: str, name: str, before: str, after: str) -> str:
+def _watch_function(source: str, name: str, before: str, after: str) -> str:
     """The C with a function replaced by one that calls it and notes what it returned."""
     signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
     found = re.search(signature, source, re.MULTILINE)
@@ -322,7 +325,7 @@ def changes(run: ObservedRun) -> list[DecisionStepRecord]:
     For modules with `rest` a step that took control from AC has the part of the tube that failed.
     """
     explainer = Explainer(run.system, run.layout)
-    found = [of_change(run.system, change, explainer) for change in run.changes]
+    found = [change_record(run.system, change, explainer) for change in run.changes]
     for k, part in _failed_parts(run).items():
         why = found[k].why
         assert why is not None
@@ -335,18 +338,18 @@ def _failed_parts(run: ObservedRun) -> dict[int, str]:
     rests = [m.index for m in run.system.modules if m.symbol.rest is not None]
     lost = [(k, c) for k, c in enumerate(run.changes) if c.to != "AC" and c.ttf and c.states]
     lost = [(k, c) for k, c in lost if c.module in rests]
-    looks = looks_of(run.system) if lost else None
-    told = {}
+    looks = compile_looks(run.system) if lost else None
+    words_by_change = {}
     for k, c in lost if looks is not None else ():
         assert looks is not None
         assert c.states is not None
-        led = looks.of(c.module, *c.states, judged=True)
+        led = looks.follow(c.module, *c.states, judged=True)
         if led.failed:
-            told[k] = looks.told(run.system.modules[c.module], led)
-    return told
+            words_by_change[k] = looks.failure_words(run.system.modules[c.module], led)
+    return words_by_change
 
 
-def of_change(
+def change_record(
     system: System, change: ModeChange, explainer: Explainer | None = None
 ) -> DecisionStepRecord:
     """The record of a change of mode with its reason; with an `explainer` also the values."""
@@ -356,11 +359,11 @@ def of_change(
     before: Mode = "SC" if after == "AC" else "AC"
     why = None
     if explainer is not None and change.states is not None:
-        why = explainer.of(change.module, *change.states)
-    said = reason(before, after, saw)
+        why = explainer.explain(change.module, *change.states)
+    text = reason(before, after, saw)
     margin_s = _margin_s(module, after, saw)
     return DecisionStepRecord(
-        change.time_ns, module.name, before, after, saw, said, margin_s=margin_s, why=why
+        change.time_ns, module.name, before, after, saw, text, margin_s=margin_s, why=why
     )
 
 
@@ -376,7 +379,7 @@ def steps(
     that saw or did something else than the one before has the values, and one of a module with
     `rest` what it read.
     """
-    due = decided_at(system, states)
+    due = decided_rows(system, states)
     modules = states["modules"]
     times_ns = states["header"]["ct"]
     for row in np.flatnonzero(due.any(axis=1)):
@@ -384,11 +387,11 @@ def steps(
         for module in system.modules:
             if due[row, module.index]:
                 seen = None if before is None else before["modules"]
-                waits = _waits_for(module, states[row])
+                waits = _latch_wait(module, states[row])
                 decision = _step(modules[row], seen, module, int(times_ns[row]), waits)
                 raw = None if before is None else before.tobytes()
-                if explainer is not None and _is_new(modules[row], seen, module.index):
-                    why = explainer.of(module.index, raw, states[row].tobytes())
+                if explainer is not None and _differs(modules[row], seen, module.index):
+                    why = explainer.explain(module.index, raw, states[row].tobytes())
                     decision = replace(decision, why=why)
                 if explainer is not None and module.symbol.rest is not None:
                     read = explainer.reads(module.index, raw, states[row].tobytes())
@@ -399,7 +402,7 @@ def steps(
 def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """margin(M) after every instant of a whole run, (n,), in s; `states` (n,) from its start."""
     now, of = states["header"]["ct"], states["modules"][:, module.index]
-    due = decided_at(system, states)[:, module.index]
+    due = decided_rows(system, states)[:, module.index]
     last = np.maximum.accumulate(np.where(due, now, np.iinfo(np.int64).min // 2))
     unsafe = (of["ttf"] != 0) | (of["stale"] != 0) | (of["saw_gate_fault"] != 0)
     looks = np.where(unsafe, 0, np.where(of["safer"] != 0, module.looks, 1))
@@ -408,7 +411,7 @@ def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDA
     return margin_s
 
 
-def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+def latch_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     """Whether a module's latch lets AC have no control, (n,), after each of `states`, (n,)."""
     in_sc = states["modules"]["mode"][:, module.index] == 0
     if module.latch is None:
@@ -421,9 +424,9 @@ def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     return both
 
 
-def _waits_for(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
+def _latch_wait(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
     """What the latch of a module waits for after an instant; "" where AC may have control."""
-    if module.latch is None or not latched(module, state.reshape(1))[0]:
+    if module.latch is None or not latch_rows(module, state.reshape(1))[0]:
         return ""
     if not module.symbol.acknowledgements:
         return "latched: it returns never"
@@ -466,7 +469,7 @@ def _margin_s(module: Module, after: Mode, saw: PredicateValues) -> float:
     return module.margin_ns(looks, 0) / 1e9 if after == "AC" else 0.0
 
 
-def _is_new(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
+def _differs(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
     """Whether a step saw or did something else than the one before."""
     told = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
     return before is None or bool(now[module][told] != before[module][told])
@@ -475,11 +478,11 @@ def _is_new(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows 
 def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
     """Words on why a DM step decided as it did; "" where there is nothing to say."""
     if after == "SC":
-        return " and ".join(_against(saw, staying=before == "SC"))
+        return " and ".join(_objections(saw, staying=before == "SC"))
     return "safer: far enough inside φ_safe" if before == "SC" else ""
 
 
-def _against(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
+def _objections(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
     """The reasons against AC having control, in words."""
     if saw.ttf and not staying:
         yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"

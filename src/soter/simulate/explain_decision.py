@@ -151,7 +151,7 @@ class Explainer:
         self.layout = layout
         self._readers: dict[int, _PredicateReader] = {}
 
-    def of(self, module: int, before: bytes | None, at: bytes) -> DecisionReason:
+    def explain(self, module: int, before: bytes | None, at: bytes) -> DecisionReason:
         """The reason of a module's DM step in the instant that ended in the state `at`.
 
         `before`: the state at the end of the instant before, None at the first one.
@@ -197,8 +197,8 @@ class _PredicateReader:
         self._safer = [] if symbol.safer is None else self._parts(conjuncts(symbol.safer))
 
     def explain(self, before: bytes | None, at: bytes) -> DecisionReason:
-        """The reason of a step; see `Explainer.of`."""
-        facts = self._module_of(at, self.module)
+        """The reason of a step; see `Explainer.explain`."""
+        facts = self._record(at, self.module)
         env = self._environment(before, at)
         ttf: tuple[PredicatePart, ...] = ()
         safer: tuple[PredicatePart, ...] = ()
@@ -209,21 +209,21 @@ class _PredicateReader:
             ttf = tuple(part(env) for part in self._ttf)
             safer = tuple(part(env) for part in self._safer)
         known = bool(facts["ttf"]) == _any_part(ttf) and bool(facts["safer"]) == _all_parts(safer)
-        stale = tuple(self._stale(env)) if facts["stale"] else ()
+        stale = tuple(self._stale_topics(env)) if facts["stale"] else ()
         return DecisionReason(
             known=known,
             ttf=ttf if known else (),
             safer=safer if known else (),
             stale=stale,
             gate_fault=self._gate_fault(before) if facts["saw_gate_fault"] else None,
-            owed=0 if before is None else self._module_of(before, self.module)["clean_needed"],
+            owed=0 if before is None else self._record(before, self.module)["clean_needed"],
         )
 
     def safe(self) -> Callable[[bytes], bool] | None:
         """See `Explainer.safe`."""
-        return None if self._safe is None else lambda at: self._held(self._environment(at, at))
+        return None if self._safe is None else lambda at: self._is_safe(self._environment(at, at))
 
-    def _held(self, env: Environment) -> bool:
+    def _is_safe(self, env: Environment) -> bool:
         """Whether `safe` is true, and does not fault; false where it asks an extern function."""
         try:
             return self._safe is not None and bool(self._safe(env))
@@ -265,7 +265,7 @@ class _PredicateReader:
             raw = at if other.dm < self.module.dm else before
             if raw is None:
                 return AC if other.forced == "ac" else 1 - AC
-            return self._module_of(raw, other)["mode"]
+            return self._record(raw, other)["mode"]
 
         def margin_ns(i: int) -> int:
             looked = self.system.modules[i].looked
@@ -285,10 +285,10 @@ class _PredicateReader:
             margin_ns=margin_ns,
         )
 
-    def _module_of(self, raw: bytes, module: Module) -> dict[str, int]:
+    def _record(self, raw: bytes, module: Module) -> dict[str, int]:
         return MODULE.unpack_from(raw, self.layout.module_offset + module.index * MODULE.size)
 
-    def _stale(self, env: Environment) -> Iterator[Stale]:
+    def _stale_topics(self, env: Environment) -> Iterator[Stale]:
         for i in self.module.inputs:
             topic = self.system.topics[i]
             if topic.max_age_ns is None:
@@ -310,15 +310,16 @@ class _PredicateReader:
     # ------------------------------------------------------------ parts of predicates
 
     def _parts(self, parts: list[typed.TypedExpr]) -> list[Callable[[Environment], PredicatePart]]:
-        return [self._computed(e) if self.module.computed else self._part(e) for e in parts]
+        compile_part = self._computed_part if self.module.computed else self._predicate_part
+        return list(map(compile_part, parts))
 
-    def _computed(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+    def _computed_part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
         """A part of a computed predicate: a level of the estimate, or judged commands."""
         if isinstance(e, typed.TypedUnary) and self.module.shield is None:
-            return self._level(e.operand, for_ttf=True)  # not `safer`
-        return self._level(e) if isinstance(e, typed.TypedBinary) else self._shield(e)
+            return self._level_part(e.operand, for_ttf=True)  # not `safer`
+        return self._level_part(e) if isinstance(e, typed.TypedBinary) else self._shield_part(e)
 
-    def _shield(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+    def _shield_part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
         """The part `!permits` of a shield, with what the DM read and the command that is held."""
         refused = self._evaluator.expression(e)
         module, topics = self.module, self.system.topics
@@ -339,27 +340,26 @@ class _PredicateReader:
 
         return part
 
-    def _part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+    def _predicate_part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
         whole = self._evaluator.expression(e)
         sides: list[tuple[typed.TypedExpr, Any]] = []
         if isinstance(e, typed.TypedBinary) and e.op in COMPARED:
             sides = [(s, self._evaluator.expression(s)) for s in (e.left, e.right)]
         scalar = (FloatType, IntType, BoolType, EnumType)
         told = bool(sides) and all(isinstance(s.type, scalar) for s, _ in sides)
-        plain = _written(e)
+        plain = _text(e)
 
         def part(env: Environment) -> PredicatePart:
             try:
                 value = bool(whole(env))
-                operands = [Operand(_written(s), _number(s, of(env))) for s, of in sides if told]
+                operands = [Operand(_text(s), _number(s, of(env))) for s, of in sides if told]
             except StepFault as fault:
                 return PredicatePart(plain, None, (), fault.kind.name.lower())
             if not operands:
                 return PredicatePart(plain, value)
             assert isinstance(e, typed.TypedBinary)
-            return PredicatePart(
-                _compared(operands[0], e.op, operands[1], sides[1][0]), value, tuple(operands)
-            )
+            text = _comparison_text(operands[0], e.op, operands[1], sides[1][0])
+            return PredicatePart(text, value, tuple(operands))
 
         return part
 
@@ -370,7 +370,7 @@ class _PredicateReader:
             if (end - float(x.value)) / out < NEAR:
                 there = copy(env)
                 there.topics = self._with(leaf, end + BEYOND * out, env.topics)
-                return NEAR_AN_END.format(x.text, _short(end)) if self._held(there) else ""
+                return NEAR_AN_END.format(x.text, _short(end)) if self._is_safe(there) else ""
         return ""
 
     def _with(self, leaf: typed.TypedExpr, x: float, topics: Sequence[Value]) -> Sequence[Value]:
@@ -379,9 +379,9 @@ class _PredicateReader:
         while not isinstance(leaf, typed.TopicRead):
             assert isinstance(leaf, (typed.TypedField, typed.Index))
             where, leaf = [getattr(leaf.index, "value", leaf.index), *where], leaf.target
-        return _changed(topics[:], [self.module.scope.topics[leaf.topic], *where], x)
+        return _put(topics[:], [self.module.scope.topics[leaf.topic], *where], x)
 
-    def _level(
+    def _level_part(
         self, e: typed.TypedExpr, *, for_ttf: bool = False
     ) -> Callable[[Environment], PredicatePart]:
         """The part `level(x, ...) < 1` or `>= 2` of a computed predicate."""
@@ -389,7 +389,7 @@ class _PredicateReader:
         assert isinstance(e.left, typed.TypedCall)
         level = self._evaluator.expression(e.left)
         leaves_ = e.left.arguments
-        arguments = [(path_of(a), self._evaluator.expression(a)) for a in leaves_]
+        arguments = [(leaf_path_name(a), self._evaluator.expression(a)) for a in leaves_]
         below = 2 if for_ttf else 1
         for_ttf = for_ttf or e.op == "<"
         outside, inside = "outside S_0", "deep inside S_0"
@@ -429,10 +429,10 @@ class _LazySequence(Sequence[T]):
         return self._of(i)
 
 
-def _changed(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
+def _put(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
     """A value with another number at a place, from the outside in."""
     first, *rest = where
-    return (*value[:first], _changed(value[first], rest, x) if rest else x, *value[first + 1 :])
+    return (*value[:first], _put(value[first], rest, x) if rest else x, *value[first + 1 :])
 
 
 def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic
@@ -464,7 +464,7 @@ def _all_parts(parts: tuple[PredicatePart, ...]) -> bool:
 # ---------------------------------------------------------------- words
 
 
-def _written(e: typed.TypedExpr) -> str:
+def _text(e: typed.TypedExpr) -> str:
     return " ".join(e.span.text.split())
 
 
@@ -476,7 +476,7 @@ def _number(e: typed.TypedExpr, value: Value) -> Number:
     return value
 
 
-def _compared(left: Operand, op: str, right: Operand, of: typed.TypedExpr) -> str:
+def _comparison_text(left: Operand, op: str, right: Operand, of: typed.TypedExpr) -> str:
     """Words for a comparison, as `Room(m) = 0.11 < LIMIT = 0.0`; a literal appears once."""
     a, b = _short(left.value), _short(right.value)
     if a == b and left.value != right.value:
@@ -489,12 +489,12 @@ def _short(value: Number) -> str:
     return f"{value:.{SHOWN}g}" if isinstance(value, float) else str(value)
 
 
-def path_of(e: typed.TypedExpr) -> str:
+def leaf_path_name(e: typed.TypedExpr) -> str:
     """The name of the leaf of a topic that a computed predicate reads."""
     if isinstance(e, typed.TypedField):
         assert hasattr(e.target.type, "fields")
-        return f"{path_of(e.target)}.{e.target.type.fields[e.index][0]}"
+        return f"{leaf_path_name(e.target)}.{e.target.type.fields[e.index][0]}"
     if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
-        return f"{path_of(e.target)}[{e.index.value}]"
+        return f"{leaf_path_name(e.target)}[{e.index.value}]"
     assert isinstance(e, typed.TopicRead)
     return e.topic.name

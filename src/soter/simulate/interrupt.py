@@ -57,14 +57,14 @@ def stop_request() -> StopRequest:
 
 
 @contextmanager
-def listening(
+def receiving_signals(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
     """A `with` block in which signals reach the request; other handlers stay as they are."""
     if threading.current_thread() is not threading.main_thread() or request in _listening:
         yield
         return
-    before = {n: h for n in numbers if (h := signal.getsignal(n)) is _default(n)}
+    before = {n: h for n in numbers if (h := signal.getsignal(n)) is _default_handler(n)}
     _listening.append(request)
     for number in before:
         signal.signal(number, request.on_signal)
@@ -81,7 +81,7 @@ def stoppable(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
     """A `with` block for a run, which signals stop at the end of an instant."""
-    with listening(request, numbers):
+    with receiving_signals(request, numbers):
         request.running = True
         try:
             yield
@@ -89,7 +89,7 @@ def stoppable(
             request.running = False
 
 
-def stopped_by(request: StopRequest) -> str:
+def signal_name(request: StopRequest) -> str:
     """The name of the signal that asked for the stop."""
     return signal.Signals(request.signal).name if request.signal else "interrupted"
 
@@ -101,5 +101,5 @@ def raise_again(request: StopRequest) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _default(number: signal.Signals) -> object:
+def _default_handler(number: signal.Signals) -> object:
     return signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL

@@ -66,7 +66,7 @@ class JudgedUnit(UnitBuilder):
         whole = replace(core, functions=tuple(table.by_name.values()))
         super().__init__(system, whole, None)
         extern = extern_functions(whole)
-        self.judged = {m: p for m, p in every.items() if not _calls(p) & extern}
+        self.judged = {m: p for m, p in every.items() if not _called_functions(p) & extern}
 
     @staticmethod
     def names_of_more(system: System) -> tuple[str, ...]:
@@ -91,7 +91,7 @@ class JudgedUnit(UnitBuilder):
         return [*functions, c.VariableDef(kind, table, given, array=True, static=False)]
 
 
-def _calls(p: Predicate) -> set[str]:
+def _called_functions(p: Predicate) -> set[str]:
     return {x.function for x in walk((*p.body, p.value)) if isinstance(x, Call)}
 
 
@@ -161,7 +161,7 @@ class SafeTally:
 
     def __init__(self, system: System, judge: SafeJudge) -> None:
         self._judge = judge
-        self._inputs = [_needed(system, m) for m in system.modules]
+        self._inputs = [_published_reads(system, m) for m in system.modules]
         self.looks = [SafeLooks() for _ in system.modules]
 
     def see(self, states: States, due: npt.NDArray[np.bool_]) -> None:
@@ -182,7 +182,7 @@ class SafeTally:
                 self.looks[module] = SafeLooks(before.looks + len(rows), outside, first_s)
 
 
-def _needed(system: System, m: Module) -> list[int]:
+def _published_reads(system: System, m: Module) -> list[int]:
     """Topics that `safe` reads and components publish; before that they hold only defaults."""
     read = {m.scope.topics[t] for t in topic_reads(m.symbol.safe)}
     return sorted(read - set(environment_topics(system)))

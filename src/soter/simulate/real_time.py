@@ -36,9 +36,8 @@ from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find, python_module
 from soter.report.wording import visible
 from soter.simulate.externs.extern_process import write_spec
-from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
-from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
+from soter.simulate.run_observer import Observer, make_observer, named_parts
 from soter.targets.posix_package import FIRST_LINE, head_of, nodes_of, posix_package
 from soter.workers.child_process import end_with, resume
 
@@ -95,10 +94,10 @@ class FlightRecording:
                 ("state", "u1", (self._layout.size,)),
             ]
         )
-        with self._opened() as file:
-            self.seed = self._head(file)
+        with self._open_file() as file:
+            self.seed = self._read_head(file)
 
-    def observed_by(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
+    def show_to(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
         """Shows all states to an observer; `also` is then given the `Looks` of its states.
 
         `SoterError` D006 where the recording contradicts itself, or has an impossible state.
@@ -115,56 +114,58 @@ class FlightRecording:
     # ------------------------------------------------------------ the file
 
     @contextmanager
-    def _opened(self) -> Iterator[BinaryIO]:
+    def _open_file(self) -> Iterator[BinaryIO]:
         try:
             with opened(self.path) as file:
                 yield file
         except OSError as error:
             raise self._cannot_read(reason(error)) from error
 
-    def _head(self, file: BinaryIO) -> int:
+    def _read_head(self, file: BinaryIO) -> int:
         """Reads and compares which system flew; returns the seed."""
         head, _, _ = file.read(HEAD_MAX).partition(b"\n\n")
         file.seek(len(head) + 2)
         first, *lines = head.decode("utf-8", "replace").split("\n")
         if first != FIRST_LINE:
             raise self._cannot_read("it does not begin as a recording does")
-        said = dict(line.partition("=")[::2] for line in lines)
-        seed, own = said.pop("seed", ""), head_of(self.system, self._layout)
-        for name in sorted(own.keys() | said.keys()):
-            was, here = said.get(name, "the default"), own.get(name, "the default")
+        fields_of_head = dict(line.partition("=")[::2] for line in lines)
+        seed, own = fields_of_head.pop("seed", ""), head_of(self.system, self._layout)
+        for name in sorted(own.keys() | fields_of_head.keys()):
+            was, here = fields_of_head.get(name, "the default"), own.get(name, "the default")
             if was != here:
                 what = visible(name.removeprefix("param "))
-                raise self._of_another(f"{what} was {visible(was)[:80]} in it, and is {here} here")
+                raise self._another_flight(
+                    f"{what} was {visible(was)[:80]} in it, and is {here} here"
+                )
         if not seed.isdecimal():
             raise self._cannot_read("it does not say its seed")
         return int(seed)
 
     def _blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
         """The states in blocks, (n, size) bytes, up to where something is missing."""
-        with self._opened() as file:
-            self._head(file)
-            begin, said, size = file.tell(), self._end(file), self._record.itemsize
+        with self._open_file() as file:
+            self._read_head(file)
+            begin, said, size = file.tell(), self._read_end(file), self._record.itemsize
             file.seek(begin)
             number = 0
             while data := file.read(size * BLOCK):
                 records = np.frombuffer(data[: len(data) // size * size], dtype=self._record)
-                whole = self._in_order(records, number)
+                whole = self._in_sequence(records, number)
                 number += len(whole)
                 if len(whole):
-                    yield self._told(whole)
+                    yield self._note_records(whole)
                 if len(whole) < len(records):
                     missing = int(records["number"][len(whole)]) - number
-                    self.cut = self._missing(missing)
+                    self.cut = self._missing_text(missing)
                     return
         if said is None:
             self.cut = CUT
         elif said < number:
             raise self._cannot_read("it is damaged: it has more instants than its end says")
         elif said > number:
-            self.cut = self._missing(said - number)
+            self.cut = self._missing_text(said - number)
 
-    def _end(self, file: BinaryIO) -> int | None:
+    def _read_end(self, file: BinaryIO) -> int | None:
         """How many instants it claims to have, with its hash compared; None: its end is missing."""
         begin = file.tell()
         size = file.seek(0, 2)
@@ -181,7 +182,7 @@ class FlightRecording:
             raise self._cannot_read("it is damaged: its end has the hash of something else")
         return int(end[1])
 
-    def _in_order(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
+    def _in_sequence(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
         """The records up to the first one out of sequence; `SoterError` D006 for wrong ones."""
         numbers = records["number"].astype(np.int64)
         due = np.arange(number, number + len(records))
@@ -194,19 +195,21 @@ class FlightRecording:
             raise self._cannot_read(f"it is damaged: instants behind {times[-1]} ns in no order")
         return whole
 
-    def _told(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    def _note_records(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
         """The states of records; what else they say is noted."""
         self.misses += int(records["misses"].sum())
         self.last_ns = int(records["ct"][-1])
         self._looks.clear()
-        for m in self.system.modules:
-            late, done = (records[name][:, m.index] for name in ("late_ns", "done_by_module_ns"))
+        for module in self.system.modules:
+            late, done = (
+                records[name][:, module.index] for name in ("late_ns", "done_by_module_ns")
+            )
             for row in np.flatnonzero(late != NEVER):
-                key = int(records["ct"][row]), m.name
+                key = int(records["ct"][row]), module.name
                 self._looks[key] = int(late[row]), int(done[row])
         return np.ascontiguousarray(records["state"])
 
-    def _missing(self, count: int) -> str:
+    def _missing_text(self, count: int) -> str:
         are = "instants are" if count != 1 else "instant is"
         return (
             f"{count:,} {are} missing behind {self.last_ns / 1e9:.9g} s: the logger of the program "
@@ -218,7 +221,7 @@ class FlightRecording:
         text = f"cannot read the recording `{visible(str(self.path))}`: {why}"
         return mistake("D006", text, *helps)
 
-    def _of_another(self, why: str) -> SoterError:
+    def _another_flight(self, why: str) -> SoterError:
         helps = ("the same program, system and parameters as were built, by the same Soter",)
         text = f"`{visible(str(self.path))}` is of another flight: {why}"
         return mistake("D023", text, *helps)
@@ -307,16 +310,16 @@ def run_real_time(
     """
     system = bindings.system
     built = build(system, bindings.core)
-    observer = _observer(system, keep_trace, hash_trace=hash_trace)
+    observer = make_observer(system, state_layout(system), keep_trace, hash_trace=hash_trace)
     with tempfile.TemporaryDirectory(prefix="soter-") as place:
         work = Path(place)
         began = time.perf_counter()
-        timing = _driven(built, bindings, work, until_ns, seed, stop, quiet=quiet)
+        timing = _run_driver(built, bindings, work, until_ns, seed, stop, quiet=quiet)
         wall = time.perf_counter() - began
         cut = ""
         if (work / "states").exists():
             recording = FlightRecording(work / "states", system)
-            recording.observed_by(observer, also)
+            recording.show_to(observer, also)
             cut = recording.cut
     run = _finished_run(system, observer, keep_trace, seed, wall_s=wall, duration_s=until_ns / 1e9)
     run.interrupted, run.timing, run.cut = bool(timing["stopped"]), timing, cut
@@ -333,26 +336,12 @@ def run_recorded(
 ) -> Run:
     """The run that was recorded; `cut` says why the recording was not read to its end."""
     system, began = recording.system, time.perf_counter()
-    observer = _observer(system, keep_trace, hash_trace=hash_trace)
-    recording.observed_by(observer, also)
+    observer = make_observer(system, state_layout(system), keep_trace, hash_trace=hash_trace)
+    recording.show_to(observer, also)
     wall, flown = time.perf_counter() - began, recording.last_ns / 1e9
     run = _finished_run(system, observer, keep_trace, recording.seed, wall_s=wall, duration_s=flown)
     run.cut, run.misses_recorded, run.engine = recording.cut, recording.misses, RECORDED
     return run
-
-
-def _observer(system: System, keep_trace: Kept, *, hash_trace: bool) -> Observer:
-    """The observer of a run; `SoterError` U001 where `keep_trace` names no part of the system."""
-    layout = state_layout(system)
-    dtype, names = state_dtype(layout), names_of(keep_trace)
-    return Observer(
-        system,
-        dtype,
-        InterpretedSafe(system, layout),
-        keep_trace=wanted(keep_trace),
-        hash_trace=hash_trace,
-        parts=None if names is None else TraceParts(system, layout, dtype, names),
-    )
 
 
 def _finished_run(
@@ -375,14 +364,14 @@ def _finished_run(
         seed=seed,
         engine="native",
         final=last.view(dtype)[0],
-        recorded=names_of(keep_trace),
+        recorded=named_parts(keep_trace),
         duration_s=duration_s,
         wall_s=wall_s,
-        **observer.told(),
+        **observer.run_fields(),
     )
 
 
-def _driven(
+def _run_driver(
     built: BuiltPackage,
     bindings: Bindings,
     work: Path,
@@ -397,12 +386,12 @@ def _driven(
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
     command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
-    for x in nodes_of(bindings.system):
-        if is_in_python(x.binding):
-            spec = work / f"worker_{x.index}"
-            write_spec(bindings.system, x, seed, spec)
+    for node in nodes_of(bindings.system):
+        if is_in_python(node.binding):
+            spec = work / f"worker_{node.index}"
+            write_spec(bindings.system, node, seed, spec)
             words = python_module("soter.simulate.externs.extern_process", str(spec))
-            command += ["--worker", f"{x.name}=exec {shlex.join(words)}"]
+            command += ["--worker", f"{node.name}=exec {shlex.join(words)}"]
     with (work / "report").open("w+b") as out, (work / "said").open("w+b") as said:
         process = subprocess.Popen(
             command,

@@ -18,7 +18,7 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
 from soter.semantics.configuration import NAN_LOOKS_MAX
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
-from soter.simulate.run_observer import moved_at, numbers_of
+from soter.simulate.run_observer import moved_rows, plain_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -190,7 +190,7 @@ class Run:
     @property
     def notes(self) -> list[str]:
         """Sentences that a person should read about this run."""
-        return _notes_of(self)
+        return _run_notes(self)
 
     @property
     def params(self) -> dict[str, Value]:
@@ -211,24 +211,26 @@ class Run:
     def violation_list(self) -> list[Violation]:
         """Each violated property and latched component."""
         violations = []
-        for p in self.system.properties:
-            row = self.final["properties"][p.index]
+        for prop in self.system.properties:
+            row = self.final["properties"][prop.index]
             if row["count"]:
                 first_s = int(row["first_ns"]) / 1e9
-                what = f"{p.kind} {p.text}"
-                violations.append(Violation(what, "property", first_s, int(row["count"]), p.span))
-        for x in self.system.components:
-            row = self.final["components"][x.index]
+                what = f"{prop.kind} {prop.text}"
+                violations.append(
+                    Violation(what, "property", first_s, int(row["count"]), prop.span)
+                )
+        for component in self.system.components:
+            row = self.final["components"][component.index]
             if row["latched"]:
                 kind = FaultKind(int(row["last_fault"])).name.lower()
-                first = self.first_faults.get(x.index)
+                first = self.first_faults.get(component.index)
                 violations.append(
                     Violation(
-                        f"{x.role} {x.name}: step fault `{kind}`",
+                        f"{component.role} {component.name}: step fault `{kind}`",
                         "fault",
                         None if first is None else first.time_ns / 1e9,
                         1,
-                        _declaration(x),
+                        _declaration(component),
                     )
                 )
         return violations
@@ -237,16 +239,18 @@ class Run:
     def modules(self) -> dict[str, ModuleSummary]:
         """Per module: share of time in AC and switches."""
         summary_by_module = {}
-        for m in self.system.modules:
-            row = self.final["modules"][m.index]
-            share = ac_share(self.final, m.index)
+        for module in self.system.modules:
+            row = self.final["modules"][module.index]
+            share = ac_share(self.final, module.index)
             counts = int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
-            own = self.safe_looks[m.index] if self.safe_looks else None
+            safe_looks = self.safe_looks[module.index] if self.safe_looks else None
             judged = (
-                (0, None, None) if own is None else (own.looks, own.outside, own.first_outside_s)
+                (0, None, None)
+                if safe_looks is None
+                else (safe_looks.looks, safe_looks.outside, safe_looks.first_outside_s)
             )
             nan_looks = int(row["nan_looks"])
-            summary_by_module[m.name] = ModuleSummary(share, *counts, *judged, nan_looks)
+            summary_by_module[module.name] = ModuleSummary(share, *counts, *judged, nan_looks)
         return summary_by_module
 
     @property
@@ -262,7 +266,7 @@ class Run:
 
     def require_trace(self) -> npt.NDArray[Any]:
         """The whole trace, (instants,); SoterError U001 where none, or only parts, were kept."""
-        trace = _kept(self)
+        trace = _kept_trace(self)
         if self.recorded is not None:
             message = f"this run recorded only {', '.join(f'`{n}`' for n in self.recorded)}"
             raise mistake("U001", message, "ask for everything: simulate(trace=True)")
@@ -270,14 +274,14 @@ class Run:
 
     def time_s(self) -> npt.NDArray[np.float64]:
         """Times of the instants in s, (n,)."""
-        return _kept(self)["header"]["ct"] / 1e9
+        return _kept_trace(self)["header"]["ct"] / 1e9
 
     def topic(self, name: str) -> npt.NDArray[Any]:
         """Values of a topic after every instant, (n,); records have fields.
 
         `<plant>.truth` is a plant's true state.
         """
-        return _values(self, name)[1]
+        return _trace_values(self, name)[1]
 
     def truth(self, plant: str) -> npt.NDArray[Any]:
         """True state of a plant after every instant, (n,), a field for each state."""
@@ -285,7 +289,7 @@ class Run:
 
     def mode(self, module: str) -> npt.NDArray[np.uint8]:
         """Mode of a module after every instant, (n,): 1 is AC, 0 is SC."""
-        return _mode(self, module)
+        return _module_mode(self, module)
 
     def margin(self, module: str) -> npt.NDArray[np.float64]:
         """For how long AC surely keeps control, after every instant, (n,), in s: `margin(M)`.
@@ -300,7 +304,7 @@ class Run:
         What AC would have published is in the topic `<module>.proposed`. SoterError U001 where the
         trace has only parts.
         """
-        return moved_at(self.system, *self._traced_module(module))[1]
+        return moved_rows(self.system, *self._traced_module(module))[1]
 
     def _traced_module(self, name: str) -> tuple[Module, npt.NDArray[Any]]:
         trace = self.require_trace()
@@ -312,7 +316,7 @@ class Run:
 
         (n,) for a number, (n, k) for records and arrays of k numbers, in declared order.
         """
-        return _array(self, path)
+        return _trace_array(self, path)
 
 
 def _declaration(x: Component) -> Span:
@@ -324,7 +328,7 @@ def _declaration(x: Component) -> Span:
 # ---------------------------------------------------------------- what a trace holds
 
 
-def _kept(run: Run, name: str = "") -> npt.NDArray[Any]:
+def _kept_trace(run: Run, name: str = "") -> npt.NDArray[Any]:
     """What was kept of the trace, (n,); `SoterError` U001 where `name` is not in it."""
     if run.trace is None:
         raise mistake("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
@@ -334,36 +338,36 @@ def _kept(run: Run, name: str = "") -> npt.NDArray[Any]:
     return run.trace
 
 
-def _values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
+def _trace_values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
     """Type and values, (n,), of a topic or of a plant's truth; SoterError U001."""
-    _kept(run)
+    _kept_trace(run)
     for topic in run.system.topics:
         if topic.name == name:
-            return topic.type, _kept(run, name)["topics"][name]
+            return topic.type, _kept_trace(run, name)["topics"][name]
     for group in run.layout.groups:
         x = run.system.components[group.owner] if group.owner >= 0 else None
         if x is not None and x.plant is not None and name == f"{x.name}.truth":
-            return x.plant.truth, _kept(run, name)[group_field(group)]
+            return x.plant.truth, _kept_trace(run, name)[group_field(group)]
     raise mistake(
         "U001", f"the run has no topic and no truth `{name}`", nearest_or_all(name, _names(run))
     )
 
 
-def _mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
+def _module_mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
     """Mode of a module, (n,); SoterError U001."""
-    _kept(run)
+    _kept_trace(run)
     for m in run.system.modules:
         if m.name == module:
-            return _kept(run, module)["modules"]["mode"][:, m.index]
+            return _kept_trace(run, module)["modules"]["mode"][:, m.index]
     known = nearest_or_all(module, [m.name for m in run.system.modules])
     raise mistake("U001", f"the run has no module `{module}`", known)
 
 
-def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
+def _trace_array(run: Run, path: str) -> npt.NDArray[np.float64]:
     """Floats of a topic, a truth or a part of one: (n,) or (n, k); SoterError U001."""
     known = [n for n in _names(run) if path == n or path.startswith(f"{n}.")]
     name = max(known, key=len, default=path)
-    t, values = _values(run, name)
+    t, values = _trace_values(run, name)
     for part in path[len(name) + 1 :].split(".") if len(path) > len(name) else ():
         fields = dict(t.fields) if isinstance(t, RecordType) else {}
         if part not in fields:
@@ -372,7 +376,7 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
         t, values = fields[part], values[part]
     if has_list(t):
         raise mistake("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
-    numbers = numbers_of(t, values)
+    numbers = plain_numbers(t, values)
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
 
 
@@ -384,13 +388,13 @@ def _names(run: Run) -> list[str]:
 # ---------------------------------------------------------------- what a person should know
 
 
-def _notes_of(run: Run) -> list[str]:
+def _run_notes(run: Run) -> list[str]:
     """The notes of a run, one sentence each."""
-    more = (*_late(run), *_silent(run), *_together(run))
-    return [*_outside(run), *_compared_nan(run), *_moved(run), *run.computed, *more]
+    more = (*_late_notes(run), *_silence_notes(run), *_contradiction_notes(run))
+    return [*_outside_notes(run), *_nan_notes(run), *_moved_notes(run), *run.computed, *more]
 
 
-def _outside(run: Run) -> Iterator[str]:
+def _outside_notes(run: Run) -> Iterator[str]:
     """Notes that a module's own `safe` was false on estimates; properties are about the truth."""
     for name, m in run.modules.items():
         if m.outside:
@@ -400,7 +404,7 @@ def _outside(run: Run) -> Iterator[str]:
             )
 
 
-def _compared_nan(run: Run) -> Iterator[str]:
+def _nan_notes(run: Run) -> Iterator[str]:
     """Notes that predicates compared a NaN, which counts as danger and is hardly intended."""
     for name, m in run.modules.items():
         if m.nan_looks:
@@ -408,7 +412,7 @@ def _compared_nan(run: Run) -> Iterator[str]:
             yield f"{name}: `ttf` or `safer` compared a NaN in {looks} looks of its DM: danger"
 
 
-def _moved(run: Run) -> Iterator[str]:
+def _moved_notes(run: Run) -> Iterator[str]:
     """Notes that commands of AC were moved, so that AC's share of the time says little."""
     for m, (published, moved) in zip(run.system.modules, run.moved_commands, strict=False):
         if moved:
@@ -416,7 +420,7 @@ def _moved(run: Run) -> Iterator[str]:
             yield f"{m.name}: its shield moved {share} toward SC's, {moved / published:.1%}"
 
 
-def _late(run: Run) -> Iterator[str]:
+def _late_notes(run: Run) -> Iterator[str]:
     """Notes, in real time, that the trusted part was late too often, which voids proofs."""
     timing = run.timing
     if run.misses_recorded:
@@ -425,11 +429,11 @@ def _late(run: Run) -> Iterator[str]:
         yield (
             f"the trusted part was late: {timing['misses']} misses, {timing['misses_allowed']} are "
             f"allowed (--misses); nothing was done for {timing['silence_ns'] / 1e6:.1f} ms after "
-            f"{timing['silence_after_ns'] / 1e9:.3f} s: {', '.join(silence_of(timing))}"
+            f"{timing['silence_after_ns'] / 1e9:.3f} s: {', '.join(silence_words(timing))}"
         )
 
 
-def silence_of(timing: dict[str, Any]) -> list[str]:
+def silence_words(timing: dict[str, Any]) -> list[str]:
     """Words, for each module, on what actuators did in a real-time run's longest silence."""
     laws = {name: of["silence_law_ns"] for name, of in timing["leases"].items()}
     return [
@@ -440,7 +444,7 @@ def silence_of(timing: dict[str, Any]) -> list[str]:
     ]
 
 
-def _silent(run: Run) -> Iterator[str]:
+def _silence_notes(run: Run) -> Iterator[str]:
     """Notes on externs that published nothing in more than half of their steps."""
     plants = {x.name for x in run.system.components if x.plant is not None}
     for name, tally in run.extern_tallies.items():
@@ -449,7 +453,7 @@ def _silent(run: Run) -> Iterator[str]:
             yield f"{name} {verb} nothing in {tally.silent} of {tally.steps} steps"
 
 
-def _together(run: Run) -> Iterator[str]:
+def _contradiction_notes(run: Run) -> Iterator[str]:
     """Notes that `ttf` (`safe` could be left) and `safer` (there is room) held together."""
     for module, (steps, together) in zip(run.system.modules, run.decided, strict=False):
         if together >= TOGETHER_MIN:

@@ -1,7 +1,7 @@
 """The assumptions of a result, and what it does not show: assumptions are output.
 
-Purpose: `verdicts` says which of the paper's properties of a module are proved; `of_run` puts
-everything that a run takes for granted into words.
+Purpose: `verdicts` says which of the paper's properties of a module are proved; `run_assumptions`
+puts everything that a run takes for granted into words.
 Non-goals: proving (`verify/`).
 """
 
@@ -42,29 +42,37 @@ def _stays_free(system: System, modules: Iterable[Module]) -> Iterator[str]:
                 yield f"{m.name}: what {name} calls free stays free, for ever"
 
 
-def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
+def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
     """Assumptions about code: modules that may switch, externs that are trusted.
 
     `proofs`: by module, where exactly this system was verified.
     """
-    free = [m for m in system.modules if m.forced is None]
+    free = [module for module in system.modules if module.forced is None]
     assumptions = _proof_sentences(system, free, proofs or {})
-    assumptions += [_at_once(m) for m in free if _acts_ns(m) > m.period_ns]
     assumptions += [
-        f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
+        _at_once_note(module) for module in free if _command_delay_ns(module) > module.period_ns
+    ]
+    assumptions += [
+        f"{module.name}: not shown, and taken for true: {module.unshown}"
+        for module in free
+        if module.unshown
     ]
     assumptions += _stays_free(system, free)
-    trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
+    trusted = [
+        component.name
+        for component in system.components
+        if component.extern and component.role in ("sc", "node")
+    ]
     if trusted:
         names = ", ".join(trusted)
         assumptions.append(f"{names}: extern and trusted, nothing is known about the code")
-    return [*assumptions, *(text for m in free for text in _computed(m))]
+    return [*assumptions, *(text for module in free for text in _computed_notes(module))]
 
 
 def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
     """Sentences on what is proved of modules, not claimed, or assumed."""
     assumptions = [
-        _proved(m.name, proofs[m.name], _modes_above(system, m)) + _outside(system)
+        _proof_sentence(m.name, proofs[m.name], _modes_above(system, m)) + _unproved_code(system)
         for m in free
         if m.name in proofs
     ]
@@ -80,13 +88,13 @@ def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Pr
     return assumptions
 
 
-def _acts_ns(m: Module) -> int:
+def _command_delay_ns(m: Module) -> int:
     """How late a module's commands may act, in ns, as declared for its proof."""
     acts = m.symbol.verify.acts
     return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
 
 
-def _computed(m: Module) -> Iterator[str]:
+def _computed_notes(m: Module) -> Iterator[str]:
     missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
     if missing:
         whence = "from the plants and the grid of its `verify` block"
@@ -98,8 +106,8 @@ def _computed(m: Module) -> Iterator[str]:
         )
 
 
-def _at_once(m: Module) -> str:
-    late = show_ns(_acts_ns(m))
+def _at_once_note(m: Module) -> str:
+    late = show_ns(_command_delay_ns(m))
     return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
 
 
@@ -109,7 +117,7 @@ def _modes_above(system: System, m: Module) -> str:
     return f" (while {names} is in AC)" if names else ""
 
 
-def _proved(name: str, proof: Proof, whilst: str) -> str:
+def _proof_sentence(name: str, proof: Proof, whilst: str) -> str:
     """A sentence on what is proved of a module, and what is still assumed."""
     count = len(proof.assumptions)
     parts = []
@@ -124,7 +132,7 @@ def _proved(name: str, proof: Proof, whilst: str) -> str:
     return f"{name}{whilst}: {', '.join(parts)}{safe}"
 
 
-def _outside(system: System) -> str:
+def _unproved_code(system: System) -> str:
     """Words on what in the system no proof covers."""
     names = [x.name for x in system.components if x.extern and x.role != "ac"]
     names += [f.name for f in system.program.funs.values() if f.extern]
@@ -139,7 +147,7 @@ def _checker_of_runs(system: System) -> str:
     return f"(`soter build --cert` carries what was proved of {system.proved.name})"
 
 
-def forced(system: System) -> list[str]:
+def forced_modules(system: System) -> list[str]:
     """Sentences on modules that are forced, as the control arm of an experiment."""
     return [
         f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
@@ -148,28 +156,30 @@ def forced(system: System) -> list[str]:
     ]
 
 
-def of_environment(system: System) -> list[str]:
+def environment_assumptions(system: System) -> list[str]:
     """Assumptions about the plants and the inputs of a system."""
     assumptions = []
-    for x in system.components:
-        if x.plant is not None:
-            assumptions += _plant(system, x)
-    driven = {d.topic for d in system.inputs}
-    inputs = [t for t in system.topics if t.driver == "input" and t.queue_of is None]
-    still = [t.name for t in inputs if t.index not in driven]
+    for component in system.components:
+        if component.plant is not None:
+            assumptions += _plant_assumptions(system, component)
+    driven = {drive.topic for drive in system.inputs}
+    inputs = [
+        topic for topic in system.topics if topic.driver == "input" and topic.queue_of is None
+    ]
+    still = [topic.name for topic in inputs if topic.index not in driven]
     if still:
         unless = " unless somebody outside publishes it" if system.externals else ""
         assumptions.append(
             f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value{unless}"
         )
-    for d in system.inputs:
-        name, every = system.topics[d.topic].name, show_ns(d.every_ns)
-        which = f"its {len(d.values)} declared values" if d.values else "its set"
+    for drive in system.inputs:
+        name, every = system.topics[drive.topic].name, show_ns(drive.every_ns)
+        which = f"its {len(drive.values)} declared values" if drive.values else "its set"
         assumptions.append(f"{name} changes every {every} to a value drawn evenly from {which}")
     return assumptions
 
 
-def of_steps(system: System) -> list[str]:
+def step_assumptions(system: System) -> list[str]:
     """Assumptions about how long steps take."""
     return [
         f"{x.name} takes {_interval(*x.takes_ns)} a step, drawn evenly; what it publishes counts "
@@ -183,14 +193,16 @@ def _interval(low: int, high: int) -> str:
     return show_ns(low) if low == high else f"{show_ns(low)} to {show_ns(high)}"
 
 
-def of_faults(system: System) -> list[str]:
+def fault_assumptions(system: System) -> list[str]:
     """Sentences on declared faults, and whether proofs permit them."""
-    said: dict[str, bool] = {}
-    for f in system.faults:
-        if f.on is None:
-            said[f.text] = said.get(f.text, True) and f.inside is not None
-    inside = [f"`{text}`" for text, kept in said.items() if kept]
-    beyond = [f"`{text}`" for text, kept in said.items() if not kept]
+    inside_by_text: dict[str, bool] = {}
+    for fault in system.faults:
+        if fault.on is None:
+            inside_by_text[fault.text] = (
+                inside_by_text.get(fault.text, True) and fault.inside is not None
+            )
+    inside = [f"`{text}`" for text, kept in inside_by_text.items() if kept]
+    beyond = [f"`{text}`" for text, kept in inside_by_text.items() if not kept]
     beyond += ["`order any`"] if system.shuffled else []
     assumptions = (
         [f"goes wrong inside of what proofs assume: {', '.join(inside)}"] if inside else []
@@ -200,35 +212,40 @@ def of_faults(system: System) -> list[str]:
     return assumptions
 
 
-def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """All assumptions of a run of this system; `proofs` as in `unproved`."""
-    taken = [*unproved(system, proofs), *forced(system), *of_steps(system), *of_environment(system)]
-    return [*taken, *of_faults(system)]
+def run_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
+    """All assumptions of a run of this system; `proofs` as in `code_assumptions`."""
+    taken = [
+        *code_assumptions(system, proofs),
+        *forced_modules(system),
+        *step_assumptions(system),
+        *environment_assumptions(system),
+    ]
+    return [*taken, *fault_assumptions(system)]
 
 
-def _plant(system: System, x: Component) -> list[str]:
+def _plant_assumptions(system: System, x: Component) -> list[str]:
     if x.extern:
         return [f"{x.name} is an extern plant: a simulation of somebody else's"]
     assumptions = []
     if x.disturbances:
         terms = [
-            f"{d.variable.name} in [{d.low:g}, {d.high:g}]{_unit(d.variable.type)}"
+            f"{d.variable.name} in [{d.low:g}, {d.high:g}]{_unit_suffix(d.variable.type)}"
             for d in x.disturbances
         ]
         assumptions.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
     if x.measured:
-        said = _errors(system, x)
+        said = _error_bounds(system, x)
         assumptions.append(f"{x.name}: measurement errors within {said}, drawn evenly")
     return assumptions
 
 
-def _errors(system: System, x: Component) -> str:
+def _error_bounds(system: System, x: Component) -> str:
     """Words for each error bound with its unit and, if there are several, its signals."""
     signals: dict[str, list[str]] = {}
     for m in x.measured:
         topic = system.topics[m.topic]
         path, leaf = list(leaves(topic.type))[m.leaf]
-        bound = f"{m.bound:g}{_unit(leaf)}"
+        bound = f"{m.bound:g}{_unit_suffix(leaf)}"
         signals.setdefault(bound, []).append(leaf_name(topic.name, path))
     if len(signals) == 1:
         return next(iter(signals))
@@ -238,6 +255,6 @@ def _errors(system: System, x: Component) -> str:
     )
 
 
-def _unit(t: Type) -> str:
+def _unit_suffix(t: Type) -> str:
     """The unit to write behind a number; "" for a type with several leaves."""
     return f" {t.unit}" if isinstance(t, (FloatType, IntType)) and t.unit else ""

@@ -34,16 +34,16 @@ from soter.native.extern_memory import another_copy, kept_by
 from soter.native.shared_library import Library, RunStatus, library
 from soter.semantics.draws import mix
 from soter.semantics.externs import ExternResetError, Stop, reset
-from soter.semantics.faults import by_component, next_release
+from soter.semantics.faults import group_by_component, next_release
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.simulate.externs.python_answers import ExternAnswers, described, noting
+from soter.simulate.externs.python_answers import ExternAnswers, failure_text, with_notes
 from soter.simulate.externs.python_extern import end_copy
 from soter.simulate.interrupt import StopRequest
-from soter.simulate.module_safe_check import CompiledSafe, InterpretedSafe, JudgedUnit
+from soter.simulate.module_safe_check import CompiledSafe, JudgedUnit
 from soter.simulate.result import Run
-from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
+from soter.simulate.run_observer import Observer, keeps_anything, make_observer, named_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -101,51 +101,51 @@ def state_bytes(
         violations=record.violations,
     )
     at = layout.component_offset
-    late = by_component(system, of_time=True)
-    for x in system.components:
-        r = record.components[x.index]
+    late = group_by_component(system, of_time=True)
+    for component in system.components:
+        counts = record.components[component.index]
         COMPONENT.pack_into(
             out,
             at,
-            next=_next_release(x, c.ct)
-            if x.index not in late
-            else next_release(system, late[x.index], x, seed, c.ct),
-            faults=r.faults,
-            last_fault=r.last_fault,
-            oe=c.OE[x.index],
-            latched=c.latched[x.index],
-            had_control=c.had_control[x.index],
+            next=_next_release(component, c.ct)
+            if component.index not in late
+            else next_release(system, late[component.index], component, seed, c.ct),
+            faults=counts.faults,
+            last_fault=counts.last_fault,
+            oe=c.OE[component.index],
+            latched=c.latched[component.index],
+            had_control=c.had_control[component.index],
             pending=False,
         )
         at += COMPONENT.size
-    for m in system.modules:
-        s = record.modules[m.index]
+    for module in system.modules:
+        module_record = record.modules[module.index]
         MODULE.pack_into(
             out,
             at,
-            ac_ns=s.ac_ns,
-            mode_since=s.mode_since_ns,
-            to_sc=s.switches_to_sc,
-            to_ac=s.switches_to_ac,
-            gate_faults=s.gate_faults,
-            clean_needed=c.clean_needed[m.index],
-            mode=s.mode,
-            gate_fault=c.gate_fault[m.index],
-            ttf=s.ttf,
-            safer=s.safer,
-            stale=s.stale,
-            saw_gate_fault=s.gate_fault,
-            nan_looks=s.nan_looks,
+            ac_ns=module_record.ac_ns,
+            mode_since=module_record.mode_since_ns,
+            to_sc=module_record.switches_to_sc,
+            to_ac=module_record.switches_to_ac,
+            gate_faults=module_record.gate_faults,
+            clean_needed=c.clean_needed[module.index],
+            mode=module_record.mode,
+            gate_fault=c.gate_fault[module.index],
+            ttf=module_record.ttf,
+            safer=module_record.safer,
+            stale=module_record.stale,
+            saw_gate_fault=module_record.gate_fault,
+            nan_looks=module_record.nan_looks,
         )
         at += MODULE.size
-    for p in record.properties:
-        PROPERTY.pack_into(out, at, first_ns=p.first_ns, count=p.count, active=p.active)
+    for prop in record.properties:
+        PROPERTY.pack_into(out, at, first_ns=prop.first_ns, count=prop.count, active=prop.active)
         at += PROPERTY.size
     struct.pack_into(f"<{layout.topics}q", out, layout.stamp_offset, *c.stamps)
-    for g in layout.groups:
-        values = c.Topics if g.owner < 0 else c.L[g.owner]
-        for member in g.struct.members:
-            encode_into(out, g.offset + member.offset, member.type, values[member.index])
+    for group in layout.groups:
+        values = c.Topics if group.owner < 0 else c.L[group.owner]
+        for member in group.struct.members:
+            encode_into(out, group.offset + member.offset, member.type, values[member.index])
     return bytes(out)
 
 
@@ -198,17 +198,17 @@ class NativeProgram:
         path = library(self.unit, optimise or own, extra)
         self._builder, self._path = builder, path
         self._owners = linked_symbols(system, core)
-        self._shared = self._of(path)
+        self._shared = self._open(path)
         self._keeps = bool(kept_by(self.unit))
 
-    def loaded(self) -> LoadedProgram:
+    def load(self) -> LoadedProgram:
         """The loaded library; C that may keep state between calls is loaded afresh."""
         if not self._keeps:
             return self._shared
         with another_copy(self._path) as path:
-            return self._of(path)
+            return self._open(path)
 
-    def _of(self, path: Path) -> LoadedProgram:
+    def _open(self, path: Path) -> LoadedProgram:
         found = Library(path, self.unit.prefix, self.layout.size, self._owners)
         return LoadedProgram(found, CompiledSafe(found, path, self._builder))
 
@@ -238,19 +238,24 @@ class NativeProgram:
         require_plain()
         bound = bound or {}
         _reset_all(bound, seed)
-        observer, loaded = None, self.loaded()
-        if wanted(keep_trace) or hash_trace or observed:
-            observer = _observer(
-                self.system, self.layout, self.dtype, keep_trace, hash_trace, also, loaded.judge
+        observer, loaded = None, self.load()
+        if keeps_anything(keep_trace) or hash_trace or observed:
+            observer = make_observer(
+                self.system,
+                self.layout,
+                keep_trace,
+                hash_trace=hash_trace,
+                also=also,
+                judge=loaded.judge,
             )
         drive = _Drive(self, loaded.library, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
-        finished = drive.to(until_ns, progress, pacer)
+        finished = drive.run_to(until_ns, progress, pacer)
         wall = time.perf_counter() - began
         last, seen = drive.state, dict[str, Any](trace=None, instants=0, trace_sha256=None)
         if observer is not None:
             last = last if observer.last is None else observer.last
-            seen = observer.told()
+            seen = observer.run_fields()
         return Run(
             system=self.system,
             layout=self.layout,
@@ -258,7 +263,7 @@ class NativeProgram:
             seed=seed,
             engine="native",
             final=last.view(self.dtype)[0],
-            recorded=names_of(keep_trace),
+            recorded=named_parts(keep_trace),
             duration_s=until_ns / 1e9,
             wall_s=wall,
             extern_failures=drive.answers.failures,
@@ -293,7 +298,7 @@ class _Drive:
             room = max(CHUNK_BYTES // program.layout.size, 16)
             self.buffer = np.zeros((room, program.layout.size), dtype=np.uint8)
 
-    def to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
+    def run_to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
         """Runs to `until_ns`; False where a stop was wanted before."""
         limit_ns = -1
         try:
@@ -359,7 +364,7 @@ def run_interpreted(
     """
     layout = state_layout(system)
     dtype = state_dtype(layout)
-    observer = _observer(system, layout, dtype, keep_trace, hash_trace, also)
+    observer = make_observer(system, layout, keep_trace, hash_trace=hash_trace, also=also)
     request, process = stop or StopRequest(), os.getpid()
     waiting: list[bytes] = []
 
@@ -383,7 +388,7 @@ def run_interpreted(
     failures: dict[str, str] = {}
     tallies: dict[str, Tally] = {}
     began = time.perf_counter()
-    interpreter = Interpreter(system, seed, noting(system, bound or {}, failures, tallies))
+    interpreter = Interpreter(system, seed, with_notes(system, bound or {}, failures, tallies))
     finished = _interpret(interpreter, until_ns, observe)
     flush()
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
@@ -395,35 +400,13 @@ def run_interpreted(
         engine="interp",
         wall_s=time.perf_counter() - began,
         final=last.view(dtype)[0],
-        recorded=names_of(keep_trace),
+        recorded=named_parts(keep_trace),
         duration_s=until_ns / 1e9,
         extern_failures=failures,
         interrupted=not finished,
         lag_s_max=pacer.lag_s_max if pacer else None,
         extern_tallies=tallies,
-        **observer.told(),
-    )
-
-
-def _observer(
-    system: System,
-    layout: StateLayout,
-    dtype: np.dtype[Any],
-    keep_trace: Kept,
-    hash_trace: bool,
-    also: Also | None,
-    judge: SafeJudge | None = None,
-) -> Observer:
-    """The observer of a run; `judge`: by default the evaluator of the interpreter.
-
-    `SoterError` U001 where `keep_trace` names no part of the system.
-    """
-    names = names_of(keep_trace)
-    parts = None if names is None else TraceParts(system, layout, dtype, names)
-    kept = wanted(keep_trace)
-    judge = judge or InterpretedSafe(system, layout)
-    return Observer(
-        system, dtype, judge, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also
+        **observer.run_fields(),
     )
 
 
@@ -437,7 +420,7 @@ def _interpret(
     except Stop:
         return False
     except ExternResetError as error:
-        raise _reset_failed(error) from error
+        raise _reset_error(error) from error
     return True
 
 
@@ -452,10 +435,10 @@ def _reset_all(bound: Mapping[str, object], seed: int) -> None:
         for name, extern in bound.items():
             reset(name, extern, seed)
     except ExternResetError as error:
-        raise _reset_failed(error) from error
+        raise _reset_error(error) from error
 
 
-def _reset_failed(error: ExternResetError) -> SoterError:
-    why = described(error.__cause__ or error)
+def _reset_error(error: ExternResetError) -> SoterError:
+    why = failure_text(error.__cause__ or error)
     message = f"extern `{error.name}` could not be reset: {why}"
     return mistake("X003", message)

@@ -72,7 +72,7 @@ def _time_s(d: DecisionStepRecord) -> float:
     return d.time_ns / 1e9
 
 
-def _explained(d: DecisionStepRecord) -> ExplainedStep | None:
+def _explained_step(d: DecisionStepRecord) -> ExplainedStep | None:
     return None if d.why is None else cast("ExplainedStep", d)
 
 
@@ -101,7 +101,9 @@ def final_values(run: Run) -> dict[str, object]:
     raw = run.final.tobytes()
     value_by_name: dict[str, object] = {}
     for topic in run.system.topics:
-        value_by_name[topic.name] = _decoded(raw, run.layout.topic_offset(topic.index), topic.type)
+        value_by_name[topic.name] = _topic_value(
+            raw, run.layout.topic_offset(topic.index), topic.type
+        )
     for x in run.system.components:
         if x.plant is not None:
             value_by_name[f"{x.name}.truth"] = to_json(
@@ -133,7 +135,7 @@ def scalars(run: Run) -> dict[str, float]:
     return number_by_path
 
 
-def _decoded(raw: bytes, offset: int, t: Type) -> object:
+def _topic_value(raw: bytes, offset: int, t: Type) -> object:
     return to_json(t, decode_from(raw, offset, t))
 
 
@@ -150,7 +152,7 @@ PART = JsonObject(
 MODE_CHANGE = JsonObject(
     DecisionStepRecord,
     "time_s module mode=after reason predicates=saw margin_s why",
-    {"time_s": _time_s, "why": _explained},
+    {"time_s": _time_s, "why": _explained_step},
     mode=one_of("SC", "AC"),
     predicates=JsonObject(PredicateValues, "ttf safer stale gate_fault"),
     why=JsonObject(

@@ -115,12 +115,16 @@ class RunLog:
         self.path = self.path(system) if callable(self.path) else self.path
         self.path = self.path.absolute()  # an extern may change the folder
         self.unfinished = unfinished(self.path)
-        plants = [x for x in system.components if x.plant is not None]
+        plants = [component for component in system.components if component.plant is not None]
         self._channels = [
             (MODES_TOPIC, MODES_SCHEMA),
             (DECISIONS_TOPIC, DECISIONS_SCHEMA),
-            *((t.name, _message_schema(t.type)) for t in _told(system)),
-            *((f"{x.name}.truth", _schema(x.plant.truth)) for x in plants if x.plant),
+            *((topic.name, _message_schema(topic.type)) for topic in _logged_topics(system)),
+            *(
+                (f"{component.name}.truth", _schema(component.plant.truth))
+                for component in plants
+                if component.plant
+            ),
         ]
         self._header = LogHeader(
             system.program.sha256,
@@ -142,8 +146,8 @@ class RunLog:
     ) -> None:
         """Takes the next states, (n,), the changes of mode among them, and how late DMs were."""
         if self.problem is None:
-            with self._kept_problem():
-                self._opened().add(self._blocks(states, changes, looks))
+            with self._noting_problem():
+                self._open_log().add(self._blocks(states, changes, looks))
                 self._earlier = states[-1:].copy()
 
     def end(self, run: Run | None, why: str) -> None:
@@ -151,22 +155,22 @@ class RunLog:
         if self.problem is None:
             hash_ = run.trace_sha256 if run is not None else None
             ended = f"{ABNORMALLY}{why}" if why else "at its end"
-            with self._kept_problem():
-                self._opened().close({"ended": ended, "trace_sha256": hash_ or ""})
+            with self._noting_problem():
+                self._open_log().close({"ended": ended, "trace_sha256": hash_ or ""})
 
     def end_by(self, error: BaseException) -> None:
         """Ends the log of a run that an error broke off; without an instant nothing is kept."""
         if self._log is not None:
             self.end(None, type(error).__name__)
 
-    def _opened(self) -> McapLog:
+    def _open_log(self) -> McapLog:
         if self._log is None:
             assert isinstance(self.path, Path)
             self._log = McapLog(self.path, self._channels, self._header)
         return self._log
 
     @contextmanager
-    def _kept_problem(self) -> Iterator[None]:
+    def _noting_problem(self) -> Iterator[None]:
         try:
             yield
         except LogError as error:
@@ -186,11 +190,11 @@ class RunLog:
         messages = [
             map(mode_message, self._modes(changes)),
             (decision_message(_decision(d, looks.get((d.time_ns, d.module)))) for d in steps),
-            *(self._topic(states, t) for t in _told(self._system)),
+            *(self._topic(states, t) for t in _logged_topics(self._system)),
             *(self._truth(states, x) for x in self._system.components if x.plant is not None),
         ]
-        for (name, schema), of in zip(self._channels, messages, strict=True):
-            yield LogChannel(name, schema, of)
+        for (name, schema), channel_messages in zip(self._channels, messages, strict=True):
+            yield LogChannel(name, schema, channel_messages)
 
     def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
         """The messages of a topic: its first value, then every publication."""
@@ -226,7 +230,7 @@ class RunLog:
             for m in self._system.modules:
                 yield ModeRecord(0, m.name, "AC" if m.forced == "ac" else "SC")
         for change in changes:
-            d = decisions.of_change(self._system, change)
+            d = decisions.change_record(self._system, change)
             yield ModeRecord(d.time_ns, d.module, d.after)
 
 
@@ -270,7 +274,7 @@ def _schema(t: Type) -> JsonSchema:
     return {**scalars[type(t)], "unit": unit} if unit else scalars[type(t)]
 
 
-def _told(system: System) -> list[Topic]:
+def _logged_topics(system: System) -> list[Topic]:
     """The topics to log, without those that hold back what nodes publish later."""
     return [t for t in system.topics if not t.held]
 
@@ -292,7 +296,7 @@ MISSED = ("late", "skip", "wait", "overrun", "silent")
 """The faults with which a component may publish nothing at its release."""
 
 
-def recorded(run: Run) -> RecordedRun:
+def record_of_trace(run: Run) -> RecordedRun:
     """The values of a traced run."""
     trace = run.require_trace()
     record = RecordedRun([], [], [], [])

@@ -3,7 +3,7 @@
 Purpose: every state after an instant passes an `Observer` once, in blocks: it hashes them, keeps
 them if a trace is wanted, and notes what a summary names (mode changes, first faults). Both engines
 feed the same observer, so both give the same record. `TraceParts` finds the parts of a trace by
-names (topics, `<plant>.truth`, modules). `decided_at` and `moved_at` find the states in which
+names (topics, `<plant>.truth`, modules). `decided_rows` and `moved_rows` find the states in which
 decision modules decided, and in which a shield moved a command.
 Non-goals: meaning (`decisions.py`), reading a trace (`result.py`); a run that nobody observes is
 the same run.
@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.core.layout import group_field
+from soter.core.layout import group_field, state_dtype
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.types import ArrayType, RecordType
-from soter.semantics.faults import by_component, is_released
-from soter.simulate.module_safe_check import SafeTally
+from soter.semantics.faults import group_by_component, is_released
+from soter.simulate.module_safe_check import InterpretedSafe, SafeTally
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
     Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]
 
 
-def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     """Whether each module has just decided in these states (n,): (n, modules)."""
     times_ns = states["header"]["ct"]
     periods = np.array([m.period_ns for m in system.modules], dtype=np.int64)
     due: npt.NDArray[np.bool_] = times_ns[:, np.newaxis] % periods == 0
-    late = by_component(system, of_time=True)
+    late = group_by_component(system, of_time=True)
     for m in system.modules:
         if m.dm in late and len(states):
             dm, seed = system.components[m.dm], int(states["header"]["seed"][0])
@@ -57,7 +57,7 @@ def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_
     return due
 
 
-def moved_at(
+def moved_rows(
     system: System, module: Module, states: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Whether, in states (n,), AC in control has just published, and its shield moved that.
@@ -70,37 +70,39 @@ def moved_at(
         return published, was_moved
     proposals = states["topics"][system.topics[shield.proposed].name]
     in_ac = states["modules"]["mode"][:, module.index] != 0
-    at = 0
-    for i in module.outputs:
-        numbers = numbers_of(system.topics[i].type, states["topics"][system.topics[i].name])
-        proposed = proposals[:, at : at + numbers.shape[-1]]
-        at += numbers.shape[-1]
-        told = in_ac & (states["stamps"][:, i] == states["header"]["ct"])
-        published |= told
-        was_moved |= told & (numbers != proposed).any(axis=-1)
+    first = 0
+    for output in module.outputs:
+        numbers = plain_numbers(
+            system.topics[output].type, states["topics"][system.topics[output].name]
+        )
+        proposed = proposals[:, first : first + numbers.shape[-1]]
+        first += numbers.shape[-1]
+        commanded = in_ac & (states["stamps"][:, output] == states["header"]["ct"])
+        published |= commanded
+        was_moved |= commanded & (numbers != proposed).any(axis=-1)
     return published, was_moved
 
 
-def numbers_of(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def plain_numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """The k numbers of every value, (..., k), of a type without lists, in declared order."""
     if isinstance(t, RecordType):
-        return np.concatenate([numbers_of(f, values[n]) for n, f in t.fields], axis=-1)
+        return np.concatenate([plain_numbers(f, values[n]) for n, f in t.fields], axis=-1)
     if isinstance(t, ArrayType):
-        parts = numbers_of(t.element, values)
+        parts = plain_numbers(t.element, values)
         return parts.reshape(*parts.shape[:-2], -1)
     return values.astype(np.float64)[..., np.newaxis]
 
 
-def names_of(keep: Kept) -> tuple[str, ...] | None:
+def named_parts(keep: Kept) -> tuple[str, ...] | None:
     """The names of the parts to keep, perhaps none; None where all or nothing is kept."""
     if isinstance(keep, str):
         return (keep,)
     return tuple(dict.fromkeys(keep)) if isinstance(keep, Collection) else None
 
 
-def wanted(keep: Kept) -> bool:
+def keeps_anything(keep: Kept) -> bool:
     """Whether anything is kept, even if only the times."""
-    return names_of(keep) is not None or bool(keep)
+    return named_parts(keep) is not None or bool(keep)
 
 
 def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
@@ -137,7 +139,7 @@ class TraceParts:
             fields.append(("topics", np.dtype([(n, dtype["topics"][n]) for n in self._topics])))
         self.dtype: np.dtype[Any] = np.dtype(fields)
 
-    def of(self, states: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def copy_parts(self, states: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Copies of these parts, (n,), of states, (n,)."""
         copies = np.empty(len(states), dtype=self.dtype)
         for part in self._whole:
@@ -222,7 +224,7 @@ class Observer:
             self._digest.update(np.ascontiguousarray(rows).data)
         states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
         if self._kept is not None:
-            self._keep(rows if self._parts is None else _bytes(self._parts.of(states)))
+            self._keep(rows if self._parts is None else _bytes(self._parts.copy_parts(states)))
         known = len(self.changes)
         if len(self._modes):
             self._see_modes(states, earlier)
@@ -230,7 +232,7 @@ class Observer:
         if self.also is not None:
             self.also(states, self.changes[known:])
 
-    def told(self) -> dict[str, Any]:
+    def run_fields(self) -> dict[str, Any]:
         """The fields of a `Run` that come from the observer."""
         asked = ("instants", "changes", "first_faults", "decided", "moved_commands", "safe_looks")
         observed = {name: getattr(self, name) for name in asked}
@@ -299,28 +301,28 @@ class Observer:
         modes = modules["mode"]
         before = np.vstack([self._modes, modes[:-1]])
         for row, module in np.argwhere(modes != before):
-            m = modules[row, module]
+            seen = modules[row, module]
             self.changes.append(
                 ModeChange(
                     int(states["header"]["ct"][row]),
                     int(module),
-                    "AC" if m["mode"] else "SC",
-                    ttf=bool(m["ttf"]),
-                    safer=bool(m["safer"]),
-                    stale=bool(m["stale"]),
-                    gate_fault=bool(m["saw_gate_fault"]),
-                    states=self._explained(states, earlier, int(row)),
+                    "AC" if seen["mode"] else "SC",
+                    ttf=bool(seen["ttf"]),
+                    safer=bool(seen["safer"]),
+                    stale=bool(seen["stale"]),
+                    gate_fault=bool(seen["saw_gate_fault"]),
+                    states=self._states_to_explain(states, earlier, int(row)),
                 )
             )
         self._modes = modes[-1].copy()
-        due = decided_at(self._system, states)
+        due = decided_rows(self._system, states)
         together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
         self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
-        for m in self._system.modules:
-            self._moved[:, m.index] += [x.sum() for x in moved_at(self._system, m, states)]
+        for seen in self._system.modules:
+            self._moved[:, seen.index] += [x.sum() for x in moved_rows(self._system, seen, states)]
         self._safe.see(states, due)
 
-    def _explained(
+    def _states_to_explain(
         self, states: npt.NDArray[Any], earlier: Rows | None, row: int
     ) -> tuple[bytes | None, bytes] | None:
         """The states before and after an instant, as long as there is room for them."""
@@ -339,6 +341,31 @@ class Observer:
                 latched = bool(states["components"]["latched"][row, component])
                 time_ns = int(states["header"]["ct"][row])
                 self.first_faults[int(component)] = FirstFault(time_ns, latched)
+
+
+def make_observer(
+    system: System,
+    layout: StateLayout,
+    keep_trace: Kept,
+    *,
+    hash_trace: bool,
+    also: Also | None = None,
+    judge: SafeJudge | None = None,
+) -> Observer:
+    """The observer of states (n,); `judge`: by default the evaluator of the interpreter.
+
+    `SoterError` U001 where `keep_trace` names no part of the system.
+    """
+    dtype, names = state_dtype(layout), named_parts(keep_trace)
+    return Observer(
+        system,
+        dtype,
+        judge or InterpretedSafe(system, layout),
+        keep_trace=keeps_anything(keep_trace),
+        hash_trace=hash_trace,
+        parts=None if names is None else TraceParts(system, layout, dtype, names),
+        also=also,
+    )
 
 
 def _bytes(records: npt.NDArray[Any]) -> Rows:

@@ -1,6 +1,6 @@
 """What the diagram of a system shows while a run is replayed, and the page that replays a log.
 
-Purpose: `live_of_run` reads values, steps, modes and what decision modules saw off a trace, for
+Purpose: `replay_rows` reads values, steps, modes and what decision modules saw off a trace, for
 `report/run/live_diagram.py`. `write_log_page` writes the page of `soter show FILE --log LOG`.
 Non-goals: the page; logs that `soter run --log` did not write; time lines (`soter run --report`). A
 log does not tell when a component latched: it goes on lighting up by its calendar.
@@ -25,7 +25,7 @@ from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
 from soter.report.mcap_reading import messages, metadata, require_log_package, unreadable
 from soter.report.run.live_diagram import STEPS_MAX, Control, Live, Steps, Values
 from soter.report.run.record import Picture
-from soter.semantics.faults import by_component, next_release
+from soter.semantics.faults import group_by_component, next_release
 from soter.simulate.run_log import logged_value
 
 T = TypeVar("T")
@@ -56,32 +56,38 @@ class HeldValues:
     values: npt.NDArray[Any] | list[Value]
 
 
-def live_of_run(run: Run, trace: npt.NDArray[Any]) -> Live:
+def replay_rows(run: Run, trace: npt.NDArray[Any]) -> Live:
     """The rows of a run's states `trace`, (n,), all of them or thinned."""
     system = run.system
     time_s = trace["header"]["ct"] / 1e9
     held = {
-        f"t:{t.name}": HeldValues(t.type, time_s, trace["topics"][t.name]) for t in system.topics
+        f"t:{topic.name}": HeldValues(topic.type, time_s, trace["topics"][topic.name])
+        for topic in system.topics
     }
     for group in run.layout.groups:
-        x = system.components[group.owner] if group.owner >= 0 else None
-        if x is not None and x.plant is not None:
-            held[f"c:{x.name}"] = HeldValues(x.plant.truth, time_s, trace[group_field(group)])
+        component = system.components[group.owner] if group.owner >= 0 else None
+        if component is not None and component.plant is not None:
+            held[f"c:{component.name}"] = HeldValues(
+                component.plant.truth, time_s, trace[group_field(group)]
+            )
     latched = {
-        x.name: int(trace["header"]["ct"][int(np.argmax(column))])
-        for x in system.components
-        if (column := trace["components"]["latched"][:, x.index] != 0).any()
+        component.name: int(trace["header"]["ct"][int(np.argmax(column))])
+        for component in system.components
+        if (column := trace["components"]["latched"][:, component.index] != 0).any()
     }
     end_s = float(time_s[-1]) if len(time_s) else 0.0
     return Live(
         end_s,
-        values_of(system, held),
-        steps_of(system, run.seed, end_s, latched),
-        tuple(_control(system, m, time_s, trace["modules"][:, m.index]) for m in system.modules),
+        value_rows(system, held),
+        step_rows(system, run.seed, end_s, latched),
+        tuple(
+            _control_of_trace(system, module, time_s, trace["modules"][:, module.index])
+            for module in system.modules
+        ),
     )
 
 
-def values_of(system: System, held: Mapping[str, HeldValues]) -> tuple[Values, ...]:
+def value_rows(system: System, held: Mapping[str, HeldValues]) -> tuple[Values, ...]:
     """The rows of everything that is held, by `t:TOPIC` and `c:PLANT`."""
     return tuple(
         Values(
@@ -100,49 +106,61 @@ def values_of(system: System, held: Mapping[str, HeldValues]) -> tuple[Values, .
     )
 
 
-def steps_of(
+def step_rows(
     system: System, seed: int, end_s: float, latched: Mapping[str, int]
 ) -> tuple[Steps, ...]:
     """When each component steps: by its calendar, or, where faults move it, by its releases."""
-    late, end_ns = by_component(system, of_time=True), round(end_s * 1e9)
+    late, end_ns = group_by_component(system, of_time=True), round(end_s * 1e9)
     calendars = []
-    for x in system.components:
+    for component in system.components:
         times: list[int] | None = None
-        if x.index in late:
+        if component.index in late:
             times, now = [], -1
             while len(times) < STEPS_MAX:
-                now = next_release(system, late[x.index], x, seed, now)
+                now = next_release(system, late[component.index], component, seed, now)
                 if now > end_ns:
                     break
                 times.append(now)
-        told = None if times is None else tuple(times)
-        calendars.append(Steps(x.name, x.period_ns, x.phase_ns, told, latched.get(x.name)))
+        step_times = None if times is None else tuple(times)
+        calendars.append(
+            Steps(
+                component.name,
+                component.period_ns,
+                component.phase_ns,
+                step_times,
+                latched.get(component.name),
+            )
+        )
     return tuple(calendars)
 
 
-def control_of(
+def control_rows(
     system: System,
-    m: Module,
+    module: Module,
     modes: Iterable[tuple[float, bool]],
     saw: Iterable[tuple[float, Sequence[bool]]],
 ) -> Control:
     """Who had control, and what the DM `saw` (`SAW`): (time in s, value), all or the changes."""
     names = [word for _, word in SAW]
-    told = ((t, " ".join(n for n, on in zip(names, row, strict=True) if on)) for t, row in saw)
+    seen_words = (
+        (t, " ".join(n for n, on in zip(names, row, strict=True) if on)) for t, row in saw
+    )
     return Control(
-        m.name,
-        system.components[m.ac].name,
-        system.components[m.sc].name,
+        module.name,
+        system.components[module.ac].name,
+        system.components[module.sc].name,
         tuple(_changes(modes)),
-        saw_key(m.name),
-        tuple(_changes((t, text or "no ttf") for t, text in told)),
+        saw_key(module.name),
+        tuple(_changes((t, text or "no ttf") for t, text in seen_words)),
     )
 
 
-def _control(system: System, m: Module, time_s: npt.NDArray[Any], own: npt.NDArray[Any]) -> Control:
+def _control_of_trace(
+    system: System, m: Module, time_s: npt.NDArray[Any], own: npt.NDArray[Any]
+) -> Control:
     modes = zip(time_s.tolist(), (own["mode"] == 1).tolist(), strict=True)
     seen = zip(*((own[name] != 0).tolist() for name, _ in SAW), strict=True)
-    return control_of(system, m, modes, zip(time_s.tolist(), seen, strict=True))
+    return control_rows(system, m, modes, zip(time_s.tolist(), seen, strict=True))
 
 
 def _changes(told: Iterable[tuple[float, T]]) -> Iterable[tuple[float, T]]:
@@ -176,14 +194,17 @@ def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
     """Writes the page on which a log of this system is replayed; `SoterError` D006, D007."""
     require_log_package()
     source = Path(log)
-    said = metadata(source)
-    live = _live_diagram(source, system, int(said.get("seed") or 0))
-    facts = [f"log {source.name}", *(f"{k} {said[k]}" for k in ("system", "seed") if k in said)]
-    told = ", ".join(facts)
-    if said.get("program_sha256") != system.program.sha256:
-        told += ". The program was changed since: what is drawn is how it stands now."
+    facts_of_log = metadata(source)
+    live = _live_diagram(source, system, int(facts_of_log.get("seed") or 0))
+    facts = [
+        f"log {source.name}",
+        *(f"{k} {facts_of_log[k]}" for k in ("system", "seed") if k in facts_of_log),
+    ]
+    subtitle = ", ".join(facts)
+    if facts_of_log.get("program_sha256") != system.program.sha256:
+        subtitle += ". The program was changed since: what is drawn is how it stands now."
     title = f"System {system.name}"
-    return write_replay(title, told, Picture(picture(system, live=True), live), path)
+    return write_replay(title, subtitle, Picture(picture(system, live=True), live), path)
 
 
 @dataclass
@@ -195,7 +216,7 @@ class _LoggedValues:
     values: list[Value] = field(default_factory=list)
 
 
-def _read(
+def _read_channels(
     path: Path,
     system: System,
     known: Mapping[str, _LoggedValues],
@@ -212,9 +233,9 @@ def _read(
             seen = [bool(message["predicates"].get(name)) for name in PREDICATES]
             saw[message["module"]].append((time_ns / 1e9, seen))
         elif channel in known:
-            read = known[channel]
-            read.times_s.append(time_ns / 1e9)
-            read.values.append(logged_value(path, system, channel, read.t, message))
+            logged = known[channel]
+            logged.times_s.append(time_ns / 1e9)
+            logged.values.append(logged_value(path, system, channel, logged.t, message))
     return end_s
 
 
@@ -224,7 +245,7 @@ def _live_diagram(path: Path, system: System, seed: int) -> Live:
     known |= {f"{name}.truth": _LoggedValues(plant.truth) for name, plant in plants.items()}
     modes: dict[str, list[tuple[float, bool]]] = {m.name: [] for m in system.modules}
     saw: dict[str, list[tuple[float, Sequence[bool]]]] = {m.name: [] for m in system.modules}
-    end_s = _read(path, system, known, modes, saw)
+    end_s = _read_channels(path, system, known, modes, saw)
     if not any(read.values for read in known.values()):
         raise unreadable(path, f"it holds no topic of `{system.name}`")
     held = {
@@ -236,6 +257,7 @@ def _live_diagram(path: Path, system: System, seed: int) -> Live:
         if known[name].values
     }
     control = tuple(
-        control_of(system, m, modes[m.name] or [(0.0, False)], saw[m.name]) for m in system.modules
+        control_rows(system, m, modes[m.name] or [(0.0, False)], saw[m.name])
+        for m in system.modules
     )
-    return Live(end_s, values_of(system, held), steps_of(system, seed, end_s, {}), control)
+    return Live(end_s, value_rows(system, held), step_rows(system, seed, end_s, {}), control)

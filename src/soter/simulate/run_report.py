@@ -45,10 +45,10 @@ from soter.report.run.record import (
 )
 from soter.report.wording import count_text, prose
 from soter.simulate import decisions
-from soter.simulate.decisions import looks_of
-from soter.simulate.result_assumptions import of_run
-from soter.simulate.run_observer import decided_at
-from soter.simulate.run_on_diagram import live_of_run
+from soter.simulate.decisions import compile_looks
+from soter.simulate.result_assumptions import run_assumptions
+from soter.simulate.run_observer import decided_rows
+from soter.simulate.run_on_diagram import replay_rows
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -80,26 +80,28 @@ def controllers(system: System, tower: tuple[Module, ...]) -> list[str]:
     return [system.components[i].name for i in (*(m.sc for m in tower), tower[-1].ac)]
 
 
-def levels_of(tower: tuple[Module, ...], trace: npt.NDArray[np.void]) -> npt.NDArray[np.intp]:
+def controller_levels(
+    tower: tuple[Module, ...], trace: npt.NDArray[np.void]
+) -> npt.NDArray[np.intp]:
     """For each state, (states,), the number of the one in `controllers` that has control."""
     modes = trace["modules"]["mode"][:, [m.index for m in tower]] == 1
     held: npt.NDArray[np.intp] = np.cumprod(modes, axis=1).sum(axis=1)
     return held
 
 
-def told(run: Run) -> list[str]:
+def control_shares(run: Run) -> list[str]:
     """A line for each tower: shares of the time, and how often each took or got control."""
     trace = run.require_trace()
     time_ns = trace["header"]["ct"].astype(np.float64)
     lasts = np.diff(time_ns, append=run.reached_s * 1e9)
     lines = []
     for tower in towers(run.system):
-        held = levels_of(tower, trace)
+        held = controller_levels(tower, trace)
         begins = np.flatnonzero(np.diff(held, prepend=-1))
         parts = [
-            f"{name} {lasts[held == k].sum() / max(lasts.sum(), 1.0):.1%} of the time, "
-            f"{int((held[begins] == k).sum())} {TIMES}"
-            for k, name in enumerate(controllers(run.system, tower))
+            f"{name} {lasts[held == number].sum() / max(lasts.sum(), 1.0):.1%} of the time, "
+            f"{int((held[begins] == number).sum())} {TIMES}"
+            for number, name in enumerate(controllers(run.system, tower))
         ]
         lines.append(f"Who had control in {tower[0].name}: {'; '.join(parts)}.")
     return lines
@@ -110,31 +112,35 @@ LOOKS_MAX = 120
 JUDGED = " (after the commands that might act at this look)"
 
 
-def led_of_run(run: Run) -> tuple[LedPicture, ...]:
+def tube_pictures(run: Run) -> tuple[LedPicture, ...]:
     """The pictures of modules with `rest`; none if steps come in any order, or no C compiler is."""
-    looks = None if run.system.shuffled else looks_of(run.system)
+    looks = None if run.system.shuffled else compile_looks(run.system)
     if looks is None:
         return ()
     pictures = (_led_picture(run, looks, m) for m in looks.modules)
     return tuple(p for p in pictures if p.looks)
 
 
-def _led_picture(run: Run, looks: TubeLooks, m: Module) -> LedPicture:
+def _led_picture(run: Run, looks: TubeLooks, module: Module) -> LedPicture:
     trace = run.require_trace()
-    mode, stale = (trace["modules"][name][:, m.index] for name in ("mode", "stale"))
-    rows = np.flatnonzero(decided_at(run.system, trace)[:, m.index] & (stale == 0))
+    mode, stale = (trace["modules"][name][:, module.index] for name in ("mode", "stale"))
+    rows = np.flatnonzero(decided_rows(run.system, trace)[:, module.index] & (stale == 0))
     rows = rows[rows > 0]  # what was read is of two states
     lost = rows[(mode[rows - 1] == 1) & (mode[rows] == 0)][:LOOKS_MAX]
     even = np.linspace(0, len(rows) - 1, min(LOOKS_MAX, len(rows)) - len(lost)).astype(np.intp)
     drawn = []
     for row in np.union1d(rows[even], lost):
         states = trace[row - 1].tobytes(), trace[row].tobytes()
-        led = looks.of(m.index, *states, judged=bool(mode[row - 1]))
-        of = JUDGED if m.shield is not None and mode[row - 1] else ""
-        if len(led.boxes):
+        look = looks.follow(module.index, *states, judged=bool(mode[row - 1]))
+        judged_note = JUDGED if module.shield is not None and mode[row - 1] else ""
+        if len(look.boxes):
             time_s = float(trace["header"]["ct"][row]) / 1e9
-            drawn.append(LedLook(time_s, led.boxes, prose(looks.told(m, led) + of)))
-    return LedPicture(m.name, looks.names[m.index], looks.units[m.index], tuple(drawn), len(rows))
+            drawn.append(
+                LedLook(time_s, look.boxes, prose(looks.failure_words(module, look) + judged_note))
+            )
+    return LedPicture(
+        module.name, looks.names[module.index], looks.units[module.index], tuple(drawn), len(rows)
+    )
 
 
 SERIES_MAX = 24
@@ -186,14 +192,14 @@ def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
     """The page of one run."""
     chart = run_chart(run)
-    live = live_of_run(run, _thin_trace(run))
-    picture = Picture(draw(run.system, live=True), live, led_of_run(run))
+    live = replay_rows(run, _thin_trace(run))
+    picture = Picture(draw(run.system, live=True), live, tube_pictures(run))
     return ReportPage(
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes, *told(run), *_signal_notes(run)),
-        assumptions=tuple(of_run(run.system, run.proofs)),
+        notes=(*run.failures, *run.notes, *control_shares(run), *_signal_notes(run)),
+        assumptions=tuple(run_assumptions(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
         headline=_headline(run),
@@ -206,13 +212,13 @@ def _headline(run: Run) -> str:
     It says that it is a system, and one run, as a system may be called `Proved`.
     """
     count = count_text(run.violations, "violation")
-    told = f"System {run.system.name}: {count} in this run."
+    sentence = f"System {run.system.name}: {count} in this run."
     if unshown := " and ".join(m.name for m in run.system.modules if m.unshown):
-        told = f"{unshown} flew by what is not shown of its rest. {told}"
+        sentence = f"{unshown} flew by what is not shown of its rest. {sentence}"
     if not run.never_answered:
-        return told
+        return sentence
     names = " and ".join(run.never_answered)
-    return f"{names} never answered: nothing of it was tried. {told}"
+    return f"{names} never answered: nothing of it was tried. {sentence}"
 
 
 def _thin_trace(run: Run) -> npt.NDArray[np.void]:
@@ -227,7 +233,7 @@ def run_chart(run: Run) -> Chart:
     thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
-        ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1, _share_told(run, m.name))
+        ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1, _share_text(run, m.name))
         for m in run.system.modules
     )
     return Chart(
@@ -249,10 +255,10 @@ def run_chart(run: Run) -> Chart:
 
 def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
     return (
-        *_held(run, trace),
-        *_margins(run, thin),
-        *_latches(run, trace),
-        *_series(run, trace),
+        *_control_series(run, trace),
+        *_margin_series(run, thin),
+        *_latch_series(run, trace),
+        *_value_series(run, trace),
     )
 
 
@@ -270,7 +276,7 @@ def _signal_notes(run: Run) -> Iterator[str]:
         )
 
 
-def _share_told(run: Run, module: str) -> str:
+def _share_text(run: Run, module: str) -> str:
     """Words on what one of several modules did."""
     m = run.modules[module]
     return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
@@ -292,17 +298,17 @@ def _summary(run: Run) -> dict[str, float | int | str]:
     return summary
 
 
-def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+def _control_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """The signal of who has control in each tower, by number: 0 is the topmost module's SC."""
     for tower in towers(run.system):
         names = controllers(run.system, tower)
         who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
-        held = levels_of(tower, trace).astype(float)
+        held = controller_levels(tower, trace).astype(float)
         name = f"control({tower[0].name})"
         yield Series(name, "", held, panel=f"who has control ({who})", held=True)
 
 
-def _margins(run: Run, thin: int) -> Iterator[Series]:
+def _margin_series(run: Run, thin: int) -> Iterator[Series]:
     """The signal of margins, for modules whose levels say more than the calendar."""
     for m in run.system.modules:
         if m.looks > 1:
@@ -311,26 +317,28 @@ def _margins(run: Run, thin: int) -> Iterator[Series]:
             )
 
 
-def _latches(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """The signal of latches: 1 where SC has control and no acknowledgement is in force, else 0."""
     for m in run.system.modules:
         if m.latch is not None:
-            latched = decisions.latched(m, trace).astype(float)
+            latched = decisions.latch_rows(m, trace).astype(float)
             yield Series(f"latched({m.name})", "", latched, panel=f"latch of {m.name}", held=True)
 
 
-def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+def _value_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """All signals; plants' true states come first, as the properties are about them."""
     demanded = _limits_by_signal(run.system)
-    measured = _measured(run.system)
+    measured = _measured_states(run.system)
     compared = frozenset(measured.values())
     for group in run.layout.groups:
-        x = run.system.components[group.owner] if group.owner >= 0 else None
-        if x is None or x.plant is None:
+        component = run.system.components[group.owner] if group.owner >= 0 else None
+        if component is None or component.plant is None:
             continue
         states = trace[group_field(group)]
-        for v in x.plant.states:
-            for each in _signals(f"{x.name}.{v.name}", v.type, states[v.name], ()):
+        for state in component.plant.states:
+            for each in _signals(
+                f"{component.name}.{state.name}", state.type, states[state.name], ()
+            ):
                 own = replace(each, panel=each.name) if each.name in compared else each
                 yield _with_limits(own, demanded)
     for topic in run.system.topics:
@@ -370,7 +378,7 @@ def _with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Ser
     return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
 
 
-def _measured(system: System) -> dict[str, str]:
+def _measured_states(system: System) -> dict[str, str]:
     """For each signal of a topic the true state that it is, or that it measures."""
     state_by_signal: dict[str, str] = {}
     for x in system.components:
@@ -379,11 +387,11 @@ def _measured(system: System) -> dict[str, str]:
         own = {v: f"{x.name}.{v.name}" for v in x.plant.states}
         for topic, value in x.plant.drives:
             name = system.topics[x.scope.topics[topic]].name
-            state_by_signal |= dict(_states_in(name, value, own))
+            state_by_signal |= dict(_equal_states(name, value, own))
     return state_by_signal
 
 
-def _states_in(
+def _equal_states(
     name: str, e: typed.TypedExpr, own: Mapping[typed.Variable, str]
 ) -> Iterator[tuple[str, str]]:
     """Pairs of a driven signal and the plant's state that it equals, leaf by leaf."""
@@ -393,10 +401,10 @@ def _states_in(
     elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
         order = e.order or range(len(e.elements))
         for i, part in zip(order, e.elements, strict=True):
-            yield from _states_in(f"{name}.{e.type.fields[i][0]}", part, own)
+            yield from _equal_states(f"{name}.{e.type.fields[i][0]}", part, own)
     elif isinstance(e, typed.Aggregate) and isinstance(e.type, ArrayType):
         for i, part in enumerate(e.elements):
-            yield from _states_in(f"{name}[{i}]", part, own)
+            yield from _equal_states(f"{name}[{i}]", part, own)
 
 
 def _visible_levels(
@@ -421,11 +429,11 @@ def _signals(
         limits_in_sight, held = _visible_levels(numbers, marks), not isinstance(t, FloatType)
         yield Series(name, unit, numbers, panel=name, thresholds=limits_in_sight, held=held)
     elif isinstance(t, RecordType):
-        together = {n for n, _ in t.fields} <= AXES
-        for n, f in t.fields:
-            for series in _signals(f"{name}.{n}", f, values[n], ()):
+        together = {name_ for name_, _ in t.fields} <= AXES
+        for name_, field_type in t.fields:
+            for series in _signals(f"{name}.{name_}", field_type, values[name_], ()):
                 yield replace(series, panel=name) if together else series
     elif isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
-        for i in range(t.size):
-            for series in _signals(f"{name}[{i}]", t.element, values[:, i], ()):
-                yield replace(series, panel=series.panel.replace(f"[{i}]", "", 1))
+        for index in range(t.size):
+            for series in _signals(f"{name}[{index}]", t.element, values[:, index], ()):
+                yield replace(series, panel=series.panel.replace(f"[{index}]", "", 1))

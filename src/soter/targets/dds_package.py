@@ -273,7 +273,7 @@ def _require_bridgeable(system: System, mapped: dict[int, TopicMap]) -> None:
         assert m.message is not None
         assert m.channel is not None
         named = f"`{m.topic.name}`"
-        if not m.message.known_in(ROS):
+        if not m.message.exists_in(ROS):
             problems.append(f"{named} has `{m.message.ros1}`, which ROS 2 does not know")
         if m.channel == DIAGNOSTICS:
             problems.append(f"{named}: on `{m.channel}` the bridge says how things are")

@@ -25,10 +25,10 @@ from soter.mapping.mavlink_dialects import (
     MavlinkLink,
     MavlinkMessage,
     comment_text,
-    source_of,
+    parse_source,
 )
 from soter.mapping.mavlink_dialects import Dialect as MavlinkDialect
-from soter.mapping.message_types import steps_of
+from soter.mapping.message_types import path_steps
 from soter.native.shared_library import RUNTIME
 from soter.report.templates import filled
 from soter.targets.bridge_base import (
@@ -81,7 +81,7 @@ class BridgeSource:
         self.link = link
         self.inward = {i: m for i, m in mapped.items() if bridged.is_inward(i)}
         self.outward = {i: m for i, m in mapped.items() if i not in self.inward}
-        publishers = (source_of(m.publisher) for m in self.inward.values() if m.publisher)
+        publishers = (parse_source(m.publisher) for m in self.inward.values() if m.publisher)
         self.sources = list(dict.fromkeys([link.autopilot, *(p for p in publishers if p)]))
 
     def text(self) -> str:
@@ -113,7 +113,7 @@ class BridgeSource:
     def _in(self, index: int, mapped: TopicMap) -> dict[str, object]:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
         message, constants = _message(mapped), mapped.constants
-        source = source_of(mapped.publisher) if mapped.publisher else None
+        source = parse_source(mapped.publisher) if mapped.publisher else None
         inward = converter.inward("(*to)")
         return {
             **self._topic(index, mapped),
@@ -169,7 +169,7 @@ def _refuse_unknown_values(mapped: TopicMap, converter: MessageConverter) -> Ite
     """C that refuses a message in which a number is the one that means "not known" in MAVLink."""
     message = _message(mapped)
     for name in mapped.names:
-        (field, _), *inside = steps_of(message, name, MAVLINK)
+        (field, _), *inside = path_steps(message, name, MAVLINK)
         said = message.invalid.get(field, "").strip("[]").partition(",")[0].rstrip(":")
         kind = message.leaf(name)
         names = dict.fromkeys([name, *([f"{field}.0"] if inside else [])])
@@ -383,7 +383,7 @@ def _source_mistakes(m: TopicMap) -> list[str]:
     named = f"`{m.topic.name}`"
     if m.publisher is None:
         return []
-    if source_of(m.publisher) is None:
+    if parse_source(m.publisher) is None:
         return [f"`publisher` of {named} is a system and a component, as 1/191: {m.publisher!r}"]
     if m.stamp is not None:
         what = f"`publisher` {m.publisher} has a clock of its own, which nobody synchronises"

@@ -25,7 +25,7 @@ from soter.language.model.types import (
     Value,
     leaves,
 )
-from soter.mapping.message_types import MessageType, StampSource, steps_of, text_bound
+from soter.mapping.message_types import MessageType, StampSource, path_steps, text_bound
 from soter.mapping.topic_mapping import (
     ConstantSource,
     Leaf,
@@ -238,7 +238,7 @@ class MessageConverter:
     def path(self, name: str) -> str:
         """The code of a field of the message."""
         code = self.message
-        for part, step in steps_of(self.type, name, self.ros):
+        for part, step in path_steps(self.type, name, self.ros):
             form = {
                 "member": self.dialect.member,
                 "array": "{0}[{1}]",

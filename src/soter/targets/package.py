@@ -188,7 +188,7 @@ def build_package(
 ) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target, or no mapping.
 
-    `mapping`: as `soter.mapping.read_mapping.mapping_of` gives it. `more`: files that it has
+    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: files that it has
     besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
 
     `system`, `core`: with every binding to C entered (`simulate/externs/bindings.py`); whatever

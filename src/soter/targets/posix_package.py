@@ -33,7 +33,7 @@ from soter.targets.world_interface import (
     WorldTables,
     channel_document_files,
 )
-from soter.workers.exchange import Exchange, exchange_of
+from soter.workers.exchange import Exchange, make_exchange
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -162,7 +162,7 @@ def reads_of(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str],
 
 
 def _worker(program: c99.ProgramInC, x: Component) -> Worker:
-    unit, exchange = program.unit, exchange_of(program.system, x)
+    unit, exchange = program.unit, make_exchange(program.system, x)
     name, reads = unit.names[x.index], reads_of(program.system, unit, x)
     if is_in_python(x.binding):
         return Worker(x, exchange, name, reads, "", "", "")

@@ -170,7 +170,7 @@ class NodeSources:
     def _topic(self, mapped: TopicMap) -> dict[str, object]:
         """The template's values for the traits of a topic, or of one source of it."""
         index, version, message = mapped.topic.index, self.version, mapped.message
-        if message is None or not message.known_in(version):
+        if message is None or not message.exists_in(version):
             named = message.ros1 if message else "no type"
             raise unmappable(
                 f"`{mapped.topic.name}` has `{named}`, which ROS {version} does not know"

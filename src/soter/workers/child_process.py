@@ -54,7 +54,7 @@ def adopt_orphans() -> None:
 def end_children() -> None:
     """End the children of this process, and theirs, which then become its own."""
     end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end and (left := children_of(os.getpid())):
+    while time.monotonic() < end and (left := child_processes(os.getpid())):
         for process in left:
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(process, signal.SIGKILL)
@@ -62,7 +62,7 @@ def end_children() -> None:
                 os.waitpid(process, 0)
 
 
-def children_of(parent: int) -> list[int]:
+def child_processes(parent: int) -> list[int]:
     """The children of a process, from proc(5)."""
     children = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -282,12 +282,12 @@ def end_with(parent: int) -> None:
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     else:
-        threading.Thread(target=_look_for, args=(parent,), daemon=True).start()
+        threading.Thread(target=_watch_parent, args=(parent,), daemon=True).start()
     if os.getppid() != parent:
         os._exit(1)
 
 
-def _look_for(parent: int) -> None:
+def _watch_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(LOOK_S)
     os.kill(os.getpid(), signal.SIGKILL)

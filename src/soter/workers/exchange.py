@@ -43,19 +43,19 @@ class Exchange:
         return self.request.size, self.answer.size
 
 
-def exchange_of(system: System, component: Component) -> Exchange:
+def make_exchange(system: System, component: Component) -> Exchange:
     """The exchange of an extern node."""
-    request = _as_declared(request_fields(system, component))
+    request = _layout_as_declared(request_fields(system, component))
     fields = answer_fields(component)
     answer = arrange(fields)
     if not answer.members:
         answer = Struct((), 8, 1, 8)
-    text = f"{component.name} in {_shown(request)} out {_shown(answer)}"
+    text = f"{component.name} in {_layout_text(request)} out {_layout_text(answer)}"
     number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
     return Exchange(request, answer, number)
 
 
-def _as_declared(fields: tuple[tuple[str, Type], ...]) -> Struct:
+def _layout_as_declared(fields: tuple[tuple[str, Type], ...]) -> Struct:
     """How C lays out these members in this order."""
     offset, members = 0, []
     for index, (name, t) in enumerate(fields):
@@ -67,7 +67,7 @@ def _as_declared(fields: tuple[tuple[str, Type], ...]) -> Struct:
     return Struct(tuple(members), size, align, size - offset)
 
 
-def _shown(struct: Struct) -> str:
+def _layout_text(struct: Struct) -> str:
     parts = [f"{m.name}@{m.offset}:{_type(m.type)}" for m in struct.members]
     return f"[{' '.join(parts)}] {struct.size}"
 

@@ -1,6 +1,6 @@
 """z3 and HiGHS: Ctrl-C while z3 is at work, and HiGHS without its prints.
 
-Purpose: `answer_of` asks z3 in a thread, so that the main one gets Ctrl-C and interrupts the
+Purpose: `ask_solver` asks z3 in a thread, so that the main one gets Ctrl-C and interrupts the
 solver. Elsewhere `ctrl_c_waits` holds Ctrl-C back to the next question or `raise_if_interrupted`: a
 `KeyboardInterrupt` in a `__del__` or a conversion of ctypes is lost, and z3's own handler swallows
 the signal. `new_highs` makes a solver of linear programs that writes nothing to standard output.
@@ -59,7 +59,7 @@ def ctrl_c_waits() -> Iterator[None]:
 
 
 @ctrl_c_waits()
-def answer_of(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
+def ask_solver(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
     """The answer of `solver.check()`; `KeyboardInterrupt` soon after a Ctrl-C in the meantime."""
     raise_if_interrupted()
     if threading.current_thread() is not threading.main_thread():

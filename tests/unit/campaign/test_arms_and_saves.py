@@ -14,9 +14,9 @@ import pytest
 
 from soter import SoterError, load
 from soter.api.campaigning import own_folder
-from soter.campaign.arms import NAMES, Lateness, arms_of, measured
+from soter.campaign.arms import NAMES, Lateness, find_arms, measure_lateness
 from soter.campaign.batch_flights import EVENT, Fleet
-from soter.campaign.result import occurred, outside
+from soter.campaign.result import count_faults, outside
 from soter.language.elaborate.derived_systems import forced
 from soter.language.front_end import check_file, system_of
 from soter.semantics.faults import begins
@@ -189,7 +189,7 @@ def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
 def test_how_often_each_fault_was_there_is_what_each_run_says(faults: str, tmp_path: Path) -> None:
     flat, until = flat_of(with_faults(tmp_path, faults)), 29 * SECOND
     seeds = [*range(7), 2**64 - 1]
-    told = occurred(flat, seeds, until)
+    told = count_faults(flat, seeds, until)
     wanted: dict[str, int] = {}
     for text, stream in {(f.text, f.stream) for f in flat.faults if f.on is None}:
         (f, *_) = [f for f in flat.faults if f.stream == stream]
@@ -204,9 +204,9 @@ def test_many_flights_are_counted_in_pieces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flat = flat_of(with_faults(tmp_path, "nan SafeCart.Fast at 300 per 1h;"))
-    whole = occurred(flat, range(50), SECOND)
+    whole = count_faults(flat, range(50), SECOND)
     monkeypatch.setattr("soter.campaign.result.DRAWS", 300)
-    assert occurred(flat, range(50), SECOND) == whole
+    assert count_faults(flat, range(50), SECOND) == whole
 
 
 def test_a_campaign_tells_how_often_each_fault_was_there(
@@ -237,7 +237,7 @@ def test_a_campaign_tells_how_often_each_fault_was_there(
 
 def test_arms_are_other_systems_on_the_same_seeds() -> None:
     late = (0, 1_000_000, 40_000_000)
-    made = {a.name: a.system for a in arms_of(flat_of(CART), NAMES, late)}
+    made = {a.name: a.system for a in find_arms(flat_of(CART), NAMES, late)}
     assert list(made) == [
         "ours", "ac", "paper",
         *(f"{who}-{g}-{ms}ms" for g in ("modules", "all") for ms in (120, 360, 1200)
@@ -260,7 +260,7 @@ def test_arms_hold_up_nodes_whose_steps_take_time(tmp_path: Path) -> None:
     path.write_text(text.replace(head, f"{head} takes [5ms, 30ms];"))
     system = flat_of(path)
     (lasting,) = [c for c in system.components if c.takes_ns is not None]
-    made = {a.name: a.system for a in arms_of(system, NAMES, (0, 1_000_000))}
+    made = {a.name: a.system for a in find_arms(system, NAMES, (0, 1_000_000))}
     for name in ("ours-all-120ms", "paper"):
         assert lasting.index in {f.component for f in made[name].faults}
         native = NativeProgram(made[name]).run(5 * SECOND, 4, hash_trace=True)
@@ -286,7 +286,7 @@ def test_an_arm_that_is_none_is_refused(tmp_path: Path) -> None:
 
 
 def test_lateness_is_measured_and_told() -> None:
-    lateness = measured(seconds=0.1)
+    lateness = measure_lateness(seconds=0.1)
     assert isinstance(lateness, Lateness)
     assert lateness.releases == 10
     assert list(lateness.quantiles_ns) == sorted(lateness.quantiles_ns)

@@ -18,7 +18,7 @@ import processes
 from soter import SoterError, load
 from soter.campaign import batch_flights as fleets
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC, VIOLATED, Fleet
-from soter.campaign.store import digest_of
+from soter.campaign.store import campaign_digest
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
@@ -141,7 +141,7 @@ def test_a_longer_one_goes_on_where_a_shorter_one_ended(tmp_path: Path, flown: C
     short = load(CART).campaign("Unprotected", flights=60, until="4s", output=folder)
     long = load(CART).campaign("Unprotected", flights=200, until="4s", output=folder)
     assert (short.flown, long.flown) == (60, 140)
-    assert short.result.digest == digest_of(flown.flights[:60])
+    assert short.result.digest == campaign_digest(flown.flights[:60])
     assert long.result == flown.result
     assert load(CART).campaign("Unprotected", flights=60, until="4s", output=folder).flown == 0
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter import load
-from soter.campaign.page import Bars, Histogram, campaign_main, page_of
+from soter.campaign.page import Bars, Histogram, campaign_main, make_page
 from soter.cli.main import main
 from soter.cli.terminal.command_line import FINE, VIOLATED
 
@@ -60,7 +60,7 @@ def test_the_command_under_again_flies_the_same_flights(
     walk: tuple[Campaign, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     campaign, path = walk
-    again = commands(campaign_main(page_of(campaign, str(path))))[-2]
+    again = commands(campaign_main(make_page(campaign, str(path))))[-2]
     assert again[:3] == ["soter", "campaign", str(path)]
     code = main([*again[1:-1], "-o", str(tmp_path / "again")])
     assert code == (VIOLATED if campaign.result.violations else FINE)
@@ -68,13 +68,13 @@ def test_the_command_under_again_flies_the_same_flights(
 
 
 def test_the_command_under_again_has_the_arms_and_the_saves(cart: Campaign) -> None:
-    again = commands(campaign_main(page_of(cart, str(CART))))[-2]
+    again = commands(campaign_main(make_page(cart, str(CART))))[-2]
     asked = dict(pairwise(again))
     assert (asked["--arms"], asked["--saves"]) == ("ac", "1s")
 
 
 def test_the_charts_are_the_figures_of_the_flights(cart: Campaign) -> None:
-    control, takeovers, arms = page_of(cart, str(CART)).charts
+    control, takeovers, arms = make_page(cart, str(CART)).charts
     assert isinstance(control, Bars)
     assert control.rows[0][1] == cart.result.modules[0].ac_share
     assert isinstance(takeovers, Histogram)
@@ -83,7 +83,7 @@ def test_the_charts_are_the_figures_of_the_flights(cart: Campaign) -> None:
     assert sum(takeovers.bins) == cart.result.flights
     assert isinstance(arms, Bars)
     assert [(name, text) for name, _, text in arms.rows] == [("ours", "0 of 6"), ("ac", "6 of 6")]
-    drawn = campaign_main(page_of(cart, str(CART)))
+    drawn = campaign_main(make_page(cart, str(CART)))
     assert 'height="14"' in drawn
     assert 'width="476.00"' in drawn  # the arm whose every flight is violated
 
@@ -92,7 +92,7 @@ def test_the_page_names_what_flights_were_judged_by_and_bounds_in_their_units(
     walk: tuple[Campaign, Path],
 ) -> None:
     campaign, path = walk
-    drawn = campaign_main(page_of(campaign, str(path)))
+    drawn = campaign_main(make_page(campaign, str(path)))
     assert "<code>always abs(car.truth.x) &lt; 0.4</code>" in drawn
     low, high = campaign.result.per_flight
     assert 0.0 < low < high < 1.0
@@ -100,12 +100,12 @@ def test_the_page_names_what_flights_were_judged_by_and_bounds_in_their_units(
 
 
 def test_ac_has_its_own_colour_in_the_chart_of_control_alone(cart: Campaign) -> None:
-    charts = [c for c in page_of(cart, str(CART)).charts if isinstance(c, Bars)]
+    charts = [c for c in make_page(cart, str(CART)).charts if isinstance(c, Bars)]
     assert [c.kind for c in charts] == ["ac", "bad"]
 
 
 def test_a_measure_has_the_unit_of_what_it_measures(walk: tuple[Campaign, Path]) -> None:
-    page = page_of(walk[0], str(walk[1]))
+    page = make_page(walk[0], str(walk[1]))
     (away,) = page.histograms
     assert away.x_name == "away / m"
     assert re.fullmatch(r"mean \S+ m, least \S+ m, most \S+ m.*", away.caption)
@@ -114,6 +114,6 @@ def test_a_measure_has_the_unit_of_what_it_measures(walk: tuple[Campaign, Path])
 
 def test_the_headline_has_the_hours_that_were_flown(cart: Campaign) -> None:
     """A minute was 0.0 h, and four minutes 0.1 h."""
-    made = page_of(cart, str(CART))
+    made = make_page(cart, str(CART))
     assert made.headline.endswith(" in 0.02 h")
     assert "0.02 h in 6 flights" in campaign_main(made)

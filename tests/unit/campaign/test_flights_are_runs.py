@@ -21,7 +21,7 @@ from generators.flights_of_runs import alone, figures, figures_of
 from long_tests import examples, seed_of
 from soter import SoterError, load
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fly_campaign import flights_of
+from soter.campaign.fly_campaign import fly_batches
 from soter.cli.main import main
 from soter.language.elaborate.derived_systems import with_faults
 from soter.language.front_end import check_file, system_of
@@ -66,7 +66,7 @@ def compared(system: System, number: int, count: int) -> None:
         return alone(lambda: figures(program.run(until_ns, seed, keep_trace=True)))
 
     for workers in (1, 1 + number % 3):
-        batches = list(flights_of(fleet, range(count), first, workers))
+        batches = list(fly_batches(fleet, range(count), first, workers))
         flown = [figures_of(f) for batch in batches for f in batch]
         assert flown == [run(first + k) for k in range(count)]
 

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from soter.campaign.statistics import FLIGHTS, POISSON, RateInterval, interval_of, rate, share
+from soter.campaign.statistics import FLIGHTS, POISSON, RateInterval, rate, rate_interval, share
 from work import work_of
 
 CALLS_MAX = 20_000
@@ -88,7 +88,7 @@ def _binomial_from(least: int, of: int, p: mpmath.mpf) -> mpmath.mpf:
 def test_what_scatters_as_poisson_does_is_called_so() -> None:
     rng = np.random.default_rng(1)
     counts, hours = rng.poisson(4.0, 500).tolist(), [0.1] * 500
-    interval = interval_of(counts, hours, most=100)
+    interval = rate_interval(counts, hours, most=100)
     assert interval == RateInterval(*rate(sum(counts), 50.0), POISSON)
 
 
@@ -103,7 +103,7 @@ def test_what_scatters_as_poisson_does_is_called_so() -> None:
 )
 def test_what_does_not_scatter_so_is_bounded_by_flight(counts: list[int]) -> None:
     hours, n, most = 0.5, len(counts), 300
-    interval = interval_of(counts, [hours] * n, most=most)
+    interval = rate_interval(counts, [hours] * n, most=most)
     assert interval.basis == FLIGHTS
     assert interval.low < sum(counts) / n / hours < interval.high < most / hours
     with mpmath.workdps(40):  # capital that was staked on other means grew 40 times
@@ -122,9 +122,9 @@ def test_what_does_not_scatter_so_is_bounded_by_flight(counts: list[int]) -> Non
 
 
 def test_what_comes_like_clockwork_is_bounded_closely() -> None:
-    interval = interval_of([40, 41, 40, 39] * 300, [1.0] * 1200, most=301)
+    interval = rate_interval([40, 41, 40, 39] * 300, [1.0] * 1200, most=301)
     assert 39.5 < interval.low < 40.0 < interval.high < 42.0
-    bursts = interval_of([0] * 990 + [30] * 10, [1.0] * 1000, most=301)
+    bursts = rate_interval([0] * 990 + [30] * 10, [1.0] * 1000, most=301)
     exact = rate(300, 1000.0)
     assert bursts.low < exact[0] < exact[1] < bursts.high
 
@@ -134,20 +134,20 @@ def test_bounds_by_flight_hold_as_often_as_they_say() -> None:
     missed = 0
     for _ in range(150):
         counts = (rng.random(60) < 0.3) * rng.integers(0, 9, 60)  # mean 1.2, in bursts
-        interval = interval_of(counts.tolist(), [1.0] * 60, most=8)
+        interval = rate_interval(counts.tolist(), [1.0] * 60, most=8)
         missed += not interval.low <= 1.2 <= interval.high
     assert missed <= 7
 
 
 def test_copies_of_a_flight_widen_a_bound_and_never_narrow_it() -> None:
-    clean = interval_of([0] * 3600, [1 / 120] * 3600, most=9, kinds=["a"] * 3600)
+    clean = rate_interval([0] * 3600, [1 / 120] * 3600, most=9, kinds=["a"] * 3600)
     assert clean.high == pytest.approx(rate(0, 1 / 120)[1])
-    often = interval_of(
+    often = rate_interval(
         [1] * 900 + [0] * 7, [1.0] * 907, most=9, kinds=["a"] * 900 + list("bcdefgh")
     )
     assert often.low < 1 / 8 < 900 / 907 < often.high
 
 
 def test_flights_of_no_time_aloft_bound_nothing() -> None:
-    assert interval_of([0, 0], [0.0, 0.0], most=5) == RateInterval(0.0, inf, FLIGHTS)
-    assert interval_of([], [], most=5) == RateInterval(0.0, inf, FLIGHTS)
+    assert rate_interval([0, 0], [0.0, 0.0], most=5) == RateInterval(0.0, inf, FLIGHTS)
+    assert rate_interval([], [], most=5) == RateInterval(0.0, inf, FLIGHTS)

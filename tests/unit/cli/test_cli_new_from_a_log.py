@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from generators.autopilot_logs import dataflash, flight, table, tlog, ulog, written
 from soter.api import load
-from soter.monitor.log_survey import Channel, LogSurvey, mapping_of_log, program_of, surveyed
+from soter.monitor.log_survey import Channel, LogSurvey, mapping_of_log, program_head, surveyed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,7 +65,7 @@ def test_ranges_gaps_and_ages_are_those_of_the_log(tmp_path: Path) -> None:
     rows = [row for k, row in enumerate(flight(100)) if k not in range(50, 62)]
     log = written(tmp_path / "a.csv", table(rows))
     found = surveyed([log])
-    text = program_of(found, "a.csv", "robot")
+    text = program_head(found, "a.csv", "robot")
     assert "gaps 10ms (half) to 130ms, at most 130ms old since it was logged" in text
     assert "  x: float,  // 0 to 0.99\n" in text
     assert "  v: float,  // 0.125 to 0.125\n" in text
@@ -116,7 +116,7 @@ def test_a_damaged_log_is_surveyed_where_that_is_asked_for_and_said(
 
 def test_names_of_a_log_that_mean_something_in_soter_become_others(tmp_path: Path) -> None:
     data = b"t,in,in.,1st,a b\n" + b"".join(b"%d,1.5,2.5,3.5,4.5\n" % k for k in range(3))
-    text = program_of(surveyed([written(tmp_path / "topic.csv", data)]), "topic.csv", "robot")
+    text = program_head(surveyed([written(tmp_path / "topic.csv", data)]), "topic.csv", "robot")
     program = written(tmp_path / "robot.soter", text.encode())
     assert load(program).check().warnings == ()
     for name in ("in_2: float", "in_3: float", "n1st: float", "a_b: float", "topic topic_2"):
@@ -185,7 +185,7 @@ def test_a_log_whose_time_goes_back_is_drafted_and_said_to_be_refused(
     soter: Soter, here: Path
 ) -> None:
     log = written(here / "a.csv", b"t,x\n0,1\n1,1\n2,1\n0.5,1\n1.5,1\n2.5,1\n")
-    text = program_of(surveyed([log]), "a.csv", "robot")
+    text = program_head(surveyed([log]), "a.csv", "robot")
     assert "Time goes back, first to 0.5 s (such messages: 1): `soter monitor` refuses" in text
     assert "gaps 1s (half) to 1s" in text
     assert "time goes back in line 5" in judged_by_hand(soter, here, "t")

@@ -11,7 +11,7 @@ import pytest
 from soter.api import load
 from soter.language.model.proof_verdicts import Proof
 from soter.native import cache
-from soter.simulate.result_assumptions import unproved
+from soter.simulate.result_assumptions import code_assumptions
 from soter.verify import proof_cache
 
 if TYPE_CHECKING:
@@ -106,7 +106,8 @@ def test_code_that_is_in_no_proof_is_named_beside_it(
     path = tmp_path / "cart.soter"
     path.write_text(text)
     system = load(path).declared("Protected")
-    (line,) = [x for x in unproved(system, {"SafeCart": Proof({"P3": "proved"}, ())}) if "P3" in x]
+    proofs = {"SafeCart": Proof({"P3": "proved"}, ())}
+    (line,) = [x for x in code_assumptions(system, proofs) if "P3" in x]
     assert (f"the code of {named} (extern) is in no proof" in line) == (named is not None)
     assert ("extern" in line) == (named is not None)
 

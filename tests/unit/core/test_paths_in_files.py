@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.mapping.read_mapping import mapping_of, read_mapping
+from soter.mapping.read_mapping import make_log_map, read_mapping
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ def test_definitions_of_messages_are_those_beside_the_mapping(
     for folder in ("a", "b"):
         file = Path("..") / folder / "map.toml"
         if folder == "a":
-            mapping_of(read_mapping(file), flat, file=file)
+            make_log_map(read_mapping(file), flat, file=file)
         else:
             with pytest.raises(soter.SoterError, match="string"):
-                mapping_of(read_mapping(file), flat, file=file)
+                make_log_map(read_mapping(file), flat, file=file)

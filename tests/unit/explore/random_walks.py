@@ -118,12 +118,12 @@ def _choices(asked: list[tuple[str, int, int]], prefix: str) -> tuple[Choice, ..
 
 
 def _trace(system: System, broken: tuple[str, int] | None, steps: list[Step]) -> Trace:
-    from soter.explore.replay import violation_id_of
+    from soter.explore.replay import find_violation_id
 
     assert system.test is not None
     anything = [("property", 0), ("contract", 0), ("timed", 0)]
     named = next(
-        filter(None, (violation_id_of(system, *b) for b in ([broken] if broken else anything)))
+        filter(None, (find_violation_id(system, *b) for b in ([broken] if broken else anything)))
     )
     return Trace(
         program=system.program.path,

@@ -10,7 +10,7 @@ import pytest
 
 from soter.core.steps import lower
 from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
-from soter.explore.model.exploration_plan import plan_of
+from soter.explore.model.exploration_plan import make_plan
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -56,12 +56,12 @@ def planned(
     checked = check_file("t.soter", text)
     assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
     system = system_of_test(checked, "T")
-    return plan_of(system, lower(system))
+    return make_plan(system, lower(system))
 
 
 def plan_in(path: Path, test: str) -> ExplorationPlan:
     system = system_of_test(check_file(str(path)), test)
-    return plan_of(system, lower(system))
+    return make_plan(system, lower(system))
 
 
 def by_name(plan: ExplorationPlan) -> dict[str, PlannedActor]:
@@ -142,7 +142,7 @@ def test_independent_steps_of_an_instant_may_be_swapped(path: Path, test: str) -
                 continue
             done, _, after = engine.replay([*steps[: k - 1], b, a])
             assert done == k + 1
-            assert (engine.packed(after[k]) == engine.packed(configurations[k])).all(), (seed, k)
+            assert (engine.pack(after[k]) == engine.pack(configurations[k])).all(), (seed, k)
             swapped += 1
     assert swapped > 100
 
@@ -157,7 +157,7 @@ def test_a_step_changes_only_what_its_footprint_says() -> None:
         for k in range(1, possible):
             if steps[k].time_ns != steps[k - 1].time_ns:
                 continue  # ages are relative to now
-            before, after = engine.packed(configurations[k - 1]), engine.packed(configurations[k])
+            before, after = engine.pack(configurations[k - 1]), engine.pack(configurations[k])
             writes = model.actor[steps[k].actor].writes
             for word in range(engine.words):
                 may = int(writes[word]) | int(model.scheduled[word])

@@ -18,7 +18,7 @@ import soter
 from generators.interrupted_searches import chance
 from generators.long_search_programs import wanderers
 from soter.explore import checkpoints
-from soter.explore.checkpoints import HEAD, MAGIC, read
+from soter.explore.checkpoints import HEAD, MAGIC, read_checkpoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -269,7 +269,7 @@ def _with_head(whole: bytes, change: dict[str, Any]) -> bytes:
 def _sealed(path: Path, whole: bytes, payload: bytes) -> None:
     told = {"bytes": len(payload), "sha256": hashlib.sha256(payload).hexdigest()}
     path.write_bytes(_with_head(whole, {"payload": told}) + payload)
-    assert bytes(read(path).payload) == payload
+    assert bytes(read_checkpoint(path).payload) == payload
 
 
 # ---------------------------------------------------------------- writing
@@ -307,7 +307,7 @@ def test_while_it_is_searched_it_is_written_again_and_again(
 
     def counted(made: Path, path: Path) -> None:
         honest(made, path)
-        written.append(read(path).head["states"])
+        written.append(read_checkpoint(path).head["states"])
 
     def looked(how: SearchProgress) -> None:
         told.append(how.saved)
@@ -351,7 +351,7 @@ def test_ended_from_outside_it_goes_on(ends: signal.Signals, tmp_path: Path) -> 
         (test,) = json.loads(out)["tests"]
         assert test["checkpoint"]["states"] == test["states"]
         assert [p.name for p in place.parent.iterdir()] == [place.name]
-    saved = read(place).head["states"]
+    saved = read_checkpoint(place).head["states"]
     assert saved > 0
     more = str(saved + 100_000)
     done = processes.run(

@@ -11,10 +11,10 @@ from soter.explore.engine.coverage import (
     CoverageKind,
     CoveredLeaf,
     branches_part,
-    class_of,
-    classes_of,
+    leaf_classes,
     leaf_value,
     modules_parts,
+    value_class,
     values_part,
 )
 from soter.language.model.types import (
@@ -66,7 +66,7 @@ COLOUR = EnumType("Colour", ("RED", "GREEN"))
     ],
 )
 def test_classes_of_values(leaf: CoveredLeaf, names: list[str]) -> None:
-    assert [name for _, name in classes_of(leaf)] == names
+    assert [name for _, name in leaf_classes(leaf)] == names
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_every_value_has_a_class_that_is_counted_and_none_is_empty(
         values = [0, 1]
     if isinstance(t, IntType):
         values = list(range(int(low), int(high) + 1))
-    assert {class_of(leaf, v) for v in values} == {number for number, _ in classes_of(leaf)}
+    assert {value_class(leaf, v) for v in values} == {number for number, _ in leaf_classes(leaf)}
 
 
 def test_the_scalar_at_a_path() -> None:
@@ -126,8 +126,6 @@ def test_branches_are_bits_of_words_of_64() -> None:
 
 
 def test_two_searches_reach_together_what_either_reached() -> None:
-    assert CoverageKind(3, ("a", "b")).merged(CoverageKind(3, ("b", "c"))) == CoverageKind(
-        3, ("b",)
-    )
+    assert CoverageKind(3, ("a", "b")).merge(CoverageKind(3, ("b", "c"))) == CoverageKind(3, ("b",))
     coverage = Coverage(modes=CoverageKind(2, ("M in AC",)), values=CoverageKind(1, ("t = 1",)))
     assert coverage.unreached == ("M in AC", "t = 1")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
+from soter.explore.engine.explorer_library import Engine, EngineSettings, c_sources
 from soter.explore.search_options import EXHAUSTIVE, STEPS_MAX, STRATEGIES
 from soter.language.front_end import check_file, system_of_test
 from soter.native.cache import SOTER
@@ -68,7 +68,7 @@ def greedy() -> Engine:
 
 
 def packed(engine: Engine, exploration: Searched) -> set[bytes]:
-    words = {engine.packed(w).tobytes() for w in engine.configurations()}
+    words = {engine.pack(w).tobytes() for w in engine.configurations()}
     assert len(words) == exploration.states
     return words
 
@@ -134,7 +134,7 @@ test T { system S; horizon 30ms; never n == 7 && time > 0.025; }
     engine.lib.soter_explore_least(
         engine.model, options, what[0], progress, result, trace, STEPS_MAX
     )
-    assert engine._searched(result, trace, 0.0).status == "states"
+    assert engine._read_result(result, trace, 0.0).status == "states"
     assert 300 <= progress.states < 300 + 256
     assert engine.least(EngineSettings(), met.broken).status == "violated"
 
@@ -201,4 +201,4 @@ def test_the_layout_is_the_one_of_the_header(two: Engine) -> None:
 def test_every_file_of_the_explorer_is_compiled() -> None:
     there = set(SOTER.rglob("soter_explore*.[ch]"))
     assert len(there) > 15
-    assert set(sources()) == there
+    assert set(c_sources()) == there

@@ -175,11 +175,11 @@ def test_what_is_said_of_them_is_what_the_enumerator_says(name: str) -> None:
 
 
 BLIND: dict[str, tuple[str, Any, dict[str, str]]] = {
-    "what is judged": ("_judged", lambda *_: True, {"TEST": "always r[1].at < 2;"}),
-    "what is computed": ("_computed", lambda *_: (), {"MORE": "set r[0].STEP = 2;"}),
-    "first values": ("_numbers", lambda *_: (), {"MORE": "set r[1].FIRST = 1;"}),
+    "what is judged": ("_keeps_judgements", lambda *_: True, {"TEST": "always r[1].at < 2;"}),
+    "what is computed": ("_computation", lambda *_: (), {"MORE": "set r[0].STEP = 2;"}),
+    "first values": ("_component_key", lambda *_: (), {"MORE": "set r[1].FIRST = 1;"}),
     "calendars and faults": (
-        "_calendars",
+        "_keeps_calendars",
         lambda *_: True,
         {"TEST": APART["lost steps of one"]["TEST"]},
     ),

@@ -11,7 +11,7 @@ from generators.brute_force import BruteForce, TooLargeError
 from generators.small_test_programs import small_program
 from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.command import TraceHeader, explore_test, save
+from soter.explore.command import TraceHeader, explore_test, save_traces
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
 from soter.explore.trace import read_trace
@@ -127,7 +127,7 @@ def test_without_it_the_first_violation_ends_the_search() -> None:
 
 def test_each_has_a_file_of_its_own(tmp_path: Path) -> None:
     test_result = explored(THREE, "Some")
-    assert save(test_result, tmp_path) == tmp_path / "small-Some.trace.json"
+    assert save_traces(test_result, tmp_path) == tmp_path / "small-Some.trace.json"
     names = ["small-Some.trace.json", *(f"small-Some-{i}.trace.json" for i in range(2, 6))]
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
     for one, name in zip((test_result, *test_result.others), names, strict=True):

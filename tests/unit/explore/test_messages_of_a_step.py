@@ -6,7 +6,7 @@ import pytest
 
 from generators.explorer_agreement import compared, enumerated
 from soter.core.steps import lower
-from soter.explore.model.exploration_plan import plan_of
+from soter.explore.model.exploration_plan import make_plan
 from soter.explore.replay import replay
 from unit.explore.explored_programs import SEVERAL
 from unit.explore.random_walks import system_of_text, walk
@@ -60,4 +60,4 @@ def test_a_trace_tells_all_messages_and_each_loss() -> None:
 
 def test_one_message_too_many_may_be_all_that_goes_wrong_in_a_step() -> None:
     system = system_of_text(ONE_TOO_MANY, "T")
-    assert plan_of(system, lower(system)).may_fault == {system.component("Source").index}
+    assert make_plan(system, lower(system)).may_fault == {system.component("Source").index}

@@ -61,11 +61,11 @@ def test_a_configuration_comes_back_as_it_was(engine: Engine) -> None:
     maker, scratch = ConfigurationMaker(engine, 1), born(engine)
     for _ in range(300):
         fields = maker.fields(maker.time())
-        words = engine.packed(made(engine, fields))
+        words = engine.pack(made(engine, fields))
         engine.unpack(words, scratch)
         for f in fields:
             assert repr(f.get(scratch)) == repr(f.value), f.name
-        assert (engine.packed(scratch) == words).all()
+        assert (engine.pack(scratch) == words).all()
 
 
 def test_configurations_that_differ_in_one_field_pack_differently(engine: Engine) -> None:
@@ -73,16 +73,16 @@ def test_configurations_that_differ_in_one_field_pack_differently(engine: Engine
     for _ in range(30):
         fields = maker.fields(maker.time())
         configuration = made(engine, fields)
-        words = engine.packed(configuration)
+        words = engine.pack(configuration)
         for f in fields:
             value = f.others()
             if repr(value) == repr(f.value):
                 continue
             f.put(configuration, value)
-            assert (engine.packed(configuration) != words).any(), f.name
+            assert (engine.pack(configuration) != words).any(), f.name
             f.put(configuration, f.value)
             differed.add(f.name)
-        assert (engine.packed(configuration) == words).all()
+        assert (engine.pack(configuration) == words).all()
     assert {f.name for f in fields} - {"now"} <= {*differed, *constant(fields)}
 
 
@@ -95,32 +95,32 @@ def test_equal_configurations_at_different_times_have_different_words(engine: En
     tick = engine.plan.tick_ns
     configuration = born(engine)
     at = ConfigurationMaker(engine, 3).layout.size
-    seen = {engine.packed(configuration).tobytes()}
+    seen = {engine.pack(configuration).tobytes()}
     for k in range(engine.plan.horizon_ns // tick):
         struct.pack_into("<q", configuration.data, at, k * tick)
-        seen.add(engine.packed(configuration).tobytes())
+        seen.add(engine.pack(configuration).tobytes())
     assert len(seen) == engine.plan.horizon_ns // tick + 1
 
 
 def test_the_configuration_before_the_first_step_comes_back(engine: Engine) -> None:
     configuration = born(engine)
     again = made(engine, ConfigurationMaker(engine, 4).fields(engine.plan.tick_ns))
-    engine.unpack(engine.packed(configuration), again)
+    engine.unpack(engine.pack(configuration), again)
     assert struct.unpack_from("<q", again.data, 0)[0] == -1
-    assert (engine.packed(again) == engine.packed(configuration)).all()
+    assert (engine.pack(again) == engine.pack(configuration)).all()
 
 
 def test_no_packed_configuration_is_all_zeros(engine: Engine) -> None:
-    assert int(engine.packed(np.zeros(engine.configuration_size, dtype=np.uint8))[0]) & 1 == 1
+    assert int(engine.pack(np.zeros(engine.configuration_size, dtype=np.uint8))[0]) & 1 == 1
 
 
 def test_what_nobody_reads_is_left_out(rich: Engine) -> None:
     configuration = born(rich)
-    words = rich.packed(configuration)
+    words = rich.pack(configuration)
     unread = next(t for t in rich.system.topics if t.name == "unread")
     at = ConfigurationMaker(rich, 5).layout.topic_offset(unread.index)
     struct.pack_into("<d", configuration.data, at, 4.5)
-    assert (rich.packed(configuration) == words).all()
+    assert (rich.pack(configuration) == words).all()
 
 
 def test_a_topic_that_is_too_old_is_like_one_that_never_was(rich: Engine) -> None:
@@ -132,9 +132,9 @@ def test_a_topic_that_is_too_old_is_like_one_that_never_was(rich: Engine) -> Non
     packed = {}
     for age in (20_000_000, 25_000_000, 30_000_000, 45_000_000):
         struct.pack_into("<q", configuration.data, at, 50_000_000 - age)
-        packed[age] = rich.packed(configuration).tobytes()
+        packed[age] = rich.pack(configuration).tobytes()
     struct.pack_into("<q", configuration.data, at, NEVER)
-    never = rich.packed(configuration).tobytes()
+    never = rich.pack(configuration).tobytes()
     assert packed[30_000_000] == packed[45_000_000] == never
     assert len({packed[20_000_000], packed[25_000_000], never}) == 3
 
@@ -145,10 +145,10 @@ def test_what_a_finished_step_once_held_does_not_matter(rich: Engine) -> None:
     number = next(i for i, a in enumerate(rich.actors) if a.overrun_ns)
     at = int(rich.model.actor[number].held)
     struct.pack_into("<q", configuration.data, at, -1)
-    words = rich.packed(configuration)
+    words = rich.pack(configuration)
     struct.pack_into("<Q", configuration.data, at + 8, 0)
     configuration[at + 16] ^= 1
-    assert (rich.packed(configuration) == words).all()
+    assert (rich.pack(configuration) == words).all()
 
 
 def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> None:
@@ -164,9 +164,9 @@ def test_every_stored_configuration_comes_back(engine: Engine) -> None:
     scratch = born(engine)
     packed = set()
     for configuration in configurations:
-        words = engine.packed(configuration)
+        words = engine.pack(configuration)
         engine.unpack(words, scratch)
-        assert (engine.packed(scratch) == words).all()
+        assert (engine.pack(scratch) == words).all()
         packed.add(words.tobytes())
     assert len(packed) == len(configurations)
     engine.close()
@@ -215,11 +215,11 @@ def test_every_configuration_of_an_execution_comes_back_with_skips_and_overruns(
             kinds[step.kind] += 1
             steps.append(step)
             configuration = rich.replay(steps)[2][-1]
-            words = rich.packed(configuration)
+            words = rich.pack(configuration)
             rich.unpack(words, scratch)
             (now,) = struct.unpack_from("<q", configuration.data, at)
             for f in maker.fields(now):
                 if not f.name.startswith(("held", "mask", "stamp")):
                     assert repr(f.get(scratch)) == repr(f.get(configuration)), (f.name, len(steps))
-            assert (rich.packed(scratch) == words).all()
+            assert (rich.pack(scratch) == words).all()
     assert all(n > 3 for n in kinds.values()), kinds

@@ -62,8 +62,8 @@ def test_what_holds_for_all_values_holds_for_each(chunk: int) -> None:
     domains = Domains(system)
     held = open_ = 0
     for p, text in zip(system.properties, texts, strict=True):
-        always = holds_always(p.condition, True, p.scope, domains.of)
-        never = holds_always(p.condition, False, p.scope, domains.of)
+        always = holds_always(p.condition, True, p.scope, domains.scalar_range)
+        never = holds_always(p.condition, False, p.scope, domains.scalar_range)
         assert not (always and never), text
         held += always or never
         open_ += not always and not never

@@ -12,7 +12,7 @@ from generators.small_test_programs import small_program
 from long_tests import examples, seed_of
 from soter.explore.engine import reductions
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
-from soter.explore.engine.reductions import between, explored, may_choose
+from soter.explore.engine.reductions import explore_by_quicker, may_choose, settings_between
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -31,7 +31,7 @@ def said(s: Searched) -> tuple[str, int, int]:
 
 def test_one_group_of_nodes_stores_what_lies_between() -> None:
     engine = engine_of("tests/unit/explore/programs/token_ring.soter", "SomebodyHasAToken")
-    found, ends = explored(engine, DEFAULT), engine.explore(DEFAULT)
+    found, ends = explore_by_quicker(engine, DEFAULT), engine.explore(DEFAULT)
     assert said(found) == said(ends)
     assert found.states > 10 * ends.states
     assert found.transitions < ends.transitions
@@ -39,14 +39,17 @@ def test_one_group_of_nodes_stores_what_lies_between() -> None:
 
 def test_groups_that_share_nothing_are_combined() -> None:
     engine = engine_of("examples/testing/two_modules.soter", "BothStayInside")
-    found, ends = explored(engine, DEFAULT), engine.explore(DEFAULT)
+    found, ends = explore_by_quicker(engine, DEFAULT), engine.explore(DEFAULT)
     assert (found.states, found.transitions) == (ends.states, ends.transitions)
     assert said(found) == said(ends)
 
 
 def test_steps_that_may_be_late_have_nobody_asleep() -> None:
     engine = engine_of("tests/unit/explore/programs/crossing.soter", "NeverOpen")
-    found, plain = explored(engine, DEFAULT), engine.explore(EngineSettings(reduction="ample"))
+    found, plain = (
+        explore_by_quicker(engine, DEFAULT),
+        engine.explore(EngineSettings(reduction="ample")),
+    )
     assert (found.states, found.transitions) == (plain.states, plain.transitions)
 
 
@@ -61,10 +64,10 @@ def test_what_ends_show_counts_though_the_larger_search_came_further(
         True: replace(ended, status="memory", covered_ns=103),
         False: replace(ended, status=ending, covered_ns=100),
     }
-    monkeypatch.setattr(reductions, "_chosen", lambda _, s, __: replace(s, between=True))
+    monkeypatch.setattr(reductions, "_choose_settings", lambda _, s, __: replace(s, between=True))
     monkeypatch.setattr(engine, "explore", lambda how, *_: answers[how.between])
     cut = ending == "stopped"
-    assert explored(engine, DEFAULT).status == ("memory" if cut else ending)
+    assert explore_by_quicker(engine, DEFAULT).status == ("memory" if cut else ending)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +101,10 @@ def test_threads_change_nothing_of_the_choice(
 ) -> None:
     engine = engine_of(program, test)
     settings = EngineSettings(closes=closes)
-    one, more = explored(engine, settings), explored(engine, replace(settings, threads=threads))
+    one, more = (
+        explore_by_quicker(engine, settings),
+        explore_by_quicker(engine, replace(settings, threads=threads)),
+    )
     assert (one.states, one.closed_ns) == (more.states, more.closed_ns)
 
 
@@ -115,8 +121,8 @@ def test_random_programs_are_told_the_same_either_way(
     engine = Engine(system_of_test(checked, next(iter(checked.tests))))
     bound = replace(DEFAULT, memory=1 << 28)
     ends = engine.explore(bound)
-    assert said(explored(engine, bound)) == said(ends)
-    middle = between(engine, bound)
+    assert said(explore_by_quicker(engine, bound)) == said(ends)
+    middle = settings_between(engine, bound)
     for threads in (1, 2, 3):
         assert said(engine.explore(replace(middle, threads=threads))) == said(ends)
 
@@ -124,9 +130,9 @@ def test_random_programs_are_told_the_same_either_way(
 def test_where_memory_is_short_only_ends_are_stored_after_all() -> None:
     engine = engine_of("examples/gallery/two_robots.soter", "OldBatteries")
     little = replace(DEFAULT, memory=1800 << 10)
-    assert engine.explore(between(engine, little)).status == "memory"
+    assert engine.explore(settings_between(engine, little)).status == "memory"
     assert engine.explore(little).status == "exhausted"
-    assert explored(engine, little).status == "exhausted"
+    assert explore_by_quicker(engine, little).status == "exhausted"
 
 
 def test_a_violation_that_a_bounded_search_meets_has_the_trace_that_any_search_has() -> None:

@@ -43,7 +43,7 @@ test Replaced { system S; replace M by contract; horizon 40ms; always %s; }
 def explored(text: str, name: str) -> TestResult:
     checked = check_file("p.soter", text)
     system = system_of_test(checked, name)
-    told = command.TraceHeader("p.soter", {}, assumptions.replaced_in(checked.tests[name]))
+    told = command.TraceHeader("p.soter", {}, assumptions.replacements_in_test(checked.tests[name]))
     return command.explore_test(system, SearchOptions(minimise=0.0), told)
 
 
@@ -99,7 +99,7 @@ def test_guarantees_that_read_others_are_asked_with_what_they_read() -> None:
 
 def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     text = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % "u < 3"
-    told = list(assumptions.of_contracts(system_of_test(check_file("p.soter", text), "Replaced")))
+    told = list(assumptions.contract_notes(system_of_test(check_file("p.soter", text), "Replaced")))
     assert len(told) == 1
     assert told[0] == (
         "M is replaced by its contract (small: u < 3): whether it keeps it is asked by `AsItIs`, "
@@ -110,7 +110,9 @@ def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     alone = alone.replace(
         "rta M", "node Slow2 period 10ms { publishes u, v; step { publish u = 0; } }\nrta M"
     )
-    told = list(assumptions.of_contracts(system_of_test(check_file("p.soter", alone), "Replaced")))
+    told = list(
+        assumptions.contract_notes(system_of_test(check_file("p.soter", alone), "Replaced"))
+    )
     assert len(told) == 1
     assert told[0].endswith(
         "no test of this program runs it as it is (`AsItIs` but for a controller): "
@@ -122,7 +124,7 @@ def test_a_clause_that_cannot_be_asked_permits_more_and_is_named() -> None:
     clause = "guarantees led: mode(M) == Mode.AC || u == 0; guarantees small: u < 3;"
     text = MODULE % ("min(w, 2)", clause) + TESTS % "u < 3"
     system = system_of_test(check_file("p.soter", text), "Replaced")
-    [told] = assumptions.of_contracts(system)
+    [told] = assumptions.contract_notes(system)
     assert "(small: u < 3; not asked for, so that more is permitted: led: mode(M) ==" in told
     with Search(system, SearchOptions()) as search:
         assert search.run().status == "exhausted"
@@ -214,7 +216,7 @@ def test_only_a_test_of_the_same_node_in_the_same_system_asks_for_its_contract(
     other: str, system: str, sets: str, said: str
 ) -> None:
     text = LIAR % (other, system, sets)
-    [told] = assumptions.of_contracts(system_of_test(check_file("p.soter", text), "CountAlone"))
+    [told] = assumptions.contract_notes(system_of_test(check_file("p.soter", text), "CountAlone"))
     assert told.endswith(f"no test of this program runs it {said} it keeps it is assumed")
 
 

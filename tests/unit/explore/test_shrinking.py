@@ -11,9 +11,15 @@ import pytest
 from generators.small_test_programs import small_program
 from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.command import TraceHeader, explore_test, trace_of
+from soter.explore.command import TraceHeader, explore_test, make_trace
 from soter.explore.engine.search import Search
-from soter.explore.engine.shrink import Guided, Shrinker, array_of, cost_of, steps_of
+from soter.explore.engine.shrink import (
+    Guided,
+    Shrinker,
+    array_to_steps,
+    execution_cost,
+    steps_to_array,
+)
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
@@ -66,11 +72,11 @@ def searched(
 def costs(search: Search, outcome: Found, steps: tuple[object, ...]) -> Cost:
     """What a trace costs; it violates what was found."""
     assert outcome.broken is not None
-    raw = array_of([search._raw(s) for s in steps])  # type: ignore[arg-type]
+    raw = steps_to_array([search._raw_step(s) for s in steps])  # type: ignore[arg-type]
     made = Guided(search._engine, search._settings.seed, outcome.broken).run(raw, len(raw))
     assert made.violates
-    assert steps_of(made.steps) == steps_of(raw)
-    return cost_of(made)
+    assert array_to_steps(made.steps) == array_to_steps(raw)
+    return execution_cost(made)
 
 
 def replayed(result: TestResult) -> Replayed:
@@ -101,7 +107,7 @@ def test_shrinking_gives_the_same_trace_twice() -> None:
     system = system_of_text(CART, "Drifts")
     search, outcome = searched(system, seed=3)
     with search:
-        first, second = search.shrunk(outcome, 60.0), search.shrunk(outcome, 60.0)
+        first, second = search.shrink(outcome, 60.0), search.shrink(outcome, 60.0)
     assert first is not None
     assert second is not None
     assert not first.stopped
@@ -118,7 +124,7 @@ def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
         with search:
             if outcome.status != "violated":
                 continue
-            shrunk, least = search.shrunk(outcome, 60.0), search.least(outcome, 60.0)
+            shrunk, least = search.shrink(outcome, 60.0), search.least(outcome, 60.0)
             assert shrunk is not None
             least_cost = costs(search, outcome, least.steps)
             cost = costs(search, outcome, shrunk.steps)
@@ -139,7 +145,7 @@ def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int
         with search:
             if outcome.status != "violated":
                 continue
-            shrunk = search.shrunk(outcome, 60.0)
+            shrunk = search.shrink(outcome, 60.0)
             assert shrunk is not None
             cost, before = (costs(search, outcome, f.steps) for f in (shrunk, outcome))
             assert cost <= before
@@ -148,7 +154,7 @@ def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int
             if least.status == "violated":
                 assert costs(search, outcome, least.steps)[:3] <= cost[:3]
         result = explore_test(system, replace(search.options, minimise=0.0), TOLD)
-        assert replay(trace_of(result, TOLD, shrunk.steps), system).reproduced, number
+        assert replay(make_trace(result, TOLD, shrunk.steps), system).reproduced, number
     assert shrunk_some > 0
 
 
@@ -156,7 +162,7 @@ def test_time_ends_shrinking_with_the_best_until_then() -> None:
     system = system_of_text(CART, "Drifts")
     search, outcome = searched(system, seed=3)
     with search:
-        shrunk = search.shrunk(outcome, 0.02)
+        shrunk = search.shrink(outcome, 0.02)
         assert shrunk is not None
         assert shrunk.stopped == "patience"
         assert costs(search, outcome, shrunk.steps) <= costs(search, outcome, outcome.steps)
@@ -186,6 +192,6 @@ def test_what_violates_something_else_is_not_taken() -> None:
     with search:
         assert outcome.broken is not None
         other = Guided(search._engine, 1, (outcome.broken[0], outcome.broken[1] + 1))
-        raw: Steps = array_of([search._raw(s) for s in outcome.steps])
+        raw: Steps = steps_to_array([search._raw_step(s) for s in outcome.steps])
         shrinker = Shrinker(other, search._engine.actors, deadline_s=time.perf_counter() + 60)
         assert shrinker.run(raw) is None

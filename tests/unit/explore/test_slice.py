@@ -15,7 +15,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine
 from soter.explore.engine.search import Search
-from soter.explore.engine.shrink import Guided, array_of
+from soter.explore.engine.shrink import Guided, steps_to_array
 from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
@@ -60,7 +60,7 @@ class Chooser:
         self.steps = found.trace.steps
         what = ("property", "contract", "fault", "timed").index(found.trace.broken.what)
         with Search(found.system, SearchOptions()) as search:
-            self.raw = array_of([search._raw(s) for s in self.steps])
+            self.raw = steps_to_array([search._raw_step(s) for s in self.steps])
         wanted = (what, found.trace.broken.index)
         self.guided = Guided(Engine(found.system), found.trace.seed, wanted)
 

@@ -52,7 +52,9 @@ def every_test(text: str) -> dict[str, TestResult]:
     program = check_file("p.soter", text)
     results = {}
     for name in program.tests:
-        told = command.TraceHeader("p.soter", {}, assumptions.replaced_in(program.tests[name]))
+        told = command.TraceHeader(
+            "p.soter", {}, assumptions.replacements_in_test(program.tests[name])
+        )
         system = system_of_test(program, name)
         results[name] = command.explore_test(system, SearchOptions(minimise=0.0), told)
     return results

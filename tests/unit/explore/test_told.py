@@ -10,7 +10,7 @@ import pytest
 
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
-from soter.explore.trace_view import view_of
+from soter.explore.trace_view import make_sequence_view
 from soter.report.sequence_view import does, explanation
 from soter.report.sequence_view import table_text as lines_of
 from soter.report.trace_report import page
@@ -53,7 +53,7 @@ def found(source: str, test: str) -> Replayed:
 
 
 def view(source: str, test: str) -> SequenceView:
-    return view_of(found(source, test), "0")
+    return make_sequence_view(found(source, test), "0")
 
 
 def why(source: str, test: str) -> str:

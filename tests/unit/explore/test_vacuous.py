@@ -11,7 +11,7 @@ from generators.vacuous_tests import OTHERS, RELATED, TAUTOLOGIES, TELLING, TIME
 from long_tests import some
 from soter.cli.main import main
 from soter.explore import constant_truth, vacuous_tests
-from soter.explore.assumptions import replaced_in
+from soter.explore.assumptions import replacements_in_test
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
@@ -32,12 +32,12 @@ def told(text: str) -> tuple[VacuousPart, ...]:
     system = system_of_test(checked, "T")
     assert system.test is not None
     met = [(True, True)] * (len(system.properties) + len(system.test.timed))
-    return vacuous_tests.of_test(system, met, ended=False)
+    return vacuous_tests.find_vacuous_parts(system, met, ended=False)
 
 
 def found(text: str) -> TestResult:
     checked = check_file("small.soter", text)
-    about = TraceHeader("small.soter", {}, replaced_in(checked.tests["T"]))
+    about = TraceHeader("small.soter", {}, replacements_in_test(checked.tests["T"]))
     return explore_test(system_of_test(checked, "T"), SearchOptions(minimise=0), about)
 
 
@@ -55,7 +55,7 @@ def test_what_could_fail_is_not_told() -> None:
 def test_without_a_solver_floats_that_are_compared_with_each_other_are_left_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(constant_truth, "solved", lambda *_: False)
+    monkeypatch.setattr(constant_truth, "solver_proves", lambda *_: False)
     assert [item for item in STATIC if not told(VACUOUS[item])] == list(RELATED)
 
 

@@ -222,9 +222,9 @@ def test_scalars_that_coverage_has_no_room_for_are_told(monkeypatch: pytest.Monk
     system = system_of_text(COUNTERS, "T")
     sentence = "what was reached counts the first 3 scalars of topics, of 4"
     outcome: Found = Found(status="exhausted", broken=None, steps=())
-    assert sentence not in assumptions.of_test(system, SearchOptions(), outcome, (), None)
+    assert sentence not in assumptions.test_assumptions(system, SearchOptions(), outcome, (), None)
     monkeypatch.setattr(assumptions, "LEAVES_MAX", 3)
-    assert sentence in assumptions.of_test(system, SearchOptions(), outcome, (), None)
+    assert sentence in assumptions.test_assumptions(system, SearchOptions(), outcome, (), None)
 
 
 # ---------------------------------------------------------------- threads and memory

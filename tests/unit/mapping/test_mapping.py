@@ -19,7 +19,7 @@ pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.message_types import StampSource
-from soter.mapping.read_mapping import mapping_of, read_mapping
+from soter.mapping.read_mapping import make_log_map, read_mapping
 from soter.mapping.topic_mapping import SignalSource
 from soter.mapping.units import UNITS, factor_between, turn_between
 from tables import all_rows
@@ -79,7 +79,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def read(system: Any, topic: str, given: Any, folder: Path | None = None, **top: Any) -> TopicMap:
-    (made,) = mapping_of(
+    (made,) = make_log_map(
         {**top, "topics": {topic: given}}, system, file=folder and folder / "map.toml"
     ).topics
     return made
@@ -88,13 +88,13 @@ def read(system: Any, topic: str, given: Any, folder: Path | None = None, **top:
 def test_a_mistake_is_told_with_its_file(system: Any, tmp_path: Path) -> None:
     file = tmp_path / "map.toml"
     with pytest.raises(SoterError) as error:
-        mapping_of({"topics": {}, "frame": "UP"}, system, file=file)
+        make_log_map({"topics": {}, "frame": "UP"}, system, file=file)
     assert {d.notes for d in error.value.diagnostics} == {(f"in the mapping `{file}`",)}
 
 
 def told(system: Any, given: Any, folder: Path | None = None) -> list[str]:
     with pytest.raises(SoterError) as error:
-        mapping_of(given, system, file=folder and folder / "map.toml")
+        make_log_map(given, system, file=folder and folder / "map.toml")
     assert {d.code for d in error.value.diagnostics} == {"D015"}
     return [d.message for d in error.value.diagnostics]
 
@@ -228,7 +228,7 @@ def test_ones_own_messages_are_read_from_beside_the_mapping(system: Any, tmp_pat
             }
         },
     }
-    (made,) = mapping_of(given, system, file=tmp_path / "map.toml").topics
+    (made,) = make_log_map(given, system, file=tmp_path / "map.toml").topics
     assert made.optional == {"gusts.0", "gusts.1"}
     assert made.stamp == StampSource("header.stamp")
 
@@ -421,7 +421,7 @@ def test_the_mapping_of_the_page_is_one(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(blocks[0])
     system = load(tmp_path / "p.soter").flat()
     given = read_mapping(tmp_path / "map.toml")
-    motion, command = mapping_of(given, system, file=tmp_path / "map.toml").topics
+    motion, command = make_log_map(given, system, file=tmp_path / "map.toml").topics
     assert motion.leaves["p", "z"] == SignalSource("pose.pose.position.z", -1.0)
     assert command.constants == {"header.frame_id": "base_link"}
     (stamps,) = (b for b in blocks if b.startswith("stamp ="))

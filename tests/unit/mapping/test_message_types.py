@@ -30,8 +30,8 @@ def test_a_type_has_its_name_in_ros1_and_in_ros2(name: str) -> None:
     message = named(name)
     assert (message.package, message.name) == ("nav_msgs", "Odometry")
     assert (message.ros1, message.ros2) == ("nav_msgs/Odometry", "nav_msgs/msg/Odometry")
-    assert message.known_in(1)
-    assert message.known_in(2)
+    assert message.exists_in(1)
+    assert message.exists_in(2)
     assert message == named("nav_msgs/Odometry")
 
 

@@ -16,7 +16,7 @@ pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.message_types import MessageTypes
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.mapping.topic_mapping import SignalSource
 from soter.mapping.units import UNITS, standard_unit
 
@@ -33,7 +33,7 @@ def read_into(type_: str, field: str, more: dict[str, Any], unit: str, tmp_path:
     given: dict[str, Any] = {"topics": {"seen": {"type": type_, "fields": {"value": row}}}}
     if type_.startswith("mavlink/"):
         given["mavlink"] = {"url": "udpin://127.0.0.1:14540", "offboard_loss": "500ms"}
-    (leaf,) = mapping_of(given, load(path).flat()).topics[0].leaves.values()
+    (leaf,) = make_log_map(given, load(path).flat()).topics[0].leaves.values()
     assert isinstance(leaf, SignalSource)
     return leaf.scale
 

@@ -18,8 +18,9 @@ pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.mapping.read_mapping import mapping_of, read_mapping
-from soter.mapping.topic_mapping import SourcePromise, SourceTurns, early_turns
+from soter.mapping.read_mapping import make_log_map, read_mapping
+from soter.mapping.topic_mapping import SourcePromise, SourceTurns
+from soter.mapping.topic_mapping_parser import early_turns
 from soter.targets.bridge_base import bridged_topics, by_topic, promise_lines
 from soter.targets.ros_packages import TOPIC
 from tables import all_rows
@@ -255,7 +256,7 @@ def changed(source: dict[str, Any], **entries: Any) -> dict[str, Any]:
 
 
 def built(vehicle: Any, position: Any, **rest: Any) -> Any:
-    mapping = mapping_of({"topics": {"position": position, **REST, **rest}}, vehicle)
+    mapping = make_log_map({"topics": {"position": position, **REST, **rest}}, vehicle)
     return bridged_topics(vehicle, mapping, "ROS", TOPIC)
 
 
@@ -282,7 +283,7 @@ def test_two_sources_that_fit_are_told_with_their_figures(vehicle: Any) -> None:
 
 def test_the_example_fits_its_program(vehicle: Any) -> None:
     given = read_mapping(EXAMPLES / "shuttle_ros_two_sensors.toml")
-    mapped = bridged_topics(vehicle, mapping_of(given, vehicle), "ROS", TOPIC)
+    mapped = bridged_topics(vehicle, make_log_map(given, vehicle), "ROS", TOPIC)
     assert "at a takeover at most 37 ms old" in promise_lines(vehicle, mapped)[0]
 
 
@@ -382,7 +383,7 @@ system S { p: P; until 1s; }
     source = {"stamp": "s", "fields": fields, "every": "1s", "measured": {"p": 0.5, "q": 1}}
     other = {**source, "after": "1s", "measured": {"value": 2.0}}
     given = {"topics": {"t": {"sources": [source, other]}}}
-    first, second = mapping_of(given, load(program).flat()).topics
+    first, second = make_log_map(given, load(program).flat()).topics
     assert first.promise is not None
     assert second.promise is not None
     assert first.promise.errors == {("p", "x"): 0.5, ("p", "y"): 0.5, ("q",): 1.0}

@@ -25,7 +25,7 @@ from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.log_files.log_columns import FileFacts, Wanted
-from soter.monitor.log_files.read_columns import messages_of
+from soter.monitor.log_files.read_columns import channel_messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,7 +58,7 @@ def judged(log: Path, name: str, **how: Any) -> Any:
 
 
 def content(log: Path, channel: str, facts: FileFacts | None = None) -> list[tuple[int, Any]]:
-    arrived = messages_of(log, {channel: Wanted()}, facts or FileFacts())
+    arrived = channel_messages(log, {channel: Wanted()}, facts or FileFacts())
     return [(now, content) for now, _, name, content in arrived if name == channel]
 
 
@@ -145,7 +145,7 @@ def test_a_file_that_is_cut_anywhere_is_whole_up_to_there_or_refused(
     for end in range(len(data)):
         log, facts = written(tmp_path / name, data[:end]), FileFacts()
         found = facts.readable(
-            log, messages_of(log, {MADE[name][1]: Wanted()}, facts), partial=True
+            log, channel_messages(log, {MADE[name][1]: Wanted()}, facts), partial=True
         )
         try:
             read = [(now, c) for now, _, channel, c in found if channel == MADE[name][1]]

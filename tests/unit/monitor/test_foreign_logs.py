@@ -10,9 +10,9 @@ import pytest
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.typed_samples import samples_of
+from soter.monitor.typed_samples import read_samples
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -293,7 +293,7 @@ def test_a_row_without_a_stamp_was_measured_the_declared_delay_before_it_was_log
     path, log = tmp_path / "p.soter", tmp_path / "log.csv"
     path.write_text(f"{PROGRAM}system V {{ {outside} module M; }}")
     log.write_text(LOG)
-    mapped = mapping_of({**MAP, "system": "V"}, load(path).flat("V"))
-    seen, *_ = samples_of(log, mapped, read_columns(log, mapped))
+    mapped = make_log_map({**MAP, "system": "V"}, load(path).flat("V"))
+    seen, *_ = read_samples(log, mapped, read_columns(log, mapped))
     assert seen.times_ns == [0, 100_000_000, 200_000_000]
     assert seen.stamps_ns == [t - delay_ns for t in seen.times_ns]

@@ -19,7 +19,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.log_files import bag_files
-from soter.monitor.log_files.message_decoding import UndecodableError, decoder, definitions_in
+from soter.monitor.log_files.message_decoding import UndecodableError, decoder, find_definitions
 from soter.report import bounded_unpack
 
 # ---------------------------------------------------------------- definitions that mean harm
@@ -46,12 +46,12 @@ def doubling(levels: int, last: str) -> str:
 )
 def test_a_definition_larger_than_its_messages_is_refused(text: str) -> None:
     with pytest.raises(UndecodableError):
-        decoder("p/Root", definitions_in(text, "p/Root", "msg"), "ros1")
+        decoder("p/Root", find_definitions(text, "p/Root", "msg"), "ros1")
 
 
 def test_a_definition_longer_than_any_is_not_even_parsed() -> None:
     with pytest.raises(UndecodableError, match="is too long"):
-        definitions_in("#" * 300_000, "p/Root", "msg")
+        find_definitions("#" * 300_000, "p/Root", "msg")
 
 
 WRITTEN_BY_ROS = """
@@ -82,7 +82,7 @@ module p {
 
 
 def test_idl_as_ros_writes_it_is_read() -> None:
-    definitions = definitions_in(WRITTEN_BY_ROS, "p/msg/Root", "idl")
+    definitions = find_definitions(WRITTEN_BY_ROS, "p/msg/Root", "idl")
     fields = [name for name, _ in definitions["p/msg/Root"][1]]
     assert fields == ["x", "covariance", "few", "names"]
 
@@ -94,7 +94,7 @@ def test_idl_as_ros_writes_it_is_read() -> None:
 def test_idl_that_calculates_is_not_parsed(value: str) -> None:
     text = f"module p {{ module msg {{ const long X = {value}; struct Root {{ double x; }}; }}; }};"
     with pytest.raises(UndecodableError, match="is none that ROS writes"):
-        definitions_in(text, "p/msg/Root", "idl")
+        find_definitions(text, "p/msg/Root", "idl")
 
 
 @pytest.mark.parametrize(
@@ -109,18 +109,18 @@ def test_idl_that_calculates_is_not_parsed(value: str) -> None:
 )
 def test_idl_that_would_take_for_ever_is_not_parsed(text: str) -> None:
     with pytest.raises(UndecodableError, match="is none that ROS writes"):
-        definitions_in(text, "p/msg/Root", "idl")
+        find_definitions(text, "p/msg/Root", "idl")
 
 
 @pytest.mark.parametrize("name", ["a/msg/B\nimport os", "a/../b", "", "/a/b", "a/b'c", "Odometry"])
 def test_a_name_that_is_none_never_becomes_code(name: str) -> None:
     with pytest.raises(UndecodableError):
-        decoder(name, definitions_in("float64 x\n", name, "msg"), "cdr")
+        decoder(name, find_definitions("float64 x\n", name, "msg"), "cdr")
 
 
 def test_the_constants_of_a_definition_never_become_code() -> None:
     lines = ["string A=x); import os; os.abort(); (", "float64 x", "float64 B=1e999", "int32 C=7"]
-    decode = decoder("p/Root", definitions_in("\n".join(lines), "p/Root", "msg"), "ros1")
+    decode = decoder("p/Root", find_definitions("\n".join(lines), "p/Root", "msg"), "ros1")
     assert decode(bytes(8)).x == 0.0
     assert not hasattr(decode(bytes(8)), "C")
 

@@ -36,10 +36,10 @@ from generators.robot_logs import (
 from soter.api import load
 from soter.cli.terminal.log_judgement import FOREIGN_LOG
 from soter.diagnostics.diagnostic import SoterError
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.monitor.log_files import message_decoding
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.typed_samples import samples_of
+from soter.monitor.typed_samples import read_samples
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -166,9 +166,9 @@ def test_a_value_of_a_log_is_as_old_as_its_bridge_takes_it(
     topic = {"type": "mavlink/LOCAL_POSITION_NED", "frame": "NED", "fields": fields, **typed}
     given = {"mavlink": LINK, "time": {"from": "t"}, "topics": {"motion": topic}}
     system = load(GEOFENCE).flat("Companion")
-    log_map = mapping_of(given, system)
+    log_map = make_log_map(given, system)
     columns_read = read_columns(tmp_path / "log.csv", log_map)
-    (samples,) = samples_of(tmp_path / "log.csv", log_map, columns_read)
+    (samples,) = read_samples(tmp_path / "log.csv", log_map, columns_read)
     assert len(samples.times_ns) == 29
     ages = [t - s for t, s in zip(samples.times_ns, samples.stamps_ns, strict=True)]
     assert ages == [late_ms * MS] * 29

@@ -17,7 +17,7 @@ from mcap_protobuf.writer import Writer
 from generators.robot_logs import CART, MS, T0
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.log_files.read_columns import NoPartError, part_of
+from soter.monitor.log_files.read_columns import NoPartError, message_part
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -51,12 +51,12 @@ PATHS = ["pose.x", "pose.all.0", "maybe", "fast"]
 @pytest.mark.parametrize("path", PATHS)
 def test_what_nobody_set_has_no_value(path: str) -> None:
     message = odometry_class()(slow=1.0)
-    assert part_of(message, path) is None
+    assert message_part(message, path) is None
     message = odometry_class()(pose={"x": 0.0, "all": [0.0]}, maybe=0.0, fast=0.0)
-    assert part_of(message, path) == 0.0
-    assert part_of(message, "plain") == 0.0
+    assert message_part(message, path) == 0.0
+    assert message_part(message, "plain") == 0.0
     with pytest.raises(NoPartError):
-        part_of(odometry_class()(), "pose.y")
+        message_part(odometry_class()(), "pose.y")
 
 
 def log_of(path: Path, names: tuple[str, str], messages: list[Any]) -> tuple[Path, Any]:

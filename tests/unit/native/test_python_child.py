@@ -105,7 +105,7 @@ def test_every_way_to_start_a_process_is_known() -> None:
 
 
 def test_lateness_is_measured_beside_processes_that_run(strange: Path) -> None:
-    assert arms.measured(seconds=0.05).releases == 5
+    assert arms.measure_lateness(seconds=0.05).releases == 5
     assert not (strange / "ran").exists()
 
 
@@ -116,7 +116,7 @@ def test_lateness_is_measured_beside_processes_that_run(strange: Path) -> None:
 def test_lateness_without_load_is_refused(code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arms, "BUSY", code)
     with pytest.raises(SoterError) as caught:
-        arms.measured(seconds=0.6)
+        arms.measure_lateness(seconds=0.6)
     assert "have ended" in caught.value.diagnostics[0].notes[0]
 
 
@@ -129,4 +129,4 @@ def test_lateness_without_load_is_refused(code: str, monkeypatch: pytest.MonkeyP
 def test_a_lateness_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "c-lateness.json").write_text(text)
     with pytest.raises(SoterError, match="it is no lateness"):
-        arms.kept(tmp_path / "c-lateness.json", 0.1)
+        arms.kept_measurement(tmp_path / "c-lateness.json", 0.1)

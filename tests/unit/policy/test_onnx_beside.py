@@ -311,7 +311,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
 
 
 def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_path: Path) -> None:
-    from soter.simulate.externs.bindings import files_of
+    from soter.simulate.externs.bindings import file_hashes
 
     (tmp_path / "a.c").write_text('#include "gain.h"\n')
     told = []
@@ -320,10 +320,10 @@ def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_pat
             (tmp_path / name).write_text(f"#define GAIN {gain}\n")
         at = str(tmp_path / "a")
         bound = (f"c:{at}.c:f", f"sb3:{at}.zip:{at}.pkl", f"python:{at}.py:f")
-        told.append([files_of(text) for text in bound])
+        told.append([file_hashes(text) for text in bound])
     assert [len(files) for files in told[0]] == [2, 2, 1]
     assert all(a != b for a, b in zip(*told, strict=True))
-    assert files_of(None) == files_of(len) == {}
+    assert file_hashes(None) == file_hashes(len) == {}
 
 
 @pytest.mark.parametrize("inside", [False, True])

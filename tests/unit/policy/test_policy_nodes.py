@@ -18,7 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import made_ready
 from soter.policy.sb3_file import read_sb3
 from soter.simulate.externs.extern_process import ExternServer, write_spec
-from soter.workers.exchange import exchange_of
+from soter.workers.exchange import make_exchange
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -165,7 +165,7 @@ def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) 
     (node,) = [x for x in system.components if x.extern]
     write_spec(system, node, 1, tmp_path / "spec")
     server = ExternServer(pickle.loads((tmp_path / "spec").read_bytes()))  # noqa: S301 - ours
-    exchange = exchange_of(system, node)
+    exchange = make_exchange(system, node)
     request = bytearray(exchange.request.size)
     (member,) = exchange.request.members
     encode_into(request, member.offset, member.type, ((0.5, -0.25), 3.0))

@@ -15,7 +15,7 @@ from generators.random_names import Namer
 from generators.random_types import TypeMaker
 from generators.seeded_choices import Seeded
 from soter.diagnostics.diagnostic import SoterError
-from soter.remote.topics import Topic, Topics, _type, parsed, topics_of
+from soter.remote.topics import Topic, Topics, _type, find_topics, parse_channels
 from soter.targets.firmware_interface import described
 from soter.targets.world_interface import number_of_layout
 from tables import all_rows
@@ -30,7 +30,7 @@ WIDE = {"at": POSE, "kind": "Far", "ok": True, "n": 3}
 
 @pytest.fixture(scope="session")
 def topics(document: dict[str, Any]) -> Topics:
-    return parsed(document, "here")
+    return parse_channels(document, "here")
 
 
 def code_of(call: Callable[[], object]) -> tuple[str, str]:
@@ -179,7 +179,7 @@ def test_a_damaged_description_is_no_description(document: dict[str, Any]) -> No
             continue  # another set, and a set
         tried += 1
         with pytest.raises(SoterError) as caught:
-            pytest.fail(f"{place}: {value} makes {parsed(copied, 'it').all}")
+            pytest.fail(f"{place}: {value} makes {parse_channels(copied, 'it').all}")
         assert [d.code for d in caught.value.diagnostics] == ["X013"], (place, value)
     assert tried > 50
 
@@ -203,33 +203,33 @@ def _at(document: Any, place: tuple[Any, ...]) -> object:
 )
 def test_a_file_that_is_no_description_is_told(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "channels.json").write_text(text)
-    code, message = code_of(lambda: topics_of(tmp_path, None))
+    code, message = code_of(lambda: find_topics(tmp_path, None))
     assert code == "X013"
     assert words in message
 
 
 def test_a_package_without_channels_says_what_writes_them(tmp_path: Path) -> None:
-    code, message = code_of(lambda: topics_of(tmp_path, None))
+    code, message = code_of(lambda: find_topics(tmp_path, None))
     assert (code, "`soter build --target posix` writes it" in message) == ("X013", True)
 
 
 def test_a_package_of_another_system_is_told(tmp_path: Path, document: dict[str, Any]) -> None:
     (tmp_path / "trusted").mkdir()
     (tmp_path / "trusted" / "channels.json").write_text(json.dumps(document))
-    assert topics_of(tmp_path, "Robot").system == "Robot"
-    code, message = code_of(lambda: topics_of(tmp_path, "Track"))
+    assert find_topics(tmp_path, "Robot").system == "Robot"
+    code, message = code_of(lambda: find_topics(tmp_path, "Track"))
     assert (code, "is about system `Robot`, not `Track`" in message) == ("X013", True)
 
 
 def test_a_system_with_its_plants_inside_has_no_channels(program: Path) -> None:
-    code, message = code_of(lambda: topics_of(program, "Track"))
+    code, message = code_of(lambda: find_topics(program, "Track"))
     assert (code, "no `external topic`" in message) == ("X013", True)
-    assert code_of(lambda: topics_of(program, "Rbt"))[0] == "U002"
+    assert code_of(lambda: find_topics(program, "Rbt"))[0] == "U002"
 
 
 def test_sets_hold_the_range_of_the_type(document: dict[str, Any]) -> None:
     changed = copy.deepcopy(document)
     wide = next(t for t in changed["topics"] if t["name"] == "wide")
     assert wide["set"] == [None, None, None, None, [0, 5]]
-    made: Topic = parsed(changed, "here").find("wide")
+    made: Topic = parse_channels(changed, "here").find("wide")
     assert made.ends[-1] == (0, 5)

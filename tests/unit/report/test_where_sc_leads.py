@@ -12,9 +12,9 @@ import pytest
 
 from soter.api import Program
 from soter.report.run.live_diagram import FAILED
-from soter.simulate.decisions import GOOD, MOVES, REST, SAFE, _watched, looks_of
-from soter.simulate.run_observer import decided_at
-from soter.simulate.run_report import led_of_run
+from soter.simulate.decisions import GOOD, MOVES, REST, SAFE, _watch_function, compile_looks
+from soter.simulate.run_observer import decided_rows
+from soter.simulate.run_report import tube_pictures
 from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:
@@ -41,9 +41,9 @@ def flown(folder: Path, text: str = TEXT, until: str | None = None, seed: int = 
 def looked(run: Run, looks: TubeLooks, *, judged: bool = False) -> list[tuple[int, TubeLook]]:
     """(row, look) of all of its decision module."""
     trace = run.require_trace()
-    rows = np.flatnonzero(decided_at(run.system, trace)[:, 0]).tolist()
+    rows = np.flatnonzero(decided_rows(run.system, trace)[:, 0]).tolist()
     states = {r: (trace[r - 1].tobytes() if r else None, trace[r].tobytes()) for r in rows}
-    return [(r, looks.of(0, *at, judged=judged)) for r, at in states.items()]
+    return [(r, looks.follow(0, *at, judged=judged)) for r, at in states.items()]
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def looked(run: Run, looks: TubeLooks, *, judged: bool = False) -> list[tuple[in
 )
 def test_it_says_what_the_decision_module_said(example: str) -> None:
     run = Program(str(EXAMPLES / f"{example}.soter")).simulate(until="12s")
-    looks, own = looks_of(run.system), run.require_trace()["modules"][:, 0]
+    looks, own = compile_looks(run.system), run.require_trace()["modules"][:, 0]
     assert looks is not None
     judges = run.system.modules[0].shield is not None
     for row, led in looked(run, looks):
@@ -99,7 +99,7 @@ def test_all_states_are_in_the_boxes_until_rest_where_sc_leads(
     path: str, plant: str, seed: int
 ) -> None:
     run = Program(str(EXAMPLES / f"{path}.soter")).simulate(until="30s", seed=seed)
-    looks = looks_of(run.system)
+    looks = compile_looks(run.system)
     assert looks is not None
     asked, outside = held(run, looks, plant)
     assert asked > 1000
@@ -110,7 +110,7 @@ def test_all_states_are_in_the_boxes_until_rest_where_sc_leads(
 def test_where_sc_leads_from_the_start_all_states_are_in_them(tmp_path: Path) -> None:
     text = TEXT.replace("module Follow;", "module Follow; force Follow sc;")
     run = flown(tmp_path, text, "6s")
-    looks = looks_of(run.system)
+    looks = compile_looks(run.system)
     assert looks is not None
     asked, outside = held(run, looks, "r")
     assert asked > 1000
@@ -119,7 +119,7 @@ def test_where_sc_leads_from_the_start_all_states_are_in_them(tmp_path: Path) ->
 
 def test_sc_may_begin_anywhere_in_the_step_before(tmp_path: Path) -> None:
     run = flown(tmp_path, until="5s")
-    looks = looks_of(run.system)
+    looks = compile_looks(run.system)
     assert looks is not None
     for _, led in looked(run, looks):
         by_sc = led.boxes[:, 0] == 1.0
@@ -139,11 +139,11 @@ def test_sc_may_begin_anywhere_in_the_step_before(tmp_path: Path) -> None:
 )
 def test_the_part_that_failed_is_named(tmp_path: Path, old: str, new: str, part: int) -> None:
     run = flown(tmp_path, TEXT.replace(old, new))
-    looks = looks_of(run.system)
+    looks = compile_looks(run.system)
     assert looks is not None
     failed = [led for _, led in looked(run, looks) if led.failed == part]
     assert failed
-    told = looks.told(looks.modules[0], failed[0])
+    told = looks.failure_words(looks.modules[0], failed[0])
     names = ("sight.v in",) if part == REST else ("sight.gap in", "sight.way in")
     assert all(name in told for name in names)
     assert ("sight.v" in told) == (part == REST)  # only what decides it is told
@@ -164,7 +164,7 @@ def test_a_takeover_tells_it_and_says_nothing_of_commands(tmp_path: Path) -> Non
 def test_a_map_is_no_part_of_where_the_robot_is(tmp_path: Path) -> None:
     path = tmp_path / "wall.soter"
     path.write_text(BEFORE_A_WALL, encoding="utf-8")
-    looks = looks_of(Program(str(path)).simulate(until="1s").system)
+    looks = compile_looks(Program(str(path)).simulate(until="1s").system)
     assert looks is not None
     assert looks.names == {0: ("sled.p", "sled.v")}
 
@@ -176,7 +176,7 @@ def test_a_function_is_watched_wherever_its_lines_end(of: str, between: str, bra
     name = "m_safe_fn"
     given = between.join(["const m_form *x", "soter_fault *fault"])
     text = f"SOTER_INLINE bool{of.format(name)}({given}){brace}\n  return true;\n}}\nint after;\n"
-    watched = _watched(text, name, "", "led_safe(led_said, {0});")
+    watched = _watch_function(text, name, "", "led_safe(led_said, {0});")
     assert f"const bool led_said = {name}(x, fault);" in watched
     assert watched.index("led_safe(led_said, x)") < watched.index(f"#define {name} {name}_noted")
 
@@ -197,7 +197,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Path]:
 
 def test_a_page_has_the_boxes_of_the_check_rounded_outwards(report: tuple[Run, Path]) -> None:
     run, page = report
-    ((drawn,), (picture,)) = pictured(page), led_of_run(run)
+    ((drawn,), (picture,)) = pictured(page), tube_pictures(run)
     scale = np.repeat(drawn["scale"], 2)
     assert len(drawn["looks"]) == len(picture.looks) > 100
     lost = {d.time_ns / 1e9 for d in run.decisions if d.after == "SC"}

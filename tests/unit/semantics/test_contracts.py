@@ -10,7 +10,7 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.semantics.configuration import StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.rules import violated
+from soter.semantics.rules import violated_properties
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,4 +95,4 @@ def test_onsets_count_from_one_judged_step_to_the_next() -> None:
 def test_contracts_are_not_judged_at_the_end_of_instants() -> None:
     it = interpreter(NODE)
     c = it.publish(replace(it.initial(), ct=0), {0: 50})
-    assert violated(it.machine, c) == [False, False]
+    assert violated_properties(it.machine, c) == [False, False]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from soter.language.front_end import check_file, system_of
-from soter.simulate.result_assumptions import of_environment, unproved
+from soter.simulate.result_assumptions import code_assumptions, environment_assumptions
 
 PROGRAM = """soter 1;
 input topic a: int in [0, 9] = 0;
@@ -15,7 +15,7 @@ system S { node N; until 1s; INPUTS }
 
 def told(inputs: str) -> list[str]:
     text = PROGRAM.replace("INPUTS", inputs)
-    return of_environment(system_of(check_file("inputs.soter", text), None))
+    return environment_assumptions(system_of(check_file("inputs.soter", text), None))
 
 
 def test_an_input_is_drawn_from_its_declared_values_or_its_whole_set() -> None:
@@ -44,7 +44,7 @@ system S { p: P; until 1s; }
 
 def measured(clauses: str) -> str:
     text = PLANT.replace("MEASURED", f"measured {clauses};")
-    _, errors = of_environment(system_of(check_file("plant.soter", text), None))
+    _, errors = environment_assumptions(system_of(check_file("plant.soter", text), None))
     return errors
 
 
@@ -60,7 +60,7 @@ def test_a_bound_of_errors_says_its_unit_and_several_say_what_each_is_of() -> No
 
 def test_a_disturbance_has_its_unit() -> None:
     text = PLANT.replace("MEASURED", "")
-    (wind,) = of_environment(system_of(check_file("plant.soter", text), None))
+    (wind,) = environment_assumptions(system_of(check_file("plant.soter", text), None))
     assert wind == "p: wind in [-1, 1] N, drawn evenly"
 
 
@@ -77,6 +77,6 @@ system S { p: P; module M; until 1s; }
 
 def test_predicates_that_may_not_be_computed_are_not_promised() -> None:
     system = system_of(check_file("m.soter", WITHOUT_PREDICATES), None)
-    (told,) = [line for line in unproved(system) if "computed" in line]
+    (told,) = [line for line in code_assumptions(system) if "computed" in line]
     assert told.startswith("M has no ttf and no safer: computed before it runs or is built, ")
     assert told.endswith("; where they cannot be, its AC never gets control")

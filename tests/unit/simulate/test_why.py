@@ -15,7 +15,7 @@ import processes
 import soter
 from soter.simulate import decisions
 from soter.simulate.explain_decision import Explainer
-from soter.simulate.run_observer import decided_at
+from soter.simulate.run_observer import decided_rows
 
 if TYPE_CHECKING:
     from soter.simulate.result import Run
@@ -63,10 +63,10 @@ def every(of: Run) -> list[decisions.DecisionStepRecord]:
     explainer = Explainer(of.system, of.layout)
     assert of.trace is not None
     steps = []
-    rows = np.flatnonzero(decided_at(of.system, of.trace)[:, 0])
+    rows = np.flatnonzero(decided_rows(of.system, of.trace)[:, 0])
     for row, d in zip(rows, decisions.steps(of.system, of.trace), strict=True):
         raw = of.trace[row - 1].tobytes() if row else None
-        why = explainer.of(0, raw, of.trace[row].tobytes())
+        why = explainer.explain(0, raw, of.trace[row].tobytes())
         steps.append(replace(d, why=why))
     return steps
 

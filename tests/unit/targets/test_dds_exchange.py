@@ -26,9 +26,9 @@ from generators.dds_machine import (
 from generators.dds_programs import PROGRAM, mapping, package
 from soter.api import load
 from soter.language.front_end import check_file, system_of
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.typed_samples import samples_of
+from soter.monitor.typed_samples import read_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -144,8 +144,8 @@ def test_a_recorded_flight_gives_the_bits_that_monitor_reads_from_its_log(
     (tmp_path / "p.soter").write_text(PROGRAM)
     system = system_of(check_file(str(tmp_path / "p.soter")), "Robot")
     only = {"topics": {"seen": mapping()["topics"]["seen"]}}
-    declared = mapping_of(only, system)
-    read = samples_of(log, declared, read_columns(log, declared))[0].values
+    declared = make_log_map(only, system)
+    read = read_samples(log, declared, read_columns(log, declared))[0].values
     assert len(read) == len(flight)
     heard = []
     with bridge(built, tmp_path) as b:

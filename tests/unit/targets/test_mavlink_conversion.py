@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import common as mavlink
 import processes
 from soter.api import load
 from soter.core.steps import lower
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.native.compiler import MEANING
 from soter.targets.mavlink_package import mavlink_package
 
@@ -139,7 +139,7 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Any:
     program = load(folder / "p.soter")
     assert program.ok, program.diagnostics
     system = program.flat("W")
-    package = mavlink_package(system, lower(system), folder / "out", mapping_of(MAPPING, system))
+    package = mavlink_package(system, lower(system), folder / "out", make_log_map(MAPPING, system))
     package.write()
     name = next((folder / "out" / "src").glob("*_bridge.c")).stem.removesuffix("_bridge")
     (folder / "main.c").write_text(MAIN % {"name": name})

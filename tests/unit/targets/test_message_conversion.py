@@ -23,9 +23,9 @@ from soter.api import load
 from soter.codegen.unit import generate
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.typed_samples import samples_of
+from soter.monitor.typed_samples import read_samples
 from soter.native.compiler import MEANING
 from soter.targets.message_conversion import CPP, MessageConverter, text_literal
 
@@ -111,7 +111,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def mapped(system: Any, topic: str, given: Any) -> Any:
-    return mapping_of({"topics": {topic: given}}, system).topics[0]
+    return make_log_map({"topics": {topic: given}}, system).topics[0]
 
 
 @pytest.fixture(scope="module")
@@ -187,9 +187,9 @@ def test_generated_code_and_monitor_give_the_same_bits(
         flight.append(Recorded(10**18 + k * 10**6, content))
         lines.append(f"{x.hex()} {v.hex()} {c.hex()} {n} {gear} 5")
     as_bag1(tmp_path / "flight.bag", flight)
-    log_map = mapping_of({"topics": {"motion": {**ODOMETRY, "fields": FIELDS}}}, system)
+    log_map = make_log_map({"topics": {"motion": {**ODOMETRY, "fields": FIELDS}}}, system)
     columns = read_columns(tmp_path / "flight.bag", log_map)
-    (samples,) = samples_of(tmp_path / "flight.bag", log_map, columns)
+    (samples,) = read_samples(tmp_path / "flight.bag", log_map, columns)
     told = convert(lines)
     assert len(samples.values) == len(told) == 400
     for (x, v, c, n, gear, still), row in zip(samples.values, told, strict=True):

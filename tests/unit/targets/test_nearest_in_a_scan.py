@@ -19,7 +19,7 @@ from generators.message_headers import write_headers
 from generators.robot_logs import as_bag1, flight
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.mapping.topic_mapping import NearestSource
 from soter.monitor.log_files.read_columns import read_columns
 from soter.native.shared_library import RUNTIME
@@ -94,7 +94,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def mapped(system: Any, leaves: Any = None, topic: str = "nearest", **more: Any) -> Any:
     given = {**SCAN, "fields": LEAVES if leaves is None else leaves, **more}
-    return mapping_of({"topics": {topic: given}}, system).topics[0]
+    return make_log_map({"topics": {topic: given}}, system).topics[0]
 
 
 @pytest.fixture(scope="module")
@@ -271,7 +271,7 @@ def test_no_scan_is_made_of_what_goes_out(system: Any) -> None:
 
 
 def test_a_log_cannot_give_it_and_says_so(system: Any, tmp_path: Path) -> None:
-    wanted = mapping_of({"topics": {"nearest": {**SCAN, "fields": LEAVES}}}, system)
+    wanted = make_log_map({"topics": {"nearest": {**SCAN, "fields": LEAVES}}}, system)
     as_bag1(tmp_path / "drive.bag", flight())
     with pytest.raises(SoterError, match="is what is nearest in a scan") as told:
         read_columns(tmp_path / "drive.bag", wanted)

@@ -22,9 +22,9 @@ import processes
 from generators.message_headers import write_headers
 from generators.robot_logs import WRITERS, Recorded, odometry
 from soter.api import load
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import make_log_map
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.typed_samples import samples_of
+from soter.monitor.typed_samples import read_samples
 from soter.native.shared_library import CHECK_FAILED
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def bridge(system: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     probe = [compiler, "-fsyntax-only", "probe.cpp"]
     if processes.run(probe, cwd=folder, capture_output=True, check=False).returncode != 0:
         pytest.skip("no headers of ROS 1 here (libroscpp-dev)")
-    mapped = mapping_of(MAPPING, system)
+    mapped = make_log_map(MAPPING, system)
     for m in mapped.topics:
         assert m.message is not None
         write_headers(m.message, folder)
@@ -216,8 +216,8 @@ def test_a_bridge_takes_the_samples_that_a_log_gives(
 ) -> None:
     flight = drive(random.Random(11), wrong, by_turns)  # noqa: S311 - values
     WRITERS[name](tmp_path / name, [m for _, m in flight])
-    log_map = mapping_of({"topics": {"position": MAPPING["topics"]["position"]}}, system)
-    (samples,) = samples_of(tmp_path / name, log_map, read_columns(tmp_path / name, log_map))
+    log_map = make_log_map({"topics": {"position": MAPPING["topics"]["position"]}}, system)
+    (samples,) = read_samples(tmp_path / name, log_map, read_columns(tmp_path / name, log_map))
     first = min(m.arrival_ns for _, m in flight)
     of_log = [
         (now + first, stamp + first, struct.pack("<d", x))

@@ -71,13 +71,13 @@ def test_the_report_says_who_had_control(tmp_path: Path) -> None:
     (tower,) = run_report.towers(run.system)
     names = run_report.controllers(run.system, tower)
     assert names == ["Outer.Back", "Outer.Inner.Near", "Outer.Inner.Any"]
-    held = run_report.levels_of(tower, trace)
+    held = run_report.controller_levels(tower, trace)
     assert set(held) >= {0, 2}
     at = np.array([run.system.component(n).index for n in names])
     enabled = trace["components"]["oe"][:, at] == 1
     assert (enabled.sum(axis=1) == 1).all()
     assert (enabled.argmax(axis=1) == held).all()
-    (line,) = run_report.told(run)
+    (line,) = run_report.control_shares(run)
     assert line.startswith("Who had control in Outer: Outer.Back ")
     page = report_page(run, "a tower", {})
     assert line in page.notes
@@ -93,7 +93,7 @@ def test_a_run_of_a_module_alone_says_nothing_of_towers(tmp_path: Path) -> None:
     )
     path = tmp_path / "alone.soter"
     path.write_text(text)
-    assert run_report.told(load(path).simulate()) == []
+    assert run_report.control_shares(load(path).simulate()) == []
 
 
 def test_a_safety_case_says_while_which_module_is_in_ac(tmp_path: Path) -> None:

@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.case_check import CLAIMS, PROVED, check_module_claims, proved_claims
+from soter.certificate.case_check import (
+    CLAIMS,
+    PROVED,
+    check_module_claims,
+    proved_claims,
+)
 from soter.certificate.induction.induction_problem import (
     TransitionSystem,
     calendar_of,
@@ -34,7 +39,7 @@ from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NO
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns
-from soter.workers.solvers import answer_of, ctrl_c_waits
+from soter.workers.solvers import ask_solver, ctrl_c_waits
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts, Instant
@@ -165,7 +170,7 @@ def _ask_solver(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.Check
         raise NotRecheckedError("the solver needs more work than is done")
     before = _work_of(solver)
     solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
-    verdict = answer_of(solver)
+    verdict = ask_solver(solver)
     facts.work += max(_work_of(solver) - before, 0)
     return verdict
 

@@ -33,7 +33,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE
-from soter.workers.solvers import answer_of, ctrl_c_waits
+from soter.workers.solvers import ask_solver, ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -216,7 +216,7 @@ class _Steps:
         solver.set("rlimit", WORK)
         solver.set("timeout", PATIENCE_MS)
         solver.add(*self.known, what)
-        return bool(answer_of(solver) == z3.unsat)
+        return bool(ask_solver(solver) == z3.unsat)
 
     def _visible_values(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
         """The values that a step sees: one for each topic, of which nothing more is known."""

@@ -186,10 +186,10 @@ class Console:
         from soter.simulate.interrupt import (  # noqa: PLC0415 - NumPy
             ANY_END,
             StopRequest,
-            listening,
+            receiving_signals,
         )
 
-        self.during(listening(StopRequest(), ANY_END))
+        self.during(receiving_signals(StopRequest(), ANY_END))
 
     # ------------------------------------------------------------ a child that prints nothing
 

@@ -18,8 +18,8 @@ from soter.language.load.named_files import CLIP, binding_of
 from soter.report.tables import Entry, Styled, display_width, mode_timeline
 from soter.report.wording import changed_parameters, visible
 from soter.semantics.faults import begins
-from soter.simulate.result import Run, silence_of
-from soter.simulate.result_assumptions import of_run
+from soter.simulate.result import Run, silence_words
+from soter.simulate.result_assumptions import run_assumptions
 from soter.simulate.run_fields import component_faults
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _timing_head(timing: Timing) -> Iterator[str]:
     silence, after = timing["silence_ns"] / 1e6, timing["silence_after_ns"] / 1e9
     yield f"  longest silence {silence:.1f} ms, after {after:.3f} s"
     if timing["misses"]:
-        yield from (f"    {words}" for words in silence_of(timing))
+        yield from (f"    {words}" for words in silence_words(timing))
     yield from (f"  note: {text}" for text in timing["notes"])
 
 
@@ -297,7 +297,7 @@ def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _proof_lines(run: Run, console: Console) -> Iterator[str]:
-    if lines := of_run(run.system, run.proofs):
+    if lines := run_assumptions(run.system, run.proofs):
         yield "rests on"
         for line in lines:
             yield console.paint("muted", f"  {line}")

@@ -49,7 +49,7 @@ class CoverageKind:
         """How many were reached."""
         return self.total - len(self.unreached)
 
-    def merged(self, other: CoverageKind) -> CoverageKind:
+    def merge(self, other: CoverageKind) -> CoverageKind:
         """The coverage of two searches of the same program together."""
         both = set(other.unreached)
         return CoverageKind(self.total, tuple([n for n in self.unreached if n in both]))
@@ -85,7 +85,7 @@ class Coverage:
         return tuple([name for _, part in self.parts() for name in part.unreached])
 
 
-def part_of(named: Iterable[tuple[str, bool]]) -> CoverageKind:
+def kind_coverage(named: Iterable[tuple[str, bool]]) -> CoverageKind:
     """The coverage of named things, of which each was reached or not."""
     entries = list(named)
     return CoverageKind(len(entries), tuple([name for name, reached in entries if not reached]))
@@ -101,7 +101,7 @@ class CoveredLeaf:
     high: float
 
 
-def classes_of(leaf: CoveredLeaf) -> list[tuple[int, str]]:
+def leaf_classes(leaf: CoveredLeaf) -> list[tuple[int, str]]:
     """The classes that the values of a leaf fall into: the engine's number, and a name.
 
     A value belongs to one class: an end of its set first, otherwise what lies between the ends,
@@ -118,7 +118,7 @@ def classes_of(leaf: CoveredLeaf) -> list[tuple[int, str]]:
     return [(i, _class_name(leaf, i)) for i in _possible_classes(leaf)]
 
 
-def class_of(leaf: CoveredLeaf, value: float) -> int:
+def value_class(leaf: CoveredLeaf, value: float) -> int:
     """The engine's number of the class of a value (`class_of` in soter_explore_step.c).
 
     -1: none; it has room for the first members of an enum only.
@@ -132,15 +132,15 @@ def class_of(leaf: CoveredLeaf, value: float) -> int:
     return 2 if value < 0 else 4 if value > 0 else 3
 
 
-def leaf_value(t: Type, value: object, path: Sequence[str]) -> object:
+def leaf_value(type_: Type, value: object, path: Sequence[str]) -> object:
     """The scalar at a path of `leaves(t)` in a value; None where it has none there."""
     for part in path:
         assert isinstance(value, tuple)
-        if isinstance(t, RecordType):
-            at = [name for name, _ in t.fields].index(part)
-            t, value = t.fields[at][1], value[at]
-        elif isinstance(t, ArrayType):
-            t, value = t.element, value[int(part[1:-1])]
+        if isinstance(type_, RecordType):
+            index = [name for name, _ in type_.fields].index(part)
+            type_, value = type_.fields[index][1], value[index]
+        elif isinstance(type_, ArrayType):
+            type_, value = type_.element, value[int(part[1:-1])]
         else:
             return None
     return value
@@ -161,27 +161,27 @@ def _possible_classes(leaf: CoveredLeaf) -> list[int]:
 
 def _class_name(leaf: CoveredLeaf, number: int) -> str:
     if number in (0, 1, 3):
-        return f"{leaf.name} = {_shown(leaf, (leaf.low, leaf.high, 0, 0.0)[number])}"
+        return f"{leaf.name} = {_number_text(leaf, (leaf.low, leaf.high, 0, 0.0)[number])}"
     low, high = (leaf.low, min(leaf.high, 0.0)) if number == 2 else (max(leaf.low, 0.0), leaf.high)
     if isinstance(leaf.type, IntType):
         return f"{leaf.name} in [{int(low) + 1}, {int(high) - 1}]"
     if low == -math.inf:
-        return f"{leaf.name} < {_shown(leaf, high)}"
+        return f"{leaf.name} < {_number_text(leaf, high)}"
     if high == math.inf:
-        return f"{leaf.name} > {_shown(leaf, low)}"
-    return f"{leaf.name} in ({_shown(leaf, low)}, {_shown(leaf, high)})"
+        return f"{leaf.name} > {_number_text(leaf, low)}"
+    return f"{leaf.name} in ({_number_text(leaf, low)}, {_number_text(leaf, high)})"
 
 
-def _shown(leaf: CoveredLeaf, value: float) -> str:
+def _number_text(leaf: CoveredLeaf, value: float) -> str:
     return str(int(value)) if isinstance(leaf.type, IntType) else f"{value:.9g}"
 
 
 def values_part(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) -> CoverageKind:
     """The coverage of values; `seen`: by leaf and class number, whether a value was published."""
-    return part_of(
+    return kind_coverage(
         (name, bool(row[number]))
         for leaf, row in zip(leaves, seen, strict=True)
-        for number, name in classes_of(leaf)
+        for number, name in leaf_classes(leaf)
     )
 
 
@@ -199,12 +199,14 @@ def modules_parts(
                 named_modes.append((f"{name} in {mode}", bool(seen[i])))
             if forced is None:
                 named_switches.append((f"{name} to {mode}", bool(switched[i])))
-    return part_of(named_modes), part_of(named_switches)
+    return kind_coverage(named_modes), kind_coverage(named_switches)
 
 
 def branches_part(names: Sequence[str], bits: Sequence[int]) -> CoverageKind:
     """The coverage of branches, by names; branch b is bit b % 64 of word b // 64 of `bits`."""
-    return part_of((name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names))
+    return kind_coverage(
+        (name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names)
+    )
 
 
 @dataclass(frozen=True)
@@ -225,17 +227,17 @@ class EngineProgress:
     covered_ns: int = 0
 
 
-def progress_of(p: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
+def read_progress(progress: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
     """The progress that the explorer writes while it searches (`soter_explore_progress`)."""
     return EngineProgress(
-        states=int(p.states),
-        transitions=int(p.transitions),
-        depth=int(p.depth),
+        states=int(progress.states),
+        transitions=int(progress.transitions),
+        depth=int(progress.depth),
         seconds=seconds,
-        tracing=bool(p.tracing),
-        bytes=int(p.bytes),
-        answers=int(p.answers),
-        covered_ns=max(int(p.covered_ns), 0),
+        tracing=bool(progress.tracing),
+        bytes=int(progress.bytes),
+        answers=int(progress.answers),
+        covered_ns=max(int(progress.covered_ns), 0),
     )
 
 
@@ -295,7 +297,7 @@ def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
     )
 
 
-def coverage_of(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
+def coverage_struct(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
     """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
     kinds = {"branches": "uint64_t *", "nearest": "double *"}
     places = {

@@ -18,8 +18,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from soter.core.steps import lower
-from soter.explore.engine.coverage import coverage_of, empty_counters, progress_of
-from soter.explore.model.exploration_plan import IndependentPart, loose_parts_of, parts_of, plan_of
+from soter.explore.engine.coverage import coverage_struct, empty_counters, read_progress
+from soter.explore.model.exploration_plan import (
+    IndependentPart,
+    find_loose_parts,
+    find_parts,
+    make_plan,
+)
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.model.symmetric_blocks import SymmetricInstances
 from soter.explore.search_options import (
@@ -46,9 +51,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 
-HERE = Path(__file__).parent / "c"
+C_FOLDER = Path(__file__).parent / "c"
 FLAGS = ("-pthread",)
-NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
+C_TYPES = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
 soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
 uint64_t *, uint8_t *, double *"""
 """The types that a search uses; cffi parses each name once beforehand, which takes 15 ms."""
@@ -59,14 +64,14 @@ S = TypeVar("S")
 """The type of a trace's steps."""
 
 
-def sources() -> tuple[Path, ...]:
+def c_sources() -> tuple[Path, ...]:
     """The files of the explorer's C, headers included."""
-    return tuple(files_below(HERE, "*.[ch]"))
+    return tuple(files_below(C_FOLDER, "*.[ch]"))
 
 
-def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+def explorer_interface() -> Any:  # noqa: ANN401 - cffi has no types
     """The explorer's declarations, for cffi."""
-    headers = (RUNTIME / "soter.h", HERE / "soter_explore.h")
+    headers = (RUNTIME / "soter.h", C_FOLDER / "soter_explore.h")
     return interface(*(declarations(header) for header in headers))
 
 
@@ -169,22 +174,22 @@ class Engine:
         assert system.test is not None, f"{system.name} is no test"
         lowered = lowered or lower(system)
         self.system = system
-        self.plan = plan_of(system, lowered)
-        self.parts = parts_of(system, lowered, self.plan)
-        self.loose = loose_parts_of(system, lowered, self.plan)
+        self.plan = make_plan(system, lowered)
+        self.parts = find_parts(system, lowered, self.plan)
+        self.loose = find_loose_parts(system, lowered, self.plan)
         self.generated = generate_model(system, lowered, self.plan)
         self.actors = self.plan.actors
-        self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
-        self.ffi = ffi()
+        self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), c_sources())
+        self.ffi = explorer_interface()
         self.lib = opened(self.ffi, self.path)
-        for name in NAMED.split(","):
+        for name in C_TYPES.split(","):
             self.ffi.typeof(name.strip())
         self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
         self.bits = int(self.model.bits)
         self.words = int(self.model.words)
         self.configuration_size = int(self.model.configuration_size)
         self._kept = self.ffi.NULL
-        self.wanted: Callable[[], bool] = lambda: False
+        self.should_stop: Callable[[], bool] = lambda: False
         """Tells whether searches should end; asked ten times a second."""
         self.seen = empty_counters(system, self.generated)
         self.equal = SymmetricInstances(system, lowered, self.generated)
@@ -272,7 +277,7 @@ class Engine:
             if saver is not None:
                 saver.close()
         self._kept = result.kept
-        return replace(self._searched(result, trace, seconds), stopped=stopped)
+        return replace(self._read_result(result, trace, seconds), stopped=stopped)
 
     def run_in_thread(
         self,
@@ -319,12 +324,12 @@ class Engine:
             try:
                 while not done.wait(max(min(LOOK_S, patience_s), 0.001)):
                     seconds = time.perf_counter() - began
-                    if not progress.stop and (self.wanted() or seconds > patience_s):
-                        progress.stop, stopped = 1, "interrupted" if self.wanted() else "time"
+                    if not progress.stop and (self.should_stop() or seconds > patience_s):
+                        progress.stop, stopped = 1, "interrupted" if self.should_stop() else "time"
                     if saver is not None:
                         saver.look(progress)
                     if look is not None and not progress.stop:
-                        look(progress_of(progress, seconds))
+                        look(read_progress(progress, seconds))
             except KeyboardInterrupt:
                 progress.stop, stopped = 1, "interrupted"
             except BaseException as error:  # noqa: BLE001 - raised again when the search has ended
@@ -334,80 +339,85 @@ class Engine:
             raise failure
         return stopped
 
-    def options(self, s: EngineSettings) -> Any:  # noqa: ANN401 - cdata
+    def options(self, settings: EngineSettings) -> Any:  # noqa: ANN401 - cdata
         """The `soter_explore_options` of a search; what it points to lives until the next call."""
-        known = [{"what": what, "index": index} for what, index in s.known]
+        known = [{"what": what, "index": index} for what, index in settings.known]
         self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
         return self.ffi.new(
             "soter_explore_options *",
             {
-                "strategy": getattr(self.lib, constant(s.strategy)),
-                "storage": getattr(self.lib, constant(s.storage)),
-                "reduce": reduce_bits(s.reduction, between=s.between),
-                "threads": s.threads,
-                "memory": s.memory,
-                "max_states": s.max_states,
-                "max_ran": s.max_ran,
-                "seed": s.seed & (2**64 - 1),
-                "runs": s.runs,
-                "bug_depth": s.bug_depth,
-                "actors": s.part.actors if s.part else 0,
-                "properties": s.part.properties if s.part else 0,
-                "timeds": s.part.timeds if s.part else 0,
-                "keep": s.keep,
-                "plainly": s.plainly,
-                "unguided": s.unguided,
-                "go_on": s.go_on,
-                "closes": s.closes and knows_ends(s.reduction) and self.plan.repeats,
+                "strategy": getattr(self.lib, constant(settings.strategy)),
+                "storage": getattr(self.lib, constant(settings.storage)),
+                "reduce": reduce_bits(settings.reduction, between=settings.between),
+                "threads": settings.threads,
+                "memory": settings.memory,
+                "max_states": settings.max_states,
+                "max_ran": settings.max_ran,
+                "seed": settings.seed & (2**64 - 1),
+                "runs": settings.runs,
+                "bug_depth": settings.bug_depth,
+                "actors": settings.part.actors if settings.part else 0,
+                "properties": settings.part.properties if settings.part else 0,
+                "timeds": settings.part.timeds if settings.part else 0,
+                "keep": settings.keep,
+                "plainly": settings.plainly,
+                "unguided": settings.unguided,
+                "go_on": settings.go_on,
+                "closes": settings.closes and knows_ends(settings.reduction) and self.plan.repeats,
                 "known": self._known,
-                "knowns": len(s.known),
-                **(s.noted.options(self.ffi) if s.noted else {}),
-                **self.equal.options(self.ffi, self.families(s)),
+                "knowns": len(settings.known),
+                **(settings.noted.options(self.ffi) if settings.noted else {}),
+                **self.equal.options(self.ffi, self.families(settings)),
             },
         )
 
-    def families(self, s: EngineSettings) -> tuple[Family, ...]:
+    def families(self, settings: EngineSettings) -> tuple[Family, ...]:
         """The equal instances that a search uses.
 
         None where it looks for other violations than the known ones, which one instance may have
         and the other not, or where it notes what it sees for parts that a property joins.
         """
-        return () if s.known or s.noted is not None else self.equal.of(s, s.part)
+        if settings.known or settings.noted is not None:
+            return ()
+        return self.equal.usable_families(settings, settings.part)
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
         """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
-        return coverage_of(self.seen, self.ffi)
+        return coverage_struct(self.seen, self.ffi)
 
-    def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
-        status = STATUSES[int(r.status)]
-        broken = (int(r.broken.what), int(r.broken.index)) if status == "violated" else None
+    def _read_result(self, result: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
+        status = STATUSES[int(result.status)]
+        found = result.broken
+        broken = (int(found.what), int(found.index)) if status == "violated" else None
         return Searched(
             status=status,
             broken=broken,
-            states=int(r.states),
-            transitions=int(r.transitions),
-            combined=int(r.combined),
-            runs=int(r.runs),
-            table_bytes=int(r.table_bytes),
-            frontier_bytes=int(r.frontier_bytes),
-            depth=int(r.depth),
+            states=int(result.states),
+            transitions=int(result.transitions),
+            combined=int(result.combined),
+            runs=int(result.runs),
+            table_bytes=int(result.table_bytes),
+            frontier_bytes=int(result.frontier_bytes),
+            depth=int(result.depth),
             seconds=seconds,
-            covered_ns=max(int(r.covered_ns), 0),
-            closed_ns=int(r.closed_ns),
-            closable=bool(r.closable),
-            steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), STEPS_MAX))),
-            total_bytes=int(r.table_bytes) + int(r.frontier_bytes) + int(r.memo_bytes),
-            needed_bytes=int(r.needed_bytes),
-            threads=int(r.threads),
-            chooser=int(r.chooser) if r.chooser < len(self.actors) else -1,
+            covered_ns=max(int(result.covered_ns), 0),
+            closed_ns=int(result.closed_ns),
+            closable=bool(result.closable),
+            steps=tuple(map(self._read_step, trace[0 : min(int(result.length), STEPS_MAX)])),
+            total_bytes=int(result.table_bytes)
+            + int(result.frontier_bytes)
+            + int(result.memo_bytes),
+            needed_bytes=int(result.needed_bytes),
+            threads=int(result.threads),
+            chooser=int(result.chooser) if result.chooser < len(self.actors) else -1,
         )
 
-    def _step(self, s: Any) -> RawStep:  # noqa: ANN401 - cdata
+    def _read_step(self, raw: Any) -> RawStep:  # noqa: ANN401 - cdata
         choices = tuple(
-            RawChoice(int(c.stream), int(c.count), int(c.pick)) for c in s.choice[0 : s.choices]
+            RawChoice(int(c.stream), int(c.count), int(c.pick)) for c in raw.choice[0 : raw.choices]
         )
-        actor = int(s.actor) if s.actor < len(self.actors) else -1
-        return RawStep(actor, int(s.kind), int(s.release_ns), int(s.time_ns), choices)
+        actor = int(raw.actor) if raw.actor < len(self.actors) else -1
+        return RawStep(actor, int(raw.kind), int(raw.release_ns), int(raw.time_ns), choices)
 
     # ------------------------------------------------------------ traces and configurations
 
@@ -418,7 +428,7 @@ class Engine:
 
         There is a configuration after each step, (steps, configuration_size).
         """
-        trace = self._raw(steps)
+        trace = self._trace_array(steps)
         configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
         violates = self.ffi.new("bool *")
         broken = self.ffi.new("soter_broken *")
@@ -432,14 +442,13 @@ class Engine:
         """An execution of the whole system from one of `settings.part`; None where it is none."""
         whole = self.ffi.new("soter_trace_step[]", STEPS_MAX)
         broken = self.ffi.new("soter_broken *")
-        options, part = self.options(settings), self._raw(steps)
+        options, part = self.options(settings), self._trace_array(steps)
         length = self.lib.soter_explore_complete(
             self.model, options, part, len(steps), whole, STEPS_MAX, broken
         )
         if length == 0:
             return None
-        made = tuple(self._step(whole[i]) for i in range(length))
-        violation = (int(broken.what), int(broken.index))
+        made, violation = tuple(map(self._read_step, whole[0:length])), (broken.what, broken.index)
         return Searched(status="violated", broken=violation, depth=length, steps=made)
 
     def violated_at_start(self, patience_s: float = math.inf) -> bool:
@@ -456,14 +465,14 @@ class Engine:
 
         return bool(self.run_in_thread(look, progress, None, patience_s)) or verdicts[0]
 
-    def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
+    def _trace_array(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
         trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
-        for raw, s in zip(trace, steps, strict=False):
-            raw.actor = s.actor if s.actor >= 0 else 2**32 - 1
-            raw.kind, raw.release_ns, raw.time_ns = s.kind, s.release_ns, s.time_ns
-            raw.choices = len(s.choices)
-            for to, choice in zip(raw.choice, s.choices, strict=False):
-                to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
+        for row, step in zip(trace, steps, strict=False):
+            row.actor = step.actor if step.actor >= 0 else 2**32 - 1
+            row.kind, row.release_ns, row.time_ns = step.kind, step.release_ns, step.time_ns
+            row.choices = len(step.choices)
+            for place, choice in zip(row.choice, step.choices, strict=False):
+                place.stream, place.count, place.pick = choice.stream, choice.count, choice.pick
         return trace
 
     def configurations(self) -> Bytes:
@@ -475,7 +484,7 @@ class Engine:
         self.lib.soter_explore_kept(self.model, self._kept, self._pointer(configurations))
         return configurations
 
-    def packed(self, configuration: Bytes) -> Words:
+    def pack(self, configuration: Bytes) -> Words:
         """Packs a configuration into words: (configuration_size,) -> (words,)."""
         words = np.zeros(self.words, dtype=np.uint64)
         to = self.ffi.cast("uint64_t *", words.ctypes.data)

@@ -62,15 +62,16 @@ class ComposedSearch:
     @staticmethod
     def fits(engine: Engine, settings: EngineSettings) -> bool:
         """Whether it is possible: a plain model, breadth first, all reductions, nothing known."""
-        s, loose = settings, engine.loose
-        if loose is None or not engine.model.plain or s.known or s.max_states:
+        loose = engine.loose
+        if loose is None or not engine.model.plain or settings.known or settings.max_states:
             return False
         if engine.model.ordered:  # what is put together would be in the order of the parts
             return False
-        if s.memory < LEAST * SHARE * len(loose.parts):
+        if settings.memory < LEAST * SHARE * len(loose.parts):
             return False
-        how = (s.strategy, s.storage) == ("bfs", "exact") and s.reduction in PARTS
-        return how and all(len(j.parts) <= MOST for j in loose.joints)
+        if (settings.strategy, settings.storage) != ("bfs", "exact"):
+            return False
+        return settings.reduction in PARTS and all(len(j.parts) <= MOST for j in loose.joints)
 
     def run(self, patience_s: float) -> list[Searched] | None:
         """The searches of the parts, the one that ended it last; None: too much for this way."""
@@ -80,59 +81,45 @@ class ComposedSearch:
         try:
             for part in self._loose.parts:
                 left = max(until - time.perf_counter(), 0.0)
-                searches.append(
-                    self._run_part(part, Observations(self._mask(part), self._share), left)
-                )
+                noted = Observations(self._mask(part), self._share)
+                last = self._run_part(part, noted, left)
                 kept.append(engine.take_stored())
-                if (
-                    searches[-1].status == "memory"
-                ):  # of what is noted, perhaps: it has a share of it
+                if last.status == "memory":  # perhaps that of the notes, which have a share of it
                     return None
-                if searches[-1].status != "exhausted":
-                    return self._completed(searches, part)
+                if last.status == "violated":
+                    own_settings = replace(self._settings, part=part)
+                    last = with_other_parts(engine, own_settings, last, last.steps)
+                searches.append(last)
+                if last.status != "exhausted":
+                    return searches
             for joint in self._loose.joints:
                 left = max(until - time.perf_counter(), 0.0)
-                status, goals, stopped = self._combined(joint, kept, left)
+                status, goals, stopped = self._combine(joint, kept, left)
                 if status == "memory":
                     return None
                 if status == "stopped":
-                    return [
-                        *searches,
-                        replace(searches[-1], status=status, stopped=stopped, states=0),
-                    ]
+                    last = replace(searches[-1], status=status, stopped=stopped, states=0)
+                    return [*searches, last]
                 if status == "violated":
                     return [*searches, self._joint_violation(joint, goals, until)]
         finally:
-            for one in kept:
-                engine.lib.soter_explore_free(one)
+            for stored in kept:
+                engine.lib.soter_explore_free(stored)
         return searches
 
     def _run_part(self, part: IndependentPart, noted: Observations, patience_s: float) -> Searched:
         once = replace(self._settings, part=part, noted=noted)
         return self._engine.explore(once, self._look, patience_s)
 
-    def _completed(self, searches: list[Searched], part: IndependentPart) -> list[Searched]:
-        """The searches, with a violation of one part made an execution of the system."""
-        last = searches[-1]
-        if last.status == "violated":
-            searches[-1] = self._whole(part, last, last.steps)
-        return searches
-
-    def _whole(self, part: IndependentPart, last: Searched, steps: Sequence[RawStep]) -> Searched:
-        whole = self._engine.complete(replace(self._settings, part=part), steps) if steps else None
-        if whole is None:
-            return replace(last, steps=(), apart=bool(steps))
-        return replace(last, steps=whole.steps, broken=whole.broken)
-
     def _mask(self, part: IndependentPart) -> Words:
         mask = np.zeros(self._engine.words, dtype=np.uint64)
-        to = self._engine.ffi.cast("uint64_t *", mask.ctypes.data)
-        self._engine.lib.soter_explore_noted(self._engine.model, part.actors, to)
+        words = self._engine.ffi.cast("uint64_t *", mask.ctypes.data)
+        self._engine.lib.soter_explore_noted(self._engine.model, part.actors, words)
         return mask
 
     # ------------------------------------------------------------ what joins them
 
-    def _combined(
+    def _combine(
         self, joint: SharedProperty, kept: list[Any], patience_s: float
     ) -> tuple[str, Words, str]:
         """Status, the goals of the parts, (parts, words), and what stopped it."""
@@ -141,7 +128,7 @@ class ComposedSearch:
         sides = engine.ffi.new("soter_side[]", len(joint.parts))
         for side, number in zip(sides, joint.parts, strict=True):
             side.actors, side.kept = self._loose.parts[number].actors, kept[number]
-        to = engine.ffi.cast("uint64_t *", goals.ctypes.data)
+        words = engine.ffi.cast("uint64_t *", goals.ctypes.data)
         progress = engine.ffi.new("soter_explore_progress *")
         options, coverage = engine.options(self._settings), engine.coverage()
         ended: list[int] = []
@@ -156,7 +143,7 @@ class ComposedSearch:
                     joint.property,
                     progress,
                     coverage,
-                    to,
+                    words,
                 )
             )
 
@@ -180,7 +167,21 @@ class ComposedSearch:
         assert last is not None
         last = replace(last, broken=broken, states=0)
         part = IndependentPart(actors, 1 << joint.property, 0)
-        return self._whole(part, last, _merge_executions(steps))
+        own_settings = replace(self._settings, part=part)
+        return with_other_parts(self._engine, own_settings, last, _merge_executions(steps))
+
+
+def with_other_parts(
+    engine: Engine, settings: EngineSettings, violated: Searched, steps: Sequence[RawStep]
+) -> Searched:
+    """The violation with an execution of the whole system, made of `steps` of `settings.part`.
+
+    It has no steps, and is `apart`, where the other parts allow no such execution.
+    """
+    whole = engine.complete(settings, steps) if steps else None
+    if whole is None:
+        return replace(violated, steps=(), apart=bool(steps))
+    return replace(violated, steps=whole.steps, broken=whole.broken)
 
 
 def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
@@ -200,20 +201,30 @@ SHORT_OF_MEMORY = ("memory", "no_memory")
 CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 
 
-def may_choose(s: EngineSettings) -> bool:
+def may_choose(settings: EngineSettings) -> bool:
     """Whether a search may choose between the two reductions.
 
     Not where the user asked for one, or where it matters what is stored: with a bound on
     configurations, if they are kept, or if ends are noted.
     """
-    asked = s.reduction != "all" or s.strategy != STRATEGIES[0] or s.storage != STORAGES[0]
-    stored = s.max_states or s.keep or s.go_on or s.known or s.noted is not None
-    return not (asked or stored or s.plainly)
+    asked = (
+        settings.reduction != "all"
+        or settings.strategy != STRATEGIES[0]
+        or settings.storage != STORAGES[0]
+    )
+    stored = (
+        settings.max_states
+        or settings.keep
+        or settings.go_on
+        or settings.known
+        or settings.noted is not None
+    )
+    return not (asked or stored or settings.plainly)
 
 
-def explored(
+def explore_by_quicker(
     engine: Engine,
-    s: EngineSettings,
+    settings: EngineSettings,
     look: Callable[[EngineProgress], None] | None = None,
     left_s: float = math.inf,
 ) -> Searched:
@@ -226,23 +237,25 @@ def explored(
     def left() -> float:
         return max(left_s - (time.perf_counter() - began), 0.0)
 
-    def ran(how: EngineSettings) -> Searched:
+    def explore(how: EngineSettings) -> Searched:
         return engine.explore(how, look, left())
 
-    chosen = _chosen(engine, s, left_s) if may_choose(s) else s
-    result = ran(chosen) if isinstance(chosen, EngineSettings) else chosen
-    if result.status in SHORT_OF_MEMORY and chosen != s:
-        ends = ran(s)
+    chosen = _choose_settings(engine, settings, left_s) if may_choose(settings) else settings
+    result = explore(chosen) if isinstance(chosen, EngineSettings) else chosen
+    if result.status in SHORT_OF_MEMORY and chosen != settings:
+        ends = explore(settings)
         if ends.status not in CUT_SHORT or ends.covered_ns >= result.covered_ns:
             result = ends  # what it found counts, however far the other one came
     return replace(result, seconds=time.perf_counter() - began)
 
 
-def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
+def _choose_settings(
+    engine: Engine, settings: EngineSettings, left_s: float
+) -> EngineSettings | Searched:
     """The settings to go on with, or the result if a beginning came to its end."""
     if _has_instants(engine):
-        return _pick_reduction(engine, s, left_s)
-    return replace(s, between=True) if engine.model.brief else s
+        return _pick_reduction(engine, settings, left_s)
+    return replace(settings, between=True) if engine.model.brief else settings
 
 
 def _has_instants(engine: Engine) -> bool:
@@ -251,22 +264,24 @@ def _has_instants(engine: Engine) -> bool:
     return not engine.plan.timely and not late
 
 
-def _pick_reduction(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
+def _pick_reduction(
+    engine: Engine, settings: EngineSettings, left_s: float
+) -> EngineSettings | Searched:
     """The settings of the search that goes on; or what it found, where that took few steps."""
-    ends = engine.explore(replace(s, max_ran=RUN, threads=1), None, left_s)
+    ends = engine.explore(replace(settings, max_ran=RUN, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:
         return ends
-    apart = between(engine, s)
-    middle = engine.explore(replace(apart, max_ran=RUN, threads=1), None, left_s)
+    middle_settings = settings_between(engine, settings)
+    middle = engine.explore(replace(middle_settings, max_ran=RUN, threads=1), None, left_s)
     if middle.status != "states" or middle.stopped:
         return middle
-    further = ends.covered_ns - middle.covered_ns
+    lead_ns = ends.covered_ns - middle.covered_ns
     combines = ends.combined * 2 > ends.transitions
-    return s if further > 0 or (further == 0 and combines) else apart
+    return settings if lead_ns > 0 or (lead_ns == 0 and combines) else middle_settings
 
 
-def between(engine: Engine, s: EngineSettings) -> EngineSettings:
+def settings_between(engine: Engine, settings: EngineSettings) -> EngineSettings:
     """The search that stores what lies between ends of instants."""
-    orders = math.prod(math.factorial(len(f.blocks)) for f in engine.families(s))
-    reduction = s.reduction if orders >= PLACES else "parts"
-    return replace(s, between=True, reduction=reduction)
+    orders = math.prod(math.factorial(len(f.blocks)) for f in engine.families(settings))
+    reduction = settings.reduction if orders >= PLACES else "parts"
+    return replace(settings, between=True, reduction=reduction)

@@ -19,10 +19,10 @@ from soter.explore.engine.coverage import (
     CoveredLeaf,
     EngineProgress,
     branches_part,
-    class_of,
+    kind_coverage,
     leaf_value,
     modules_parts,
-    part_of,
+    value_class,
     values_part,
 )
 from soter.explore.engine.explorer_library import (
@@ -32,10 +32,10 @@ from soter.explore.engine.explorer_library import (
     RawStep,
     SearchResult,
 )
-from soter.explore.engine.reductions import ComposedSearch, explored
-from soter.explore.engine.shrink import Guided, Shrinker, array_of, steps_of
+from soter.explore.engine.reductions import ComposedSearch, explore_by_quicker, with_other_parts
+from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
 from soter.explore.engine.trace_slice import Slicer
-from soter.explore.judge import INPUT, plan_of
+from soter.explore.judge import INPUT, test_plan
 from soter.explore.results import Robustness
 from soter.explore.search_options import EXHAUSTIVE, FALSIFY, PARTS, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
@@ -72,10 +72,10 @@ class Search:
         system: System,
         options: SearchOptions,
         progress: Callable[[SearchProgress], None] | None = None,
-        wanted: Callable[[], bool] | None = None,
+        should_stop: Callable[[], bool] | None = None,
         checkpoint: Checkpoint | None = None,
     ) -> None:
-        """`wanted`: whether somebody wants it to end; asked ten times a second.
+        """`should_stop`: whether somebody wants it to end; asked ten times a second.
 
         `checkpoint`: where it is written, and what it goes on from.
         """
@@ -86,7 +86,7 @@ class Search:
         self._time_s = math.inf if options.time is None else options.time
         self._checkpoint = checkpoint
         self._engine = Engine(system)
-        self._engine.wanted = wanted or self._engine.wanted
+        self._engine.should_stop = should_stop or self._engine.should_stop
         self._streams = {fnv(name): name for name in _choice_streams(system)}
         self.bits = self._engine.bits
         self.words = self._engine.words
@@ -114,25 +114,29 @@ class Search:
         settings, self.equal = replace(self._settings, known=known), ()
         until = time.perf_counter() + self._time_s
         if self._checkpoint is not None and not known:
-            return self._named(_sum_of_searches(self._kept(settings, until, self._checkpoint)))
+            return self._name_steps(
+                _sum_of_searches(self._run_with_checkpoint(settings, until, self._checkpoint))
+            )
         parts: tuple[IndependentPart | None, ...] = (None,)
         if settings.reduction in PARTS and settings.strategy in EXHAUSTIVE and not known:
             apart = self._may_be_apart(settings)
-            searches = self._joined(settings, until) if apart else None
+            searches = self._run_composed(settings, until) if apart else None
             if searches is not None:
-                return self._named(_sum_of_searches(searches))
+                return self._name_steps(_sum_of_searches(searches))
             parts = self._engine.parts if apart else (None,)
-        return self._named(_sum_of_searches(self._in_parts(settings, parts, until)))
+        return self._name_steps(_sum_of_searches(self._run_parts(settings, parts, until)))
 
-    def _kept(self, settings: EngineSettings, until: float, kept: Checkpoint) -> list[Searched]:
+    def _run_with_checkpoint(
+        self, settings: EngineSettings, until: float, checkpoint: Checkpoint
+    ) -> list[Searched]:
         """A search with a checkpoint, for which parts that only properties join are one part."""
         parts: tuple[IndependentPart | None, ...] = self._engine.parts
         apart = settings.reduction in PARTS and len(parts) > 1
-        if kept.parts is not None:
-            apart = kept.parts > 1  # as it began
+        if checkpoint.parts is not None:
+            apart = checkpoint.parts > 1  # as it began
         elif apart:
             apart = not self._engine.violated_at_start(self._time_s)
-        return self._in_parts(settings, parts if apart else (None,), until, kept)
+        return self._run_parts(settings, parts if apart else (None,), until, checkpoint)
 
     def _may_be_apart(self, settings: EngineSettings) -> bool:
         """Whether there are parts, and the start violates nothing that another part would show."""
@@ -140,43 +144,49 @@ class Search:
         some = len(engine.parts) > 1 or ComposedSearch.fits(engine, settings)
         return some and not engine.violated_at_start(self._time_s)
 
-    def _joined(self, settings: EngineSettings, until: float) -> list[Searched] | None:
+    def _run_composed(self, settings: EngineSettings, until: float) -> list[Searched] | None:
         """The searches of parts that only properties join; None: there are none, or too many."""
         engine = self._engine
         if not ComposedSearch.fits(engine, settings):
             return None
         assert engine.loose is not None
         self.parts = len(engine.loose.parts)
-        look = self._look(minimising=False)
+        look = self._make_report(minimising=False)
         searches = ComposedSearch(engine, settings, look).run(max(until - time.perf_counter(), 0.0))
         if searches and searches[-1].status != "exhausted":  # what joins the parts was not judged
             searches[-1] = replace(searches[-1], covered_ns=0)
         return searches
 
-    def _in_parts(
+    def _run_parts(
         self,
         settings: EngineSettings,
         parts: tuple[IndependentPart | None, ...],
         until: float,
-        kept: Checkpoint | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> list[Searched]:
         """The searches of parts that share nothing, or of all of the system."""
         self.parts = len(parts)
         searches: list[Searched] = []
         for number, part in enumerate(parts):
-            left = settings.max_states - sum(f.states for f in searches)
-            once = replace(settings, part=part, max_states=left if settings.max_states else 0)
-            self.equal += tuple([f.names for f in self._engine.families(once)])
+            states_left = settings.max_states - sum(f.states for f in searches)
+            own_settings = replace(
+                settings, part=part, max_states=states_left if settings.max_states else 0
+            )
+            self.equal += tuple([f.names for f in self._engine.families(own_settings)])
             left_s = max(until - time.perf_counter(), 0.0)
-            if kept is not None and number < len(kept.ended):
-                searches.append(_ended(kept.ended[number]))
+            if checkpoint is not None and number < len(checkpoint.ended_counts):
+                searches.append(_result_of_ended_part(checkpoint.ended_counts[number]))
             else:
-                saver = None if kept is None else kept.saver(number, len(parts), searches)
-                searches.append(self._run_engine(once, left_s, saver))
+                saver = (
+                    None if checkpoint is None else checkpoint.saver(number, len(parts), searches)
+                )
+                searches.append(self._run_engine(own_settings, left_s, saver))
             if searches[-1].status == "violated" and part is not None:
-                searches[-1] = self._with_other_parts(once, searches[-1])
+                searches[-1] = with_other_parts(
+                    self._engine, own_settings, searches[-1], searches[-1].steps
+                )
             if searches[-1].status != "exhausted" or (
-                settings.max_states and searches[-1].states >= left
+                settings.max_states and searches[-1].states >= states_left
             ):
                 break
         if len(searches) < len(parts):  # the other parts were not looked at
@@ -185,19 +195,12 @@ class Search:
             searches[-1] = replace(searches[-1], status=status, covered_ns=0)
         return searches
 
-    def _with_other_parts(self, once: EngineSettings, violated: Searched) -> Searched:
-        """The violation of one part as an execution of the system, if that can be completed."""
-        whole = self._engine.complete(once, violated.steps)
-        if whole is None:
-            return replace(violated, steps=(), apart=bool(violated.steps))
-        return replace(violated, steps=whole.steps, broken=whole.broken)
-
     def _run_engine(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
         """The search of one part, or of all; `SoterError` D012 for a checkpoint without sense."""
         before_s = 0.0 if saver is None else saver.seconds
-        look = self._look(minimising=False, saver=saver)
+        look = self._make_report(minimising=False, saver=saver)
         if saver is None:
-            return explored(self._engine, once, look, left_s)
+            return explore_by_quicker(self._engine, once, look, left_s)
         search_result = self._engine.explore(once, look, left_s, saver)
         if search_result.status == "damaged":
             assert self._checkpoint is not None
@@ -210,59 +213,59 @@ class Search:
         It takes at most `patience_s` seconds.
         """
         assert search_result.broken is not None
-        look = self._look(minimising=True)
-        return self._named(
+        look = self._make_report(minimising=True)
+        return self._name_steps(
             self._engine.least(self._settings, search_result.broken, look, patience_s)
         )
 
-    def shrunk(self, search_result: Found, patience_s: float) -> Found | None:
+    def shrink(self, search_result: Found, patience_s: float) -> Found | None:
         """A trace that is not larger and violates the same, sought for `patience_s` seconds.
 
         None where what was found violates nothing. `transitions`: how many executions were tried.
         """
         assert search_result.broken is not None
-        look = self._look(minimising=True)
+        look = self._make_report(minimising=True)
         guided = Guided(self._engine, self._settings.seed, search_result.broken)
         began = time.perf_counter()
 
-        def told(tried: int, length: int) -> None:
+        def report(tried: int, length: int) -> None:
             if look is not None and tried % TOLD == 0:
                 look(EngineProgress(0, tried, length, time.perf_counter() - began))
 
-        shrinker = Shrinker(guided, self._engine.actors, deadline_s=began + patience_s, look=told)
-        made = shrinker.run(array_of([self._raw(s) for s in search_result.steps]))
-        if made is None:
+        shrinker = Shrinker(guided, self._engine.actors, deadline_s=began + patience_s, look=report)
+        shrunk = shrinker.run(steps_to_array([self._raw_step(s) for s in search_result.steps]))
+        if shrunk is None:
             return None
-        steps = tuple([self._step(raw) for raw in steps_of(made.steps)])
+        steps = tuple([self._step(raw) for raw in array_to_steps(shrunk.steps)])
         seconds = time.perf_counter() - began
         return replace(
             search_result,
             steps=steps,
-            transitions=made.tried,
+            transitions=shrunk.tried,
             seconds=seconds,
-            stopped=made.stopped,
+            stopped=shrunk.stopped,
         )
 
-    def matters(self, replayed: Replayed, search_result: Found) -> tuple[bool, ...]:
+    def mark_steps(self, replayed: Replayed, search_result: Found) -> tuple[bool, ...]:
         """For each step of a trace whether what was found to be violated depends on it."""
         assert search_result.broken is not None
-        raw = [self._raw(s) for s in replayed.trace.steps]
+        raw = [self._raw_step(s) for s in replayed.trace.steps]
         slicer = Slicer(self._engine)
-        return slicer.matters(raw, replayed.steps, search_result.broken, self._settings.seed)
+        return slicer.mark_steps(raw, replayed.steps, search_result.broken, self._settings.seed)
 
-    def _raw(self, s: Step) -> RawStep:
+    def _raw_step(self, step: Step) -> RawStep:
         numbers = {self._actor_name(i): i for i in range(len(self._engine.actors))}
-        choices = tuple([RawChoice(fnv(c.stream), c.of, c.pick) for c in s.choices])
-        kind = STEP_KINDS.index(s.kind)
-        return RawStep(numbers.get(s.actor, -1), kind, s.release_ns, s.time_ns, choices)
+        choices = tuple([RawChoice(fnv(c.stream), c.of, c.pick) for c in step.choices])
+        kind = STEP_KINDS.index(step.kind)
+        return RawStep(numbers.get(step.actor, -1), kind, step.release_ns, step.time_ns, choices)
 
-    def _look(
+    def _make_report(
         self, *, minimising: bool, saver: Saver | None = None
     ) -> Callable[[EngineProgress], None] | None:
         progress = self._progress
         if progress is None:
             return None
-        name, began = plan_of(self._system).name, time.perf_counter()
+        name, began = test_plan(self._system).name, time.perf_counter()
         began -= 0.0 if saver is None else saver.seconds
 
         def look(p: EngineProgress) -> None:
@@ -280,7 +283,7 @@ class Search:
                     answers=p.answers,
                     covered_ns=p.covered_ns,
                     saved=0 if saver is None else saver.states,
-                    nearest=self._nearest(),
+                    nearest=self._least_robustness(),
                 )
             )
 
@@ -288,28 +291,10 @@ class Search:
 
     # ------------------------------------------------------------ names
 
-    def _named(self, s: Searched) -> Found:
-        return Found(
-            status=s.status,
-            broken=s.broken,
-            states=s.states,
-            transitions=s.transitions,
-            runs=s.runs,
-            table_bytes=s.table_bytes,
-            frontier_bytes=s.frontier_bytes,
-            depth=s.depth,
-            seconds=s.seconds,
-            covered_ns=s.covered_ns,
-            closed_ns=s.closed_ns,
-            closable=s.closable,
-            steps=tuple([self._step(raw) for raw in s.steps]),
-            stopped=s.stopped,
-            total_bytes=s.total_bytes,
-            needed_bytes=s.needed_bytes,
-            threads=s.threads,
-            chooser=s.chooser,
-            apart=s.apart,
-        )
+    def _name_steps(self, searched: Searched) -> Found:
+        """What the engine found, with the names of the program in its steps."""
+        values: dict[str, Any] = vars(searched) | {"steps": tuple(map(self._step, searched.steps))}
+        return Found(**values)
 
     def _step(self, raw: RawStep) -> Step:
         choices = tuple([Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices])
@@ -336,15 +321,17 @@ class Search:
         """What all searches so far have reached."""
         seen, system = self._engine.seen, self._system
         modes_seen = seen.modes.tolist()
-        for m, row in zip(system.modules, modes_seen, strict=True):
-            row[AC if m.forced == "ac" else SC] = 1  # where it starts
+        for module, row in zip(system.modules, modes_seen, strict=True):
+            row[AC if module.forced == "ac" else SC] = 1  # where it starts
         modes, switches = modules_parts(
-            [(m.name, m.forced) for m in system.modules], modes_seen, seen.switches.tolist()
+            [(module.name, module.forced) for module in system.modules],
+            modes_seen,
+            seen.switches.tolist(),
         )
         branches = self._engine.generated.unit.branches
         return Coverage(
-            properties=part_of(self._judged()),
-            actors=part_of(
+            properties=kind_coverage(self._judged_properties()),
+            actors=kind_coverage(
                 (self._actor_name(i), bool(fired)) for i, fired in enumerate(seen.fired.tolist())
             ),
             modes=modes,
@@ -364,8 +351,8 @@ class Search:
             if not aim.flat:
                 key = aim.what, aim.index
                 least[key] = min(least.get(key, math.inf), near)
-        texts = {(0, p.index): f"{p.kind} {p.text}" for p in self._system.properties}
-        texts |= {(3, t.index): t.text for t in plan_of(self._system).timed}
+        texts = {(0, prop.index): f"{prop.kind} {prop.text}" for prop in self._system.properties}
+        texts |= {(3, timed.index): timed.text for timed in test_plan(self._system).timed}
         return tuple(
             [
                 Robustness(text, near if (near := least.get(key, math.inf)) < math.inf else None,
@@ -374,33 +361,38 @@ class Search:
             ]
         )  # fmt: skip
 
-    def _nearest(self) -> float | None:
+    def _least_robustness(self) -> float | None:
         """The least robustness of any property so far; None where none was computed."""
         if self.options.strategy != FALSIFY:
             return None
         near = float(self._engine.seen.nearest.min(initial=math.inf))
         return near if near < math.inf else None
 
-    def _judged(self) -> Iterator[tuple[str, bool]]:
+    def _judged_properties(self) -> Iterator[tuple[str, bool]]:
         """The properties of the test and its nodes, and whether each was ever judged."""
         seen, system = self._engine.seen, self._system
         judged = [bool(x & JUDGED) for x in seen.judged.tolist()]
         fired = {
-            a.component for a, once in zip(self._engine.actors, seen.fired, strict=True) if once
+            a.component
+            for a, judged_once in zip(self._engine.actors, seen.fired, strict=True)
+            if judged_once
         }
-        for p in system.properties:
-            once = judged[p.index] if p.component is None else p.component in fired
-            yield f"{p.kind} {p.text}", once
-        for t in plan_of(system).timed:
-            yield t.text, judged[len(system.properties) + t.index]
+        for prop in system.properties:
+            judged_once = judged[prop.index] if prop.component is None else prop.component in fired
+            yield f"{prop.kind} {prop.text}", judged_once
+        for timed in test_plan(system).timed:
+            yield timed.text, judged[len(system.properties) + timed.index]
 
-    def met(self) -> list[tuple[bool, bool]]:
+    def judged_and_tested(self) -> list[tuple[bool, bool]]:
         """For each property, then each timed one, whether it was judged, and put to the test.
 
         That is: the premise of an `always` held, or an `eventually` was still open as time passed.
         """
-        put = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
-        return [(once, to_it) for (_, once), to_it in zip(self._judged(), put, strict=False)]
+        tested = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
+        return [
+            (once, to_it)
+            for (_, once), to_it in zip(self._judged_properties(), tested, strict=False)
+        ]
 
     def _published_classes(self) -> list[list[int]]:
         """By leaf and class whether such a value was published, or is the topic's default."""
@@ -408,7 +400,7 @@ class Search:
         given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
         for row, leaf, (topic, path) in zip(rows, self._leaves(), given, strict=True):
             value = leaf_value(topic.type, topic.default, path)
-            if isinstance(value, (bool, int, float)) and (number := class_of(leaf, value)) >= 0:
+            if isinstance(value, (bool, int, float)) and (number := value_class(leaf, value)) >= 0:
                 row[number] = 1
         return rows
 
@@ -416,16 +408,16 @@ class Search:
         for index, path in self._engine.generated.leaves:
             topic = self._system.topics[index]
             leaf_types = list(leaves(topic.type))
-            at = next(i for i, (own, _) in enumerate(leaf_types) if own == tuple(path))
-            t, bound = leaf_types[at][1], topic.bounds[at]
+            number = next(i for i, (own, _) in enumerate(leaf_types) if own == tuple(path))
+            leaf_type, bound = leaf_types[number][1], topic.bounds[number]
             low, high = (-math.inf, math.inf) if bound is None else (bound.low, bound.high)
-            if isinstance(t, IntType):
-                low, high = max(low, t.low), min(high, t.high)
-            yield CoveredLeaf(leaf_name(topic.name, path), t, low, high)
+            if isinstance(leaf_type, IntType):
+                low, high = max(low, leaf_type.low), min(high, leaf_type.high)
+            yield CoveredLeaf(leaf_name(topic.name, path), leaf_type, low, high)
 
 
-def _ended(counts: Mapping[str, Any]) -> Searched:
-    """The result for a part whose search had ended before the checkpoint (`counts_of`)."""
+def _result_of_ended_part(counts: Mapping[str, Any]) -> Searched:
+    """The result for a part whose search had ended before the checkpoint (`part_counts`)."""
     numbers: dict[str, Any] = {name: int(counts[name]) for name in COUNTS}
     seconds = float(counts["seconds"])
     return SearchResult(status="exhausted", broken=None, steps=(), seconds=seconds, **numbers)
@@ -448,25 +440,26 @@ def _sum_of_searches(searches: list[Searched]) -> Searched:
     )
 
 
-def branch_name(b: StepBranch) -> str:
+def branch_name(branch: StepBranch) -> str:
     """Words for a branch: `SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
-    side = "where the condition holds" if b.taken else "where the condition does not hold"
-    return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}:{b.span.column}, {side}"
+    side = "where the condition holds" if branch.taken else "where the condition does not hold"
+    at = branch.span
+    return f"{branch.component}, {Path(at.source.name).name}:{at.line}:{at.column}, {side}"
 
 
 def _choice_streams(system: System) -> Iterator[str]:
     """The names of all streams that a step may ask a choice from."""
-    for c in system.components:
-        yield c.name + ENDING
-        for d in c.disturbances:
-            yield from d.streams
-        for m in c.measured:
-            yield m.stream
-        for i, span in enumerate(c.initial_range):
-            if span is not None and c.plant is not None:
-                state = c.plant.states[i]
+    for component in system.components:
+        yield component.name + ENDING
+        for disturbance in component.disturbances:
+            yield from disturbance.streams
+        for measured in component.measured:
+            yield measured.stream
+        for number, span in enumerate(component.initial_range):
+            if span is not None and component.plant is not None:
+                state = component.plant.states[number]
                 for path, _ in leaves(state.type):
-                    yield leaf_name(f"{c.name}.{state.name}.start", path)
+                    yield leaf_name(f"{component.name}.{state.name}.start", path)
     for drive in system.inputs:
         topic = system.topics[drive.topic]
         yield INPUT + topic.name

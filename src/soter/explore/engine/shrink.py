@@ -109,38 +109,40 @@ class Guided:
             "configurations": _pointer(ffi, "void *", configurations),
         }
         lib, model = self._engine.lib, self._engine.model
-        n = int(lib.soter_explore_guided(model, ffi.new("soter_guide *", guide), violates))
+        count = int(lib.soter_explore_guided(model, ffi.new("soter_guide *", guide), violates))
         if before is not None and begin > 0:
             made[:begin] = before.steps[:begin]
             unusual[:begin] = before.unusual[:begin]
             configurations[:begin] = before.configurations[:begin]
-        return GuidedRun(made[:n], unusual[:n], configurations[:n], bool(violates[0]))
+        return GuidedRun(made[:count], unusual[:count], configurations[:count], bool(violates[0]))
 
 
 def _pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cffi
     return ffi.cast(kind, array.ctypes.data)
 
 
-def array_of(steps: Sequence[RawStep]) -> Steps:
+def steps_to_array(steps: Sequence[RawStep]) -> Steps:
     """The steps as an array of records, (n,)."""
     made = np.zeros(len(steps), dtype=STEP)
-    for to, s in zip(made, steps, strict=True):
-        to["actor"] = s.actor if s.actor >= 0 else NOBODY
-        to["kind"], to["release"], to["time"] = s.kind, s.release_ns, s.time_ns
-        to["choices"] = len(s.choices)
-        for i, c in enumerate(s.choices):
-            to["choice"][i] = (c.stream, c.count, c.pick)
+    for row, step in zip(made, steps, strict=True):
+        row["actor"] = step.actor if step.actor >= 0 else NOBODY
+        row["kind"], row["release"], row["time"] = step.kind, step.release_ns, step.time_ns
+        row["choices"] = len(step.choices)
+        for place, choice in enumerate(step.choices):
+            row["choice"][place] = (choice.stream, choice.count, choice.pick)
     return made
 
 
-def steps_of(made: Steps) -> tuple[RawStep, ...]:
+def array_to_steps(made: Steps) -> tuple[RawStep, ...]:
     """The steps of an array of records, (n,)."""
     raw_steps = []
-    for s in made:
-        asked = s["choice"][: int(s["choices"])].tolist()
-        actor = -1 if s["actor"] == NOBODY else int(s["actor"])
+    for row in made:
+        asked = row["choice"][: int(row["choices"])].tolist()
+        actor = -1 if row["actor"] == NOBODY else int(row["actor"])
         choices = tuple([RawChoice(*c) for c in asked])
-        raw_steps.append(RawStep(actor, int(s["kind"]), int(s["release"]), int(s["time"]), choices))
+        raw_steps.append(
+            RawStep(actor, int(row["kind"]), int(row["release"]), int(row["time"]), choices)
+        )
     return tuple(raw_steps)
 
 
@@ -163,16 +165,16 @@ class ShrinkResult:
     stopped: str
 
 
-def cost_of(made: GuidedRun) -> Cost:
+def execution_cost(made: GuidedRun) -> Cost:
     """The cost: steps, changes of actor, choices that are not the default; then what settles ties.
 
     These are how often the deployed order is left, and how late all steps are together, in ns.
     """
-    s = made.steps[made.steps["actor"] != NOBODY]
-    actor, at = s["actor"].astype(np.int64), s["time"]
+    steps = made.steps[made.steps["actor"] != NOBODY]
+    actor, time_ns = steps["actor"].astype(np.int64), steps["time"]
     changes = int(np.count_nonzero(np.diff(actor)))
-    back = int(np.count_nonzero((np.diff(actor) < 0) & (np.diff(at) == 0)))
-    late = int((at - s["release"]).sum())
+    back = int(np.count_nonzero((np.diff(actor) < 0) & (np.diff(time_ns) == 0)))
+    late = int((time_ns - steps["release"]).sum())
     return len(made.steps), changes, int(made.unusual.sum()), back, late
 
 
@@ -203,7 +205,7 @@ class Shrinker:
     def run(self, steps: Steps) -> ShrinkResult | None:
         """An execution with at most as many steps; None where `steps`, (n,), violates nothing."""
         self.best = self._guided.run(steps, len(steps))
-        self.cost = cost_of(self.best)
+        self.cost = execution_cost(self.best)
         if not self.best.violates:
             return None
         stopped = ""
@@ -217,12 +219,18 @@ class Shrinker:
         return ShrinkResult(self.best.steps, self.tried, stopped)
 
     def _until_nothing_helps(self) -> None:
-        passes = (self._leave_out, self._try_pushes, self._order, self._try_defaults, self._on_time)
+        passes = (
+            self._try_leaving_out,
+            self._try_pushes,
+            self._try_orders,
+            self._try_defaults,
+            self._try_on_time,
+        )
         before: Cost | None = None
         while before != self.cost:
             before = self.cost
-            for one in passes:
-                one()
+            for try_changes in passes:
+                try_changes()
 
     def _try(self, wish: Steps, begin: int) -> bool:
         """Tries a trace that is changed from step `begin` on; if it is smaller it is the best."""
@@ -236,7 +244,7 @@ class Shrinker:
             self._look(self.tried, len(best.steps))
         if not made.violates:
             return False
-        cost = cost_of(made)
+        cost = execution_cost(made)
         if cost >= self.cost:
             return False
         self.best, self.cost = made, cost
@@ -262,21 +270,21 @@ class Shrinker:
 
     # ------------------------------------------------------------ fewer steps
 
-    def _leave_out(self) -> None:
+    def _try_leaving_out(self) -> None:
         """Tries to leave out the releases of a span of time; what comes after comes sooner."""
         least = int(self._period.min())
-        span = max(self._end() // 2, least)
+        span = max(self._end_ns() // 2, least)
         while span >= least:
             begin = 0
-            while begin < self._end():
-                if not self._try(*self._without(begin, span)):
+            while begin < self._end_ns():
+                if not self._try(*self._without_releases(begin, span)):
                     begin += span
             span = max(span // 2, least) if span > least else 0
 
-    def _end(self) -> int:
+    def _end_ns(self) -> int:
         return int(self.best.steps["time"].max(initial=0)) + 1
 
-    def _without(self, begin: int, span: int) -> tuple[Steps, int]:
+    def _without_releases(self, begin: int, span: int) -> tuple[Steps, int]:
         """The steps without releases from `begin` on, `span` ns long; the first that changes."""
         steps = self.best.steps
         born = steps["actor"] == NOBODY
@@ -313,12 +321,12 @@ class Shrinker:
         for i in np.flatnonzero(self._skips).tolist():
             yield _lose(i)
         for i in np.flatnonzero((self._window > 0) | (self._overrun > 0)).tolist():
-            yield self._late(i)
+            yield self._make_late(i)
         for i in range(len(self._period)):
             yield _put_first(i)
-            yield _last(i)
+            yield _put_last(i)
 
-    def _late(self, actor: int) -> Change:
+    def _make_late(self, actor: int) -> Change:
         window, overrun = self._window[actor], self._overrun[actor]
 
         def change(steps: Steps) -> Steps:
@@ -332,26 +340,26 @@ class Shrinker:
 
     # ------------------------------------------------------------ fewer changes of actor
 
-    def _order(self) -> None:
+    def _try_orders(self) -> None:
         """Tries the deployed order, and fewer changes of actor from one instant to the next."""
         self._try_in_blocks(_sort_deployed)
         self._try_in_blocks(_sort_by_release)
         self._try_in_blocks(_sort_continuing, 2)
         i = 0
         while i < len(self.best.steps) - 2:
-            self._together(i)
+            self._bring_together(i)
             i += 1
 
-    def _together(self, i: int) -> None:
+    def _bring_together(self, first: int) -> None:
         """Tries to bring step i and the next step of its actor together."""
         actor = self.best.steps["actor"]
-        near = actor[i + 1 : i + 2 + 2 * len(self._period)]
-        again = np.flatnonzero(near == actor[i])
+        near = actor[first + 1 : first + 2 + 2 * len(self._period)]
+        again = np.flatnonzero(near == actor[first])
         if len(again) == 0 or again[0] == 0:
             return
-        j = i + 1 + int(again[0])
-        if not self._try(_moved(self.best.steps, j, i + 1), i):
-            self._try(_moved(self.best.steps, i, j - 1), i)
+        again_at = first + 1 + int(again[0])
+        if not self._try(_move_step(self.best.steps, again_at, first + 1), first):
+            self._try(_move_step(self.best.steps, first, again_at - 1), first)
 
     # ------------------------------------------------------------ fewer choices
 
@@ -362,14 +370,14 @@ class Shrinker:
         while i < len(self.best.steps):
             picks = self.best.steps["choice"]["pick"][i]
             places = np.flatnonzero(picks[: int(self.best.steps["choices"][i])])
-            for k in places.tolist() if len(places) > 1 else ():
+            for place in places.tolist() if len(places) > 1 else ():
                 if i < len(self.best.steps):
                     wish = self.best.steps.copy()
-                    wish["choice"]["pick"][i, k] = 0
+                    wish["choice"]["pick"][i, place] = 0
                     self._try(wish, i)
             i += 1
 
-    def _on_time(self) -> None:
+    def _try_on_time(self) -> None:
         """Tries steps of which none is lost, late or long."""
         self._try_in_blocks(_keep_releases)
         self._try_in_blocks(_step_at_release)
@@ -425,7 +433,7 @@ def _put_first(actor: int) -> Change:
     return lambda steps: steps[np.lexsort((steps["actor"] != actor, steps["time"]))]
 
 
-def _last(actor: int) -> Change:
+def _put_last(actor: int) -> Change:
     return lambda steps: steps[np.lexsort((steps["actor"] == actor, steps["time"]))]
 
 
@@ -442,10 +450,10 @@ def _sort_continuing(steps: Steps) -> Steps:
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]
     order: list[int] = []
-    for g, after in zip(groups, [*groups[1:], groups[0][:0]], strict=True):
+    for group, after in zip(groups, [*groups[1:], groups[0][:0]], strict=True):
         comes = set(actor[after].tolist())
         last = int(actor[order[-1]]) if order else -1
-        own = sorted(g.tolist(), key=lambda i: int(actor[i]))
+        own = sorted(group.tolist(), key=lambda i: int(actor[i]))
         first = [i for i in own if actor[i] == last]
         rest = [i for i in own if actor[i] != last]
         goes_on = [i for i in rest if int(actor[i]) in comes][-1:]
@@ -453,7 +461,7 @@ def _sort_continuing(steps: Steps) -> Steps:
     return steps[order]
 
 
-def _moved(steps: Steps, of: int, to: int) -> Steps:
-    """The steps with step number `of` moved to place `to`."""
-    order = np.insert(np.delete(np.arange(len(steps)), of), to, of)
+def _move_step(steps: Steps, number: int, place: int) -> Steps:
+    """The steps with step number `number` moved to place `place`."""
+    order = np.insert(np.delete(np.arange(len(steps)), number), place, number)
     return steps[order]

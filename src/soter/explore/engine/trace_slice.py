@@ -53,7 +53,7 @@ class Slicer:
             mask = ((1 << width) - 1) << at
             self._bits[label] = self._bits.get(label, 0) | mask
 
-    def matters(
+    def mark_steps(
         self,
         raw: Sequence[RawStep],
         done: Sequence[ReplayedStep],
@@ -67,24 +67,26 @@ class Slicer:
         possible, _, configurations = self._engine.replay(raw, seed)
         if possible < len(raw) or not done or done[0].kind != START:
             return (True,) * len(raw)
-        packed = np.array([self._engine.packed(w) for w in configurations])
-        from_ = min(self._seen_from(broken, raw, configurations), len(raw) - 1)
-        seen = self._seen(broken)
+        packed = np.array([self._engine.pack(w) for w in configurations])
+        first_read = min(self._first_step_read(broken, raw, configurations), len(raw) - 1)
+        labels_read = self._labels_read(broken)
         marks = [False] * len(raw)
         wanted: set[Label] = set()
-        for k in range(len(raw) - 1, 0, -1):
-            last = k == len(raw) - 1
-            if k >= from_:
-                wanted |= seen
-            actor = self._engine.actors[raw[k].actor]
-            if last and not seen:  # what is violated is the step itself
+        for number in range(len(raw) - 1, 0, -1):
+            last = number == len(raw) - 1
+            if number >= first_read:
+                wanted |= labels_read
+            actor = self._engine.actors[raw[number].actor]
+            if last and not labels_read:  # what is violated is the step itself
                 wanted |= actor.reads | actor.writes
-            effect = self._effect(actor, raw[k].actor, done[k])
+            effect = self._effect(actor, raw[number].actor, done[number])
             touched = effect.writes & wanted
             if touched:
-                lost = done[k].kind == LOST
-                marks[k] = (
-                    lost or bool(raw[k].choices) or self._moves(touched, *packed[k - 1 : k + 1])
+                lost = done[number].kind == LOST
+                marks[number] = (
+                    lost
+                    or bool(raw[number].choices)
+                    or self._changes_bits(touched, *packed[number - 1 : number + 1])
                 )
                 if not lost:
                     wanted = (wanted - effect.writes) | effect.reads
@@ -94,17 +96,17 @@ class Slicer:
 
     # ------------------------------------------------------------ what is looked at
 
-    def _seen(self, broken: tuple[int, int]) -> set[Label]:
+    def _labels_read(self, broken: tuple[int, int]) -> set[Label]:
         """The labels that the property reads of a configuration; none for a contract or fault."""
         kind, index = VIOLATION_KINDS[broken[0]], broken[1]
         labels: set[Label] = set()
         if kind == PROPERTY:
-            labels = self._footprints.read_by(index)
+            labels = self._footprints.property_reads(index)
         elif kind == TIMED:
-            labels = self._footprints.read_by_timed(index)
+            labels = self._footprints.timed_property_reads(index)
         return {label for label in labels if label[0] not in CALENDAR}
 
-    def _seen_from(
+    def _first_step_read(
         self, broken: tuple[int, int], raw: Sequence[RawStep], configurations: npt.NDArray[np.uint8]
     ) -> int:
         """The first step after which the property looks, where it looks more than once."""
@@ -114,8 +116,8 @@ class Slicer:
         prop = self._system.test.timed[broken[1]]
         if prop.module is None:
             due = self._clock(configurations, broken[1])
-            other = np.flatnonzero(due != due[-1])
-            return int(other[-1]) + 1 if len(other) else 0
+            earlier = np.flatnonzero(due != due[-1])
+            return int(earlier[-1]) + 1 if len(earlier) else 0
         verdict = int(self._clock(configurations, len(self._system.test.timed) + prop.module)[-1])
         return max(next(k for k, s in enumerate(raw) if s.time_ns >= verdict) - 1, 0)
 
@@ -153,12 +155,12 @@ class Slicer:
                 yield ("topic", t.index)
                 yield ("stamp", t.index)
 
-    def _changed(self, before: npt.NDArray[np.uint64], after: npt.NDArray[np.uint64]) -> int:
+    def _changed_bits(self, before: npt.NDArray[np.uint64], after: npt.NDArray[np.uint64]) -> int:
         """The bits that differ in two packed configurations, (words,) each, as one number."""
         return int.from_bytes((before ^ after).astype("<u8").tobytes(), "little")
 
-    def _moves(
+    def _changes_bits(
         self, labels: Iterable[Label], before: npt.NDArray[np.uint64], after: npt.NDArray[np.uint64]
     ) -> bool:
-        changed = self._changed(before, after)
+        changed = self._changed_bits(before, after)
         return any(x[0] in ALWAYS or bool(self._bits.get(x, 0) & changed) for x in labels)

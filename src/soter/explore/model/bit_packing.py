@@ -51,12 +51,12 @@ def word(value: int) -> c.CExpr:
     return c.Number(f"UINT64_C({value})" if value < 2**31 else f"UINT64_C(0x{value:x})")
 
 
-def short(value: int) -> c.CExpr:
+def small_constant(value: int) -> c.CExpr:
     """A constant that stands beside 64 bits, as a mask, an index or a shift."""
     return c.Number(f"{value}U") if value < 2**31 else word(value)
 
 
-def unsigned(e: c.CExpr) -> c.CExpr:
+def as_word(e: c.CExpr) -> c.CExpr:
     """The value as a word."""
     return c.Cast("uint64_t", e)
 
@@ -79,8 +79,8 @@ def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> l
         leaf_hulls.append((low, high))
     for value in values:
         leaf_hulls = [
-            h and (min([h[0], *given]), max([h[1], *given]))
-            for h, given in zip(leaf_hulls, leaf_values(t, value), strict=True)
+            hull and (min([hull[0], *given]), max([hull[1], *given]))
+            for hull, given in zip(leaf_hulls, leaf_values(t, value), strict=True)
         ]
     return leaf_hulls
 
@@ -100,7 +100,7 @@ def leaf_values(t: Type, value: Value) -> list[list[Value]]:
     return [[value]]
 
 
-def _common(hulls_: Sequence[Hull], count: int) -> list[Hull]:
+def _element_hulls(hulls_: Sequence[Hull], count: int) -> list[Hull]:
     """The hulls of one element that hold those of all elements of an array."""
     element_hulls: list[Hull] = []
     for i in range(count):
@@ -139,39 +139,39 @@ class Packing:
         """Packs the `width` low bits of a word; returns them as `unpack` reads them."""
         if width == 0:
             return word(0)
-        value = self._named(value) if self.bits % WORD + width > WORD else value
+        value = self._name_value(value) if self.bits % WORD + width > WORD else value
         at = self.bits
         self.labelled.append((self.label, at, width))
-        self._write(value, width)
-        return self._read(at, width)
+        self._write_field(value, width)
+        return self._read_field(at, width)
 
-    def _named(self, value: c.CExpr) -> c.CExpr:
+    def _name_value(self, value: c.CExpr) -> c.CExpr:
         name = self.name("v")
         self.pack.append(c.Declare("uint64_t", name, value, const=True))
         return c.Name(name)
 
-    def _write(self, value: c.CExpr, width: int) -> None:
+    def _write_field(self, value: c.CExpr, width: int) -> None:
         offset = self.bits % WORD
         w = c.Name("w")
-        shifted = c.Binary("<<", value, short(offset)) if offset else value
+        shifted = c.Binary("<<", value, small_constant(offset)) if offset else value
         self.pack.append(c.Assign(w, c.Binary("|", w, shifted) if offset else shifted))
         index = self.bits // WORD
         self.bits += width
         if offset + width >= WORD:
-            self.pack.append(c.Assign(c.IndexExpr(WORDS, short(index)), w))
+            self.pack.append(c.Assign(c.IndexExpr(WORDS, small_constant(index)), w))
         if offset + width > WORD:
-            self.pack.append(c.Assign(w, c.Binary(">>", value, short(WORD - offset))))
+            self.pack.append(c.Assign(w, c.Binary(">>", value, small_constant(WORD - offset))))
 
-    def _read(self, at: int, width: int) -> c.CExpr:
+    def _read_field(self, at: int, width: int) -> c.CExpr:
         index, offset = divmod(at, WORD)
-        e: c.CExpr = c.IndexExpr(WORDS, short(index))
+        e: c.CExpr = c.IndexExpr(WORDS, small_constant(index))
         if offset:
-            e = c.Binary(">>", e, short(offset))
+            e = c.Binary(">>", e, small_constant(offset))
         if offset + width > WORD:
-            rest = c.IndexExpr(WORDS, short(index + 1))
-            e = c.Binary("|", e, c.Binary("<<", rest, short(WORD - offset)))
+            rest = c.IndexExpr(WORDS, small_constant(index + 1))
+            e = c.Binary("|", e, c.Binary("<<", rest, small_constant(WORD - offset)))
         masked = width < WORD and offset + width != WORD
-        return c.Binary("&", e, short((1 << width) - 1)) if masked else e
+        return c.Binary("&", e, small_constant((1 << width) - 1)) if masked else e
 
     def align(self) -> None:
         """Begins a new word."""
@@ -194,17 +194,21 @@ class Packing:
         """Appends a value to both bodies; if the mask `present` is zero it is packed as zeros."""
         if isinstance(t, RecordType):
             at = 0
-            for n, f in t.fields:
-                count = sum(1 for _ in leaves(f))
-                self.value(c.Member(place, field_name(n)), f, hulls_[at : at + count], present)
+            for name, field_type in t.fields:
+                count = sum(1 for _ in leaves(field_type))
+                self.value(
+                    c.Member(place, field_name(name)), field_type, hulls_[at : at + count], present
+                )
                 at += count
         elif isinstance(t, (ArrayType, ListType)):
-            self._sequence(place, t, hulls_, present)
+            self._pack_sequence(place, t, hulls_, present)
         else:
-            packed = self.field(_to_word(place, t, hulls_[0], present), scalar_width(t, hulls_[0]))
-            self.unpack.append(c.Assign(place, _from_word(packed, t, hulls_[0])))
+            packed = self.field(
+                _scalar_to_word(place, t, hulls_[0], present), scalar_width(t, hulls_[0])
+            )
+            self.unpack.append(c.Assign(place, _word_to_scalar(packed, t, hulls_[0])))
 
-    def _sequence(
+    def _pack_sequence(
         self,
         place: c.CExpr,
         t: ArrayType | ListType,
@@ -213,34 +217,36 @@ class Packing:
     ) -> None:
         listed = isinstance(t, ListType)
         if listed:
-            self.value(c.Member(place, "len"), _LENGTH, [(0, _size(t))], present)
+            self.value(c.Member(place, "len"), _LENGTH, [(0, _capacity(t))], present)
         items = c.Member(place, "items" if listed else "at")
         count = sum(1 for _ in leaves(t.element))
         if leaf_count(t) <= UNROLLED:
-            for i in range(_size(t)):
-                own = hulls_ if listed else hulls_[i * count : (i + 1) * count]
-                self.value(c.IndexExpr(items, c.Number(str(i))), t.element, own, present)
+            for number in range(_capacity(t)):
+                own = hulls_ if listed else hulls_[number * count : (number + 1) * count]
+                self.value(c.IndexExpr(items, c.Number(str(number))), t.element, own, present)
             return
-        own = hulls_ if listed else _common(hulls_, count)
+        own = hulls_ if listed else _element_hulls(hulls_, count)
         self.align()
         first = self.bits // WORD
-        width = _width(t.element, own)
-        self.labelled.append((self.label, self.bits, width * _size(t)))
-        self.bits += width * _size(t)
-        k = self.name("k")
+        width = _value_width(t.element, own)
+        self.labelled.append((self.label, self.bits, width * _capacity(t)))
+        self.bits += width * _capacity(t)
+        index = self.name("k")
         writes: list[c.CStmt] = []
         reads: list[c.CStmt] = []
-        at = c.Binary("+", word(first * WORD), c.Binary("*", unsigned(c.Name(k)), word(width)))
-        element = c.IndexExpr(items, c.Name(k))
-        self._loop(element, t.element, own, at, 0, present=present, writes=writes, reads=reads)
-        low, size = c.Number("0"), c.Number(str(_size(t)))
-        zero = c.Assign(c.IndexExpr(WORDS, c.Name(k)), word(0))
-        self.pack.append(c.For(k, c.Number(str(first)), c.Number(str(self.words)), (zero,)))
-        self.pack.append(c.For(k, low, size, tuple(writes)))
-        self.unpack.append(c.For(k, low, size, tuple(reads)))
+        at = c.Binary("+", word(first * WORD), c.Binary("*", as_word(c.Name(index)), word(width)))
+        element = c.IndexExpr(items, c.Name(index))
+        self._pack_in_loop(
+            element, t.element, own, at, 0, present=present, writes=writes, reads=reads
+        )
+        low, size = c.Number("0"), c.Number(str(_capacity(t)))
+        zero = c.Assign(c.IndexExpr(WORDS, c.Name(index)), word(0))
+        self.pack.append(c.For(index, c.Number(str(first)), c.Number(str(self.words)), (zero,)))
+        self.pack.append(c.For(index, low, size, tuple(writes)))
+        self.unpack.append(c.For(index, low, size, tuple(reads)))
         self.bits += -self.bits % WORD
 
-    def _loop(
+    def _pack_in_loop(
         self,
         place: c.CExpr,
         t: Type,
@@ -255,47 +261,47 @@ class Packing:
         """Appends a value at bit `base + at` to a loop's body; returns the bit of the next one."""
         if isinstance(t, RecordType):
             first = 0
-            for n, f in t.fields:
-                count = sum(1 for _ in leaves(f))
-                inner, own = c.Member(place, field_name(n)), hulls_[first : first + count]
-                at = self._loop(
-                    inner, f, own, base, at, present=present, writes=writes, reads=reads
+            for name, field_type in t.fields:
+                count = sum(1 for _ in leaves(field_type))
+                inner, own = c.Member(place, field_name(name)), hulls_[first : first + count]
+                at = self._pack_in_loop(
+                    inner, field_type, own, base, at, present=present, writes=writes, reads=reads
                 )
                 first += count
             return at
         if isinstance(t, (ArrayType, ListType)):
             own = list(hulls_)
             if isinstance(t, ListType):
-                length, size = c.Member(place, "len"), (0, _size(t))
-                at = self._loop(
+                length, size = c.Member(place, "len"), (0, _capacity(t))
+                at = self._pack_in_loop(
                     length, _LENGTH, [size], base, at, present=present, writes=writes, reads=reads
                 )
             else:
-                own = _common(hulls_, sum(1 for _ in leaves(t.element)))
+                own = _element_hulls(hulls_, sum(1 for _ in leaves(t.element)))
             items = c.Member(place, "items" if isinstance(t, ListType) else "at")
-            width = _width(t.element, own)
-            k = self.name("k")
-            step = c.Binary("*", unsigned(c.Name(k)), word(width))
+            width = _value_width(t.element, own)
+            index = self.name("k")
+            step = c.Binary("*", as_word(c.Name(index)), word(width))
             inside_w: list[c.CStmt] = []
             inside_r: list[c.CStmt] = []
-            place = c.IndexExpr(items, c.Name(k))
+            place = c.IndexExpr(items, c.Name(index))
             start = c.Binary("+", base, step)
-            self._loop(
+            self._pack_in_loop(
                 place, t.element, own, start, at, present=present, writes=inside_w, reads=inside_r
             )
-            low, high = c.Number("0"), c.Number(str(_size(t)))
-            writes.append(c.For(k, low, high, tuple(inside_w)))
-            reads.append(c.For(k, low, high, tuple(inside_r)))
-            return at + width * _size(t)
+            low, high = c.Number("0"), c.Number(str(_capacity(t)))
+            writes.append(c.For(index, low, high, tuple(inside_w)))
+            reads.append(c.For(index, low, high, tuple(inside_r)))
+            return at + width * _capacity(t)
         width = scalar_width(t, hulls_[0])
         if width == 0:
-            reads.append(c.Assign(place, _from_word(word(0), t, hulls_[0])))
+            reads.append(c.Assign(place, _word_to_scalar(word(0), t, hulls_[0])))
             return at
         where = c.Binary("+", base, word(at)) if at else base
-        shown = _to_word(place, t, hulls_[0], present)
-        writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, short(width), shown))))
-        got = c.CallExpr("soter_get", (WORDS, where, short(width)))
-        reads.append(c.Assign(place, _from_word(got, t, hulls_[0])))
+        shown = _scalar_to_word(place, t, hulls_[0], present)
+        writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, small_constant(width), shown))))
+        got = c.CallExpr("soter_get", (WORDS, where, small_constant(width)))
+        reads.append(c.Assign(place, _word_to_scalar(got, t, hulls_[0])))
         return at + width
 
     # ------------------------------------------------------------ done
@@ -306,14 +312,14 @@ class Packing:
 
     def _store_last(self) -> None:
         if self.bits % WORD:
-            index = c.IndexExpr(WORDS, short(self.bits // WORD))
+            index = c.IndexExpr(WORDS, small_constant(self.bits // WORD))
             self.pack.append(c.Assign(index, c.Name("w")))
 
 
 _LENGTH = IntType(0, 2**31 - 1)
 
 
-def _size(t: ArrayType | ListType) -> int:
+def _capacity(t: ArrayType | ListType) -> int:
     return t.size if isinstance(t, ArrayType) else t.capacity
 
 
@@ -329,34 +335,36 @@ def scalar_width(t: Type, hull: Hull) -> int:
     return (hull[1] - hull[0]).bit_length()
 
 
-def _width(t: Type, hulls_: Sequence[Hull]) -> int:
+def _value_width(t: Type, hulls_: Sequence[Hull]) -> int:
     """How many bits a value inside a loop takes."""
     if isinstance(t, RecordType):
         at, total = 0, 0
         for _, f in t.fields:
             count = sum(1 for _ in leaves(f))
-            total += _width(f, hulls_[at : at + count])
+            total += _value_width(f, hulls_[at : at + count])
             at += count
         return total
     if isinstance(t, ArrayType):
-        return t.size * _width(t.element, _common(hulls_, sum(1 for _ in leaves(t.element))))
+        return t.size * _value_width(
+            t.element, _element_hulls(hulls_, sum(1 for _ in leaves(t.element)))
+        )
     if isinstance(t, ListType):
-        return scalar_width(_LENGTH, (0, t.capacity)) + t.capacity * _width(t.element, hulls_)
+        return scalar_width(_LENGTH, (0, t.capacity)) + t.capacity * _value_width(t.element, hulls_)
     return scalar_width(t, hulls_[0])
 
 
-def _to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
+def _scalar_to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
     """A stored scalar as a word, counted from the low end of its hull."""
     if isinstance(t, FloatType):
         e: c.CExpr = c.CallExpr("soter_float_bits", (place,))
     else:
-        e = unsigned(place)
+        e = as_word(place)
         if hull is not None and hull[0] != 0:
             e = c.Binary("-", e, word(hull[0] & ALL))
     return e if present is None else c.Binary("&", e, present)
 
 
-def _from_word(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
+def _word_to_scalar(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
     """The scalar that a packed word stands for, as it is stored."""
     if isinstance(t, FloatType):
         return c.CallExpr("soter_float_of", (packed,))

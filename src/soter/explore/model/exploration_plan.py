@@ -1,12 +1,12 @@
 """The plan of exploring a tested system: its actors and their calendars, parts that share nothing.
 
-Purpose: `plan_of` makes it from a system that was flattened for a test, and its Core: windows,
-faults, dependence, visibility, what of a configuration can matter. `parts_of` puts actors into one
-part that depend on each other, directly or through what one property reads. An execution of the
+Purpose: `make_plan` makes it from a system that was flattened for a test, and its Core: windows,
+faults, dependence, visibility, what of a configuration can matter. `find_parts` puts actors into
+one part that depend on each other, directly or through what one property reads. An execution of the
 system is one of every part, interleaved, and a property sees one part only: the system violates it
 iff that part does (docs/testing.md, "Parts"). All parts share time, so where a property has a
-deadline or reads the time there is one part only. Where nothing is late, `loose_parts_of` allows a
-property to read several parts ("Joined parts").
+deadline or reads the time there is one part only. Where nothing is late, `find_loose_parts` allows
+a property to read several parts ("Joined parts").
 Non-goals: which steps depend on each other (`footprints.py`), C (`explorer_model.py`).
 """
 
@@ -118,26 +118,28 @@ class _Calendar:
     skips: int = 0
 
 
-def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
+def make_plan(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     """The plan of exploring a system; inputs come first, then components in deployed order."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
     calendars = list(_calendars(system, system.test))
-    effects = [footprints.of_actor(x.component, x.input) for x in calendars]
-    seen = footprints.read_by_properties()
+    effects = [footprints.actor_effects(x.component, x.input) for x in calendars]
+    seen = footprints.all_property_reads()
     actors = tuple(
         PlannedActor(
             **vars(x),
             dependent=_dependent_mask(i, effects),
             visible=bool(own.writes & seen),
             outputs=footprints.outputs(x.component, x.input),
-            reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
+            reads=frozenset(
+                own.reads | (own.writes if own.keeps else set()) | _clock_labels(i, own)
+            ),
             writes=frozenset(own.writes),
         )
         for i, (x, own) in enumerate(zip(calendars, effects, strict=True))
     )
     times = times_read(system)
-    quantum, tick = _grid(system, system.test, calendars, quantum_of(system, times))
+    quantum, tick = _time_grid(system, system.test, calendars, quantum_of(system, times))
     overrun = any(x.overrun_ns for x in calendars)
     spread = overrun or any(x.window_ns for x in calendars)
     timely = overrun or (spread and footprints.time_matters())
@@ -148,11 +150,11 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
         repeats=_ignores_time(system, footprints),
         tick_ns=tick,
         quantum_ns=quantum,
-        times=_times(system.test, quantum, times) if timely else None,
+        times=_time_choices(system.test, quantum, times) if timely else None,
         horizon_ns=system.test.horizon_ns,
         read=_topics_read(system, seen.union(*(e.reads for e in effects))),
-        aged=frozenset(footprints.aged()),
-        limited=frozenset(footprints.limited()),
+        aged=frozenset(footprints.aged_topics()),
+        limited=frozenset(footprints.limited_inputs()),
         may_fault=frozenset(
             i for i in range(len(system.components)) if may_fault(system, lowered, i)
         ),
@@ -176,7 +178,7 @@ def _ignores_time(system: System, footprints: Footprints) -> bool:
     )
 
 
-def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
+def _time_choices(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
     """The grid of times, and what it does not cover; a declared grid is an assumption."""
     return (
         TimeChoices(quantum, (), ())
@@ -185,20 +187,22 @@ def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
     )
 
 
-def _clock(actor: int, own: Effects) -> set[Label]:
+def _clock_labels(actor: int, own: Effects) -> set[Label]:
     """The resources that determine the time of a step, if it reads the time."""
     return {TIME, ("done", actor)} if own.timed else set()
 
 
 def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
-    for i, drive in enumerate(system.inputs):
+    for number, drive in enumerate(system.inputs):
         name = f"input.{system.topics[drive.topic].name}"
-        yield _Calendar(None, i, name, drive.every_ns, 0)
-    for x in system.components:
-        calendar = _Calendar(x.index, None, x.name, x.period_ns, x.phase_ns)
+        yield _Calendar(None, number, name, drive.every_ns, 0)
+    for component in system.components:
+        calendar = _Calendar(
+            component.index, None, component.name, component.period_ns, component.phase_ns
+        )
         late = 0
         for fault in test.faults:
-            if fault.component != x.index:
+            if fault.component != component.index:
                 continue
             if fault.kind == "late":
                 late = max(late, fault.by_ns)
@@ -207,18 +211,18 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
                 calendar.least_ns = max(calendar.least_ns, fault.least_ns)
             else:
                 calendar.skips = max(calendar.skips, fault.at_most)
-        if x.plant is None:
+        if component.plant is None:
             calendar.window_ns = test.skew_ns + late
         yield calendar
 
 
-def _grid(
+def _time_grid(
     system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
 ) -> tuple[int, int]:
     """(quantum, tick) in ns: times are chosen at multiples of the one; all are of the other."""
     times = [test.skew_ns, *(t for f in test.faults for t in (f.by_ns, f.least_ns))]
-    for x in calendars:
-        times += [x.period_ns, x.phase_ns]
+    for calendar in calendars:
+        times += [calendar.period_ns, calendar.phase_ns]
     spans = [t.within_ns for t in test.timed]
     spans += [2 * system.modules[t.module].period_ns for t in test.timed if t.module is not None]
     return quantum, math.gcd(quantum, *times, *spans)
@@ -253,50 +257,54 @@ class IndependentParts:
     joints: tuple[SharedProperty, ...]
 
 
-def loose_parts_of(
+def find_loose_parts(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> IndependentParts | None:
     """The parts that only properties join; None: none do, or some step may be late."""
-    properties = _reads_of_properties(system, lowered, plan)
+    properties = _property_reads(system, lowered, plan)
     if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
         return None
     groups = _dependency_groups(plan)
     roots = groups.roots()
-    homes = [sorted({groups.of(i) for i in _writers_of(plan, reads)}) for reads in properties]
-    joined = {p: home for p, home in enumerate(homes) if len(home) > 1}
-    if not joined or any(system.properties[p].component is not None for p in joined):
+    homes = [
+        sorted({groups.root_of(i) for i in _find_writers(plan, reads)}) for reads in properties
+    ]
+    joined = {prop: home for prop, home in enumerate(homes) if len(home) > 1}
+    if not joined or any(system.properties[prop].component is not None for prop in joined):
         return None
-    own = {p: (*home, roots[0])[0] for p, home in enumerate(homes) if p not in joined}
-    shared = [SharedProperty(p, tuple(map(roots.index, home))) for p, home in joined.items()]
+    own = {prop: (*home, roots[0])[0] for prop, home in enumerate(homes) if prop not in joined}
+    shared = [SharedProperty(prop, tuple(map(roots.index, home))) for prop, home in joined.items()]
     return IndependentParts(groups.parts(own), tuple(shared))
 
 
-def parts_of(
+def find_parts(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> tuple[IndependentPart, ...]:
     """The parts in the order of their first actors; only one if masks have too few bits."""
-    properties = _reads_of_properties(system, lowered, plan)
+    properties = _property_reads(system, lowered, plan)
     if properties is None or (  # a step may happen when another part's did, off the grid
         plan.timely
         and any(t % plan.quantum_ns for a in plan.actors for t in (a.period_ns, a.phase_ns))
     ):
         return (IndependentPart(0, 0, 0),)
     groups = _dependency_groups(plan)
-    movers = [_writers_of(plan, reads) for reads in properties]
-    for some in movers:
-        groups.join(some)
-    return groups.parts({p: groups.of(some[0] if some else 0) for p, some in enumerate(movers)})
+    movers = [_find_writers(plan, reads) for reads in properties]
+    for writers in movers:
+        groups.join(writers)
+    return groups.parts(
+        {p: groups.root_of(writers[0] if writers else 0) for p, writers in enumerate(movers)}
+    )
 
 
-def _reads_of_properties(
+def _property_reads(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> list[set[Label]] | None:
     """The resources that each property reads; None: one reads the time, or masks are too narrow."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
-    if system.test.timed or TIME in footprints.read_by_properties():
+    if system.test.timed or TIME in footprints.all_property_reads():
         return None
-    properties = [footprints.read_by(p) for p in range(len(system.properties))]
+    properties = [footprints.property_reads(p) for p in range(len(system.properties))]
     return None if max(len(plan.actors), len(properties)) > WIDTH else properties
 
 
@@ -308,12 +316,12 @@ def _dependency_groups(plan: ExplorationPlan) -> _Groups:
     return groups
 
 
-def _writers_of(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
+def _find_writers(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
     """The actors whose steps may change what is read."""
     return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
 
 
-def _mask(bits: Iterable[int]) -> int:
+def _bit_mask(bits: Iterable[int]) -> int:
     return sum(1 << b for b in bits)
 
 
@@ -323,15 +331,15 @@ class _Groups:
     def __init__(self, count: int) -> None:
         self._root = list(range(count))
 
-    def of(self, i: int) -> int:
+    def root_of(self, member: int) -> int:
         """The least member of the set of i."""
-        while self._root[i] != i:
-            i = self._root[i]
-        return i
+        while self._root[member] != member:
+            member = self._root[member]
+        return member
 
     def join(self, members: list[int]) -> None:
         """Makes one set of the sets of all members."""
-        roots = sorted({self.of(i) for i in members})
+        roots = sorted({self.root_of(i) for i in members})
         for r in roots[1:]:
             self._root[r] = roots[0]
 
@@ -344,8 +352,8 @@ class _Groups:
         members = range(len(self._root))
         return tuple(
             IndependentPart(
-                _mask(i for i in members if self.of(i) == root),
-                _mask(p for p, own in judged_by.items() if own == root),
+                _bit_mask(i for i in members if self.root_of(i) == root),
+                _bit_mask(p for p, own in judged_by.items() if own == root),
                 0,
             )
             for root in self.roots()

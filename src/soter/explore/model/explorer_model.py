@@ -17,7 +17,7 @@ from soter.codegen.c_types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
 from soter.core.layout import placed_leaves, scalar
 from soter.explore.model.bit_packing import word
-from soter.explore.model.packed_configuration import ConfigurationEmitter, within
+from soter.explore.model.packed_configuration import ConfigurationEmitter, deadline_ns
 from soter.explore.model.robustness import Guides
 from soter.explore.search_options import LEAVES_MAX
 from soter.language.model.types import (
@@ -128,15 +128,23 @@ class _ModelBuilder(UnitBuilder):
         )
         self.fields = tuple(packing.labelled)
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
-        predicates, timed = self._timed()
-        asked, premises = self._premises()
-        leaf = self._leaves()
+        predicates, timed = self._timed_table()
+        asked, premises = self._premise_table()
+        leaf = self._leaf_table()
         guides = Guides(self.system, self.core, self.frame)
         margins, rows = guides.emit()
         guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
         self.aims, self.scales = tuple(guides.aims), guides.sites
         ageing = self._ageing_table(configurations.ageing)
-        parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide, premises]
+        parts = [
+            self._actor_table(packing),
+            timed,
+            leaf,
+            ageing,
+            *self._mask_tables(packing),
+            guide,
+            premises,
+        ]
         return [
             c.Section("model of the explorer"),
             c.Include("soter_explore_robustness.h"),
@@ -148,7 +156,9 @@ class _ModelBuilder(UnitBuilder):
             configurations.pack(pack_name),
             configurations.unpack(unpack_name),
             *(x for tables, _ in parts for x in tables),
-            self._model([value for _, value in parts], configurations, pack_name, unpack_name),
+            self._model_definition(
+                [value for _, value in parts], configurations, pack_name, unpack_name
+            ),
         ]
 
     # ------------------------------------------------------------ tables
@@ -163,19 +173,19 @@ class _ModelBuilder(UnitBuilder):
         table = c.VariableDef(type_, own, value, array=True, comment=comment)
         return [*before, table], c.Name(own)
 
-    def _mask(
+    def _mask_table(
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
     ) -> tuple[list[c.CTop], c.CExpr]:
         """A table of words with ones where the wanted fields are, and an expression for it."""
         words = [word(x) for x in packing.mask(wanted)]
         return self._table("uint64_t", name, words, before, "")
 
-    def _masks(self, packing: Packing) -> list[tuple[list[c.CTop], c.CExpr]]:
+    def _mask_tables(self, packing: Packing) -> list[tuple[list[c.CTop], c.CExpr]]:
         """The masks of the schedule's bits, of those that properties read, and of deadlines."""
         observed = self.plan.observed
 
         def mask(name: str, kinds: set[str]) -> tuple[list[c.CTop], c.CExpr]:
-            return self._mask(packing, name, lambda label: label[0] in kinds, [])
+            return self._mask_table(packing, name, lambda label: label[0] in kinds, [])
 
         kinds = (
             ("scheduled", {"time", "done", "lost"}),
@@ -184,7 +194,7 @@ class _ModelBuilder(UnitBuilder):
             ("verdicts", {"verdict"}),
         )
         return [
-            self._mask(packing, "observed", lambda label: label in observed, []),
+            self._mask_table(packing, "observed", lambda label: label in observed, []),
             *(mask(name, of) for name, of in kinds),
         ]
 
@@ -193,36 +203,40 @@ class _ModelBuilder(UnitBuilder):
         numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
         return next(numbers, len(self.leaves))
 
-    def _actors(self, packing: Packing) -> tuple[list[c.CTop], c.CExpr]:
+    def _actor_table(self, packing: Packing) -> tuple[list[c.CTop], c.CExpr]:
         rows: list[c.CExpr] = []
         before: list[c.CTop] = []
-        for i, a in enumerate(self.plan.actors):
-            topics: list[c.CExpr] = [c.Number(f"{t}U") for t in a.outputs]
+        for i, actor in enumerate(self.plan.actors):
+            topics: list[c.CExpr] = [c.Number(f"{topic}U") for topic in actor.outputs]
             before, outputs = self._table(
-                "uint32_t", f"outputs_{i}", topics, before, f"outputs of {a.name}"
+                "uint32_t", f"outputs_{i}", topics, before, f"outputs of {actor.name}"
             )
-            first: list[c.CExpr] = [c.Number(f"{self._first_leaf(t)}U") for t in a.outputs]
+            first: list[c.CExpr] = [
+                c.Number(f"{self._first_leaf(topic)}U") for topic in actor.outputs
+            ]
             before, leaf = self._table("uint32_t", f"leaf_{i}", first, before, "")
-            clocks = self._clocks(a)
-            reads, writes = a.reads | clocks, a.writes | clocks
-            before, read = self._mask(packing, f"reads_{i}", reads.__contains__, before)
-            before, written = self._mask(packing, f"writes_{i}", writes.__contains__, before)
-            number = f"{a.component}U" if a.input is None else f"SOTER_INPUT | {a.input}U"
+            clocks = self._clock_labels(actor)
+            reads, writes = actor.reads | clocks, actor.writes | clocks
+            before, read = self._mask_table(packing, f"reads_{i}", reads.__contains__, before)
+            before, written = self._mask_table(packing, f"writes_{i}", writes.__contains__, before)
+            number = (
+                f"{actor.component}U" if actor.input is None else f"SOTER_INPUT | {actor.input}U"
+            )
             rows.append(
                 c.Initializer(
                     (
                         ("component", c.Name(number)),
-                        ("period_ns", int_number(a.period_ns)),
-                        ("phase_ns", int_number(a.phase_ns)),
-                        ("window_ns", int_number(a.window_ns)),
-                        ("overrun_ns", int_number(a.overrun_ns)),
-                        ("least_ns", int_number(a.least_ns)),
-                        ("skips", c.Number(f"{a.skips}U")),
-                        ("dependent", word(a.dependent)),
-                        ("visible", _truth(a.visible)),
+                        ("period_ns", int_number(actor.period_ns)),
+                        ("phase_ns", int_number(actor.phase_ns)),
+                        ("window_ns", int_number(actor.window_ns)),
+                        ("overrun_ns", int_number(actor.overrun_ns)),
+                        ("least_ns", int_number(actor.least_ns)),
+                        ("skips", c.Number(f"{actor.skips}U")),
+                        ("dependent", word(actor.dependent)),
+                        ("visible", _bool_constant(actor.visible)),
                         ("output", outputs),
                         ("leaf", leaf),
-                        ("outputs", c.Number(f"{len(a.outputs)}U")),
+                        ("outputs", c.Number(f"{len(actor.outputs)}U")),
                         ("reads", read),
                         ("writes", written),
                         ("held", c.Number(f"{self.held_at.get(i, 0)}U")),
@@ -237,29 +251,29 @@ class _ModelBuilder(UnitBuilder):
             "actors: inputs, then components in deployed order",
         )
 
-    def _clocks(self, a: PlannedActor) -> set[Label]:
+    def _clock_labels(self, actor: PlannedActor) -> set[Label]:
         """The labels of what an invariant knows of the past, if the actor may change it."""
-        if a.component is None:
+        if actor.component is None:
             return set()
-        x = self.system.components[a.component]
-        if x.role not in {"dm", "sc"} or x.module is None:
+        component = self.system.components[actor.component]
+        if component.role not in {"dm", "sc"} or component.module is None:
             return set()
-        return {("verdict", x.module)}
+        return {("verdict", component.module)}
 
-    def _timed(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+    def _timed_table(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
-        for t, lowered in zip(self.test.timed, self.core.timed, strict=True):
+        for timed, lowered in zip(self.test.timed, self.core.timed, strict=True):
             predicate_names = []
             for what, predicate in (("premise", lowered.premise), ("condition", lowered.condition)):
-                name = self.types.unique(f"timed_{t.index}_{what}") if predicate else "NULL"
+                name = self.types.unique(f"timed_{timed.index}_{what}") if predicate else "NULL"
                 if predicate is not None:
                     functions.append(
                         decisions.predicate(
                             self.frame,
                             predicate,
                             name,
-                            f"{what} of {t.kind} {t.text}",
+                            f"{what} of {timed.kind} {timed.text}",
                             unsafe=False,
                         )
                     )
@@ -267,25 +281,25 @@ class _ModelBuilder(UnitBuilder):
             rows.append(
                 c.Initializer(
                     (
-                        ("text", c.String(t.text)),
-                        ("kind", c.Name(KINDS[t.kind])),
+                        ("text", c.String(timed.text)),
+                        ("kind", c.Name(KINDS[timed.kind])),
                         ("premise", predicate_names[0]),
                         ("condition", predicate_names[1]),
-                        ("within_ns", int_number(within(self.system, t))),
-                        ("module", c.Number(f"{t.module or 0}U")),
+                        ("within_ns", int_number(deadline_ns(self.system, timed))),
+                        ("module", c.Number(f"{timed.module or 0}U")),
                     )
                 )
             )
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
-    def _premises(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+    def _premise_table(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
         """The functions of the premises of implications, and their table; empty without any."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
-        for p, premise in zip(self.system.properties, self.core.premises, strict=True):
-            name = self.types.unique(f"premise_{p.index}") if premise else "NULL"
+        for prop, premise in zip(self.system.properties, self.core.premises, strict=True):
+            name = self.types.unique(f"premise_{prop.index}") if premise else "NULL"
             if premise is not None:
-                what = f"premise of {p.kind} {p.text}"
+                what = f"premise of {prop.kind} {prop.text}"
                 made = decisions.predicate(self.frame, premise, name, what, unsafe=False)
                 functions.append(made)
             rows.append(c.Name(name))
@@ -294,31 +308,37 @@ class _ModelBuilder(UnitBuilder):
         type_ = "soter_premise"
         return functions, self._table(type_, "premises", rows, [], "premises of implications")
 
-    def _leaves(self) -> tuple[list[c.CTop], c.CExpr]:
-        for t in self.system.topics:
-            if t.queue_of is None:
-                offset = self.layout.topic_offset(t.index)
+    def _leaf_table(self) -> tuple[list[c.CTop], c.CExpr]:
+        for topic in self.system.topics:
+            if topic.queue_of is None:
+                offset = self.layout.topic_offset(topic.index)
                 for (path, leaf, at), bound in zip(
-                    placed_leaves(t.type, offset), _flat_bounds(t), strict=True
+                    placed_leaves(topic.type, offset), _flat_bounds(topic), strict=True
                 ):
-                    low, high = (bound.low, bound.high) if bound else _range(leaf)
-                    self.leaves.append(_ModelLeaf(t.index, path, at, leaf, low, high))
+                    low, high = (bound.low, bound.high) if bound else _type_range(leaf)
+                    self.leaves.append(_ModelLeaf(topic.index, path, at, leaf, low, high))
         del self.leaves[LEAVES_MAX:]
         rows: list[c.CExpr] = []
-        for x in self.leaves:
-            s = scalar(x.type)
-            assert s is not None
-            kind = 2 if isinstance(x.type, FloatType) else 1 if isinstance(x.type, IntType) else 0
+        for leaf_ in self.leaves:
+            stored = scalar(leaf_.type)
+            assert stored is not None
+            kind = (
+                2
+                if isinstance(leaf_.type, FloatType)
+                else 1
+                if isinstance(leaf_.type, IntType)
+                else 0
+            )
             rows.append(
                 c.Initializer(
                     (
-                        ("topic", c.Number(f"{x.topic}U")),
-                        ("offset", c.Number(f"{x.offset}U")),
+                        ("topic", c.Number(f"{leaf_.topic}U")),
+                        ("offset", c.Number(f"{leaf_.offset}U")),
                         ("kind", c.Number(f"{kind}U")),
-                        ("size", c.Number(f"{s.size}U")),
-                        ("is_signed", _truth(s.c_type.startswith("int"))),
-                        ("low", float_number(x.low)),
-                        ("high", float_number(x.high)),
+                        ("size", c.Number(f"{stored.size}U")),
+                        ("is_signed", _bool_constant(stored.c_type.startswith("int"))),
+                        ("low", float_number(leaf_.low)),
+                        ("high", float_number(leaf_.high)),
                     )
                 )
             )
@@ -338,7 +358,7 @@ class _ModelBuilder(UnitBuilder):
         ]
         return self._table("soter_ageing", "ageing", rows, [], "packed fields that grow older")
 
-    def _model(
+    def _model_definition(
         self, tables: list[c.CExpr], configurations: ConfigurationEmitter, pack: str, unpack: str
     ) -> c.VariableDef:
         plan, packing = self.plan, configurations.packing
@@ -347,7 +367,7 @@ class _ModelBuilder(UnitBuilder):
         )
         labels = {label[0] for label, _, width in packing.labelled if width}
         plain = labels.isdisjoint({"stamp", "due", "verdict", "held"})
-        at, now = next((at, w) for label, at, w in packing.labelled if label == ("time", 0))
+        at, now_width = next((at, w) for label, at, w in packing.labelled if label == ("time", 0))
         assert at == 1, at  # soter_time_of
 
         def count(n: int) -> c.CExpr:
@@ -370,12 +390,12 @@ class _ModelBuilder(UnitBuilder):
                 ("tick_ns", int_number(plan.tick_ns)),
                 ("quantum_ns", int_number(plan.quantum_ns)),
                 ("horizon_ns", int_number(plan.horizon_ns)),
-                ("ordered", _truth(self.test.ordered)),
-                ("timely", _truth(plan.timely)),
-                ("now_mask", word((1 << now) - 1)),
-                ("sampled", _truth(plan.sampled)),
-                ("plain", _truth(plain)),
-                ("brief", _truth("held" not in labels)),
+                ("ordered", _bool_constant(self.test.ordered)),
+                ("timely", _bool_constant(plan.timely)),
+                ("now_mask", word((1 << now_width) - 1)),
+                ("sampled", _bool_constant(plan.sampled)),
+                ("plain", _bool_constant(plain)),
+                ("brief", _bool_constant("held" not in labels)),
                 ("ageing", ageing),
                 ("ageings", count(len(configurations.ageing))),
                 ("scheduled", scheduled),
@@ -394,11 +414,11 @@ class _ModelBuilder(UnitBuilder):
         return c.VariableDef("soter_model", self.symbol, value, static=False)
 
 
-def _truth(value: bool) -> c.CExpr:
+def _bool_constant(value: bool) -> c.CExpr:
     return c.Name("true" if value else "false")
 
 
-def _range(t: Type) -> tuple[float, float]:
+def _type_range(t: Type) -> tuple[float, float]:
     """The range of all values of a leaf's type."""
     if isinstance(t, IntType):
         return float(t.low), float(t.high)

@@ -56,19 +56,15 @@ class Effects:
         )
 
 
-# ---------------------------------------------------------------- calendars and the grid
-
-
-# ---------------------------------------------------------------- footprints
-
-
 class Footprints:
     """Computes the effects of every step of a system."""
 
     def __init__(self, system: System, lowered: core.CoreSystem) -> None:
         self.system = system
         self.core = lowered
-        self.facts = [n for root in _texts(lowered) for n in walk(root) if isinstance(n, core.Fact)]
+        self.facts = [
+            n for root in _code_that_runs(lowered) for n in walk(root) if isinstance(n, core.Fact)
+        ]
         """Every fact of the run that something reads."""
 
     def outputs(self, component: int | None, drive: int | None) -> tuple[int, ...]:
@@ -79,19 +75,19 @@ class Footprints:
         step = self.core.nodes.get(component) or self.core.plants.get(component)
         return tuple(o.topic for o in step.outputs) if step else ()
 
-    def of_actor(self, component: int | None, drive: int | None) -> Effects:
+    def actor_effects(self, component: int | None, drive: int | None) -> Effects:
         """The effects of an actor's steps."""
         effects = Effects()
         outputs = set(self.outputs(component, drive))
         if component is not None:
-            x = self.system.components[component]
-            outputs |= set(x.failsafe)
-            self._step(x, effects)
-        for t in outputs:
-            effects.writes |= {("topic", t), ("stamp", t)}
-            for q in self.system.topics[t].queues:
-                effects.reads |= {("topic", q), ("stamp", q)}
-                effects.writes |= {("topic", q), ("stamp", q)}
+            acting = self.system.components[component]
+            outputs |= set(acting.failsafe)
+            self._add_step(acting, effects)
+        for topic in outputs:
+            effects.writes |= {("topic", topic), ("stamp", topic)}
+            for queue in self.system.topics[topic].queues:
+                effects.reads |= {("topic", queue), ("stamp", queue)}
+                effects.writes |= {("topic", queue), ("stamp", queue)}
         return effects
 
     def _add_control_effects(self, role: str, module: int, effects: Effects) -> None:
@@ -101,57 +97,61 @@ class Footprints:
             effects.reads.add(("gate", module))
             effects.writes.add(("gate", module))
 
-    def _step(self, x: Component, effects: Effects) -> None:
-        if x.role == "dm":
-            assert x.module is not None
-            self._decision(x.module, effects)
-        step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
+    def _add_step(self, component: Component, effects: Effects) -> None:
+        if component.role == "dm":
+            assert component.module is not None
+            self._add_decision(component.module, effects)
+        step = self.core.nodes.get(component.index) or self.core.plants.get(component.index)
         if step is not None:
-            self._read(step.footprint, effects)
+            self._add_footprint(step.footprint, effects)
             effects.writes |= set(map(_cell_label, step.footprint.writes))
-            effects.timed |= _reads_time(_body(step))
-            effects.reads |= {("latched", x.index), ("control", x.index)}
-            effects.writes |= {("latched", x.index), ("control", x.index)}
-        effects.keeps |= x.node is not None
+            effects.timed |= _reads_time(step_code(step))
+            effects.reads |= {("latched", component.index), ("control", component.index)}
+            effects.writes |= {("latched", component.index), ("control", component.index)}
+        effects.keeps |= component.node is not None
         if isinstance(step, core.PlantStep):
             effects.timed |= _holds_draws(step)
-        if x.plant is not None:
-            effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
-        if x.role in {"ac", "sc"} and x.module is not None:
-            self._add_control_effects(x.role, x.module, effects)
-        for t in self.system.topics:
-            if t.queue_of is not None and _takes(x, t.name):
-                effects.reads |= {("topic", t.index), ("stamp", t.index)}
-                effects.writes |= {("topic", t.index), ("stamp", t.index)}
-        for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
-            if p.component == x.index:
-                self._predicate(predicate, effects)
+        if component.plant is not None:
+            effects.reads |= {
+                ("topic", component.scope.topics[topic]) for topic in component.plant.reads
+            }
+        if component.role in {"ac", "sc"} and component.module is not None:
+            self._add_control_effects(component.role, component.module, effects)
+        for topic in self.system.topics:
+            if topic.queue_of is not None and _owns_queue(component, topic.name):
+                effects.reads |= {("topic", topic.index), ("stamp", topic.index)}
+                effects.writes |= {("topic", topic.index), ("stamp", topic.index)}
+        for prop, predicate in zip(self.system.properties, self.core.properties, strict=True):
+            if prop.component == component.index:
+                self._add_predicate(predicate, effects)
 
-    def _predicate(self, predicate: core.Predicate, effects: Effects) -> None:
-        self._read(predicate.footprint, effects)
+    def _add_predicate(self, predicate: core.Predicate, effects: Effects) -> None:
+        self._add_footprint(predicate.footprint, effects)
         effects.timed |= _reads_time((*predicate.body, predicate.value))
 
-    def _read(self, footprint: core.Footprint, effects: Effects) -> None:
+    def _add_footprint(self, footprint: core.Footprint, effects: Effects) -> None:
         effects.reads |= {_cell_label(c) for c in footprint.reads}
         effects.reads |= {("mode", m) for m in footprint.modes}
         effects.reads |= {("stamp", t) for t in footprint.stamps}
 
-    def _decision(self, module: int, effects: Effects) -> None:
+    def _add_decision(self, module: int, effects: Effects) -> None:
         """Adds the effects of a DM: it reads its topics, may change mode, both OE, and the gate."""
         decision, m = self.core.decisions[module], self.system.modules[module]
         effects.keeps = True
-        self._predicate(decision.ttf, effects)
-        self._predicate(decision.safer, effects)
-        effects.reads |= {("topic", t) for t in m.inputs}
-        effects.reads |= {("stamp", t) for t in m.inputs if self._max_age(t) is not None}
+        self._add_predicate(decision.ttf, effects)
+        self._add_predicate(decision.safer, effects)
+        effects.reads |= {("topic", topic) for topic in m.inputs}
+        effects.reads |= {
+            ("stamp", topic) for topic in m.inputs if self._max_age(topic) is not None
+        }
         for kind in ("mode", "gate"):
             effects.reads.add((kind, module))
             effects.writes.add((kind, module))
         if m.looked is not None:
             effects.writes |= {("topic", m.looked), ("stamp", m.looked)}
-        for t in (m.latch, m.acknowledgement):
-            if t is not None:
-                effects.reads |= {("topic", t), ("stamp", t)}
+        for topic in (m.latch, m.acknowledgement):
+            if topic is not None:
+                effects.reads |= {("topic", topic), ("stamp", topic)}
         if m.latch is not None:
             effects.writes |= {("topic", m.latch), ("stamp", m.latch)}
 
@@ -160,22 +160,22 @@ class Footprints:
 
     # ------------------------------------------------------------ properties
 
-    def read_by(self, index: int) -> set[Label]:
+    def property_reads(self, index: int) -> set[Label]:
         """The resources that a property reads; none for a contract, part of its node's step."""
         if is_contract(self.system.properties[index]):
             return set()
         effects = Effects()
-        self._predicate(self.core.properties[index], effects)
+        self._add_predicate(self.core.properties[index], effects)
         return effects.reads | ({TIME} if effects.timed else set())
 
-    def read_by_timed(self, index: int) -> set[Label]:
+    def timed_property_reads(self, index: int) -> set[Label]:
         """The resources that a timed property reads; for an invariant also what moves it on."""
         assert self.system.test is not None
         effects = Effects()
         timed = self.core.timed[index]
         for predicate in (timed.premise, timed.condition):
             if predicate is not None:
-                self._predicate(predicate, effects)
+                self._add_predicate(predicate, effects)
         if effects.timed:
             effects.reads.add(TIME)
         module = self.system.test.timed[index].module
@@ -185,14 +185,14 @@ class Footprints:
                 effects.reads.add(("stamp", topic))
         return effects.reads
 
-    def read_by_properties(self) -> set[Label]:
+    def all_property_reads(self) -> set[Label]:
         """The resources that some property of configurations reads."""
         assert self.system.test is not None
         labels: set[Label] = set()
         for p in range(len(self.system.properties)):
-            labels |= self.read_by(p)
+            labels |= self.property_reads(p)
         for t in range(len(self.system.test.timed)):
-            labels |= self.read_by_timed(t)
+            labels |= self.timed_property_reads(t)
         return labels
 
     # ------------------------------------------------------------ time
@@ -202,27 +202,27 @@ class Footprints:
         assert self.system.test is not None
         return (
             any(f.fact == "time" for f in self.facts)
-            or bool(self.aged())
+            or bool(self.aged_topics())
             or any(self._max_age(t) is not None for m in self.system.modules for t in m.inputs)
             or bool(self.system.test.timed)
         )
 
-    def aged(self) -> set[int]:
+    def aged_topics(self) -> set[int]:
         """The topics of which every age matters: those whose age is read, and those of latches."""
         latched = [m for m in self.system.modules if m.acknowledgement is not None]
         latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
         return latches | {f.index for f in self.facts if f.fact == "age"}
 
-    def limited(self) -> set[int]:
+    def limited_inputs(self) -> set[int]:
         """The module inputs whose age, against their `max_age`, decides a switch."""
         inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
         return {t for t in inputs if self._max_age(t) is not None}
 
 
-def _texts(lowered: core.CoreSystem) -> Iterator[object]:
+def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
     """All Core that runs, functions aside, which are pure."""
-    yield from (_body(step) for step in lowered.nodes.values())
-    yield from (_body(step) for step in lowered.plants.values())
+    yield from (step_code(step) for step in lowered.nodes.values())
+    yield from (step_code(step) for step in lowered.plants.values())
     predicates = list(lowered.properties)
     for d in lowered.decisions:
         predicates += [d.ttf, d.safer]
@@ -232,7 +232,8 @@ def _texts(lowered: core.CoreSystem) -> Iterator[object]:
         yield (*p.body, p.value)
 
 
-def _body(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
+def step_code(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
+    """All statements that a step may run, in the order in which it runs them."""
     if isinstance(step, core.NodeStep):
         return (*step.takeover, *step.body, *(step.shield.body if step.shield else ()))
     return (*step.choose, *step.integrate, *step.publish)
@@ -250,7 +251,7 @@ def _cell_label(cell: core.Cell) -> Label:
     return ("topic", cell.owner) if cell.kind == "topic" else ("cell", cell.owner, cell.name)
 
 
-def _takes(x: Component, queue: str) -> bool:
+def _owns_queue(x: Component, queue: str) -> bool:
     """Whether a queue is one of the component's; `a.b` may be taken for one of `a`'s."""
     return queue.startswith(f"{x.name}.")
 
@@ -265,14 +266,16 @@ def is_contract(p: Property) -> bool:
 
 def may_fault(system: System, lowered: core.CoreSystem, index: int) -> bool:
     """Whether a step of the component can be a step fault."""
-    x = system.components[index]
+    component = system.components[index]
     step = lowered.nodes.get(index) or lowered.plants.get(index)
     if step is None:
         return False
-    if x.extern or any(t.policy == "fault" and _takes(x, t.name) for t in system.topics):
+    if component.extern or any(
+        t.policy == "fault" and _owns_queue(component, t.name) for t in system.topics
+    ):
         return True
     faulty = {f.name for f in lowered.functions if f.can_fault}
-    return _has_faults(_body(step), faulty) or any(
+    return _has_faults(step_code(step), faulty) or any(
         isinstance(leaf, FloatType) or (isinstance(leaf, IntType) and bound is not None)
         for o in step.outputs
         for (_, leaf), bound in zip(leaves(o.type), o.bounds, strict=True)
@@ -312,7 +315,7 @@ def _samples_input(system: System, drive: InputDrive) -> bool:
 
 def _samples_draws(step: core.PlantStep) -> bool:
     """Whether a plant's step draws disturbances or measurement errors."""
-    used = {n.name for n in walk(_body(step)) if isinstance(n, core.Var)}
+    used = {n.name for n in walk(step_code(step)) if isinstance(n, core.Var)}
     draws = [d for name, _, some in step.disturbances if name in used for d in some]
     draws += [d for _, _, d in step.noise]
     return any(d.low < d.high for d in draws)

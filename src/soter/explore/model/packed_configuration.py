@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.c_types import int_number
 from soter.core.layout import size_of
-from soter.explore.model.bit_packing import Packing, hulls, unsigned, word
+from soter.explore.model.bit_packing import Packing, as_word, hulls, word
 from soter.language.model.system import modules_above
 from soter.language.model.types import leaves
 
@@ -39,7 +39,7 @@ class AgeingField:
     most: int = 0
 
 
-def within(system: System, t: TimedProperty) -> int:
+def deadline_ns(system: System, t: TimedProperty) -> int:
     """The deadline of a timed property in ns; for an invariant 2 periods of its module."""
     return t.within_ns if t.module is None else 2 * system.modules[t.module].period_ns
 
@@ -74,11 +74,13 @@ class ConfigurationEmitter:
         """The fields that time alone changes."""
         self.calendar = 0
         """How many bits now and the releases made take: the first ones but for one."""
-        self.judged = {t.module: within(system, t) for t in self.test.timed if t.module is not None}
+        self.judged = {
+            t.module: deadline_ns(system, t) for t in self.test.timed if t.module is not None
+        }
         self.last_now = self._ticks(
             plan.horizon_ns + max((a.window_ns + a.overrun_ns for a in plan.actors), default=0)
         )
-        self.packing = self._packing()
+        self.packing = self._build_packing()
 
     def _ticks(self, ns: int) -> int:
         return ns // self.plan.tick_ns
@@ -106,19 +108,23 @@ class ConfigurationEmitter:
             ("uint32_t", "lost", actors),
             ("uint8_t", "acted", modules),
         )
-        members += [c.StructMember(t, n, count) for t, n, count in counted if count]
+        members += [
+            c.StructMember(type_name, name, count) for type_name, name, count in counted if count
+        ]
         end = self.layout.size + 8 + 8 * timeds + 8 * modules + 8 * actors + modules
         members += _padding(end, 0)
         end += -end % 8
-        for i in self.overrunning:
-            self.held_at[i] = end
-            members.append(c.StructMember("soter_held", f"held_{i}"))
+        for number in self.overrunning:
+            self.held_at[number] = end
+            members.append(c.StructMember("soter_held", f"held_{number}"))
             end += 16
-            for k, topic in enumerate(self.plan.actors[i].outputs):
-                t = self.system.topics[topic].type
-                members.append(c.StructMember(self.types.stored(t), f"held_{i}_{k}"))
-                members += _padding(size_of(t), 1000 * i + k + 1)
-                end += size_of(t) + -size_of(t) % 8
+            for position, topic in enumerate(self.plan.actors[number].outputs):
+                type_name = self.system.topics[topic].type
+                members.append(
+                    c.StructMember(self.types.stored(type_name), f"held_{number}_{position}")
+                )
+                members += _padding(size_of(type_name), 1000 * number + position + 1)
+                end += size_of(type_name) + -size_of(type_name) % 8
         self.size = end
         return c.StructDef(
             self.name, tuple(members), "a configuration, as soter_explore.h describes it"
@@ -126,55 +132,59 @@ class ConfigurationEmitter:
 
     # ------------------------------------------------------------ packing
 
-    def _packing(self) -> Packing:
+    def _build_packing(self) -> Packing:
         p = Packing()
         p.field(word(1), 1)
         p.label = ("time", 0)
         shown = c.Ternary(
             c.Binary("<", NOW, c.Number("0")),
             word(0),
-            c.Binary("+", unsigned(c.Name("n")), word(1)),
+            c.Binary("+", as_word(c.Name("n")), word(1)),
         )
         self.now_read = p.field(shown, (self.last_now + 1).bit_length())
-        self._schedule(p)
-        self._obligations(p)
-        for m in self.system.modules:
-            self._module(p, m)
+        self._pack_schedule(p)
+        self._pack_timed_properties(p)
+        for module in self.system.modules:
+            self._pack_module(p, module)
         p.unpack.append(c.Comment("components"))
-        for x in self.system.components:
-            self._component_record(p, x)
-        self._stamps(p)
-        self._topic_values(p)
-        for x in self.system.components:
-            self._variables(p, x)
-        for i in self.overrunning:
-            self._held(p, i)
+        for component in self.system.components:
+            self._pack_component(p, component)
+        self._pack_stamps(p)
+        self._pack_topics(p)
+        for component in self.system.components:
+            self._pack_variables(p, component)
+        for number in self.overrunning:
+            self._pack_held(p, number)
         p.finish()
         return p
 
-    def _schedule(self, p: Packing) -> None:
+    def _pack_schedule(self, p: Packing) -> None:
         """Packs each actor's releases, relative to those that it must have made; then lost ones."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
-        for i, a in enumerate(self.plan.actors):
-            key = (self._ticks(a.window_ns), self._ticks(a.phase_ns), self._ticks(a.period_ns))
+        for number, actor in enumerate(self.plan.actors):
+            key = (
+                self._ticks(actor.window_ns),
+                self._ticks(actor.phase_ns),
+                self._ticks(actor.period_ns),
+            )
             if key not in shared:
                 shared[key] = self._required_releases(p, key)
-            bias = a.overrun_ns // a.period_ns + 1 if a.overrun_ns else 0
-            most = a.window_ns // a.period_ns + 1 + bias
-            p.label = ("done", i)
-            done = c.IndexExpr(c.Arrow(X, "done"), c.Number(str(i)))
+            bias = actor.overrun_ns // actor.period_ns + 1 if actor.overrun_ns else 0
+            most = actor.window_ns // actor.period_ns + 1 + bias
+            p.label = ("done", number)
+            done = c.IndexExpr(c.Arrow(X, "done"), c.Number(str(number)))
             ahead: c.CExpr = c.Binary("-", c.Cast("int64_t", done), shared[key])
             if bias:
                 ahead = c.Binary("+", ahead, int_number(bias))
-            got: c.CExpr = c.Cast("int64_t", p.field(unsigned(ahead), most.bit_length()))
+            got: c.CExpr = c.Cast("int64_t", p.field(as_word(ahead), most.bit_length()))
             if bias:
                 got = c.Binary("-", got, int_number(bias))
             p.unpack.append(c.Assign(done, c.Cast("uint32_t", c.Binary("+", shared[key], got))))
         self.calendar = p.bits - 1
-        for i, a in enumerate(self.plan.actors):
-            p.label = ("lost", i)
-            lost = c.IndexExpr(c.Arrow(X, "lost"), c.Number(str(i)))
-            got = p.field(unsigned(lost), a.skips.bit_length()) if a.skips else word(0)
+        for number, actor in enumerate(self.plan.actors):
+            p.label = ("lost", number)
+            lost = c.IndexExpr(c.Arrow(X, "lost"), c.Number(str(number)))
+            got = p.field(as_word(lost), actor.skips.bit_length()) if actor.skips else word(0)
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
     def _required_releases(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
@@ -186,73 +196,75 @@ class ConfigurationEmitter:
             body.append(c.Declare("int64_t", name, call, const=True))
         return c.Name(name)
 
-    def _obligations(self, p: Packing) -> None:
+    def _pack_timed_properties(self, p: Packing) -> None:
         """Packs the state of the timed properties."""
         tick = int_number(self.plan.tick_ns)
-        for i, t in enumerate(self.test.timed):
-            p.label = ("due", i)
-            due = c.IndexExpr(c.Arrow(X, "due"), c.Number(str(i)))
-            if t.module is not None:
+        for number, timed in enumerate(self.test.timed):
+            p.label = ("due", number)
+            due = c.IndexExpr(c.Arrow(X, "due"), c.Number(str(number)))
+            if timed.module is not None:
                 p.unpack.append(c.Assign(due, c.Name("INT64_MAX")))
                 continue
-            width = (self._ticks(t.within_ns) + 2).bit_length()
+            width = (self._ticks(timed.within_ns) + 2).bit_length()
             packed = c.CallExpr("soter_pack_due", (due, SINCE_START, tick))
             got = self._add_age(p, packed, width, "SOTER_DUE")
             p.unpack.append(c.Assign(due, c.CallExpr("soter_unpack_due", (got, SINCE_START, tick))))
-        for m in range(len(self.system.modules)):
-            p.label = ("verdict", m)
-            verdict = c.IndexExpr(c.Arrow(X, "verdict"), c.Number(str(m)))
-            acted = c.IndexExpr(c.Arrow(X, "acted"), c.Number(str(m)))
-            if m not in self.judged:
+        for module in range(len(self.system.modules)):
+            p.label = ("verdict", module)
+            verdict = c.IndexExpr(c.Arrow(X, "verdict"), c.Number(str(module)))
+            acted = c.IndexExpr(c.Arrow(X, "acted"), c.Number(str(module)))
+            if module not in self.judged:
                 p.unpack.append(c.Assign(verdict, c.Number("0")))
                 p.unpack.append(c.Assign(acted, c.Number("0")))
                 continue
-            most = self._ticks(self.judged[m]) + 1
+            most = self._ticks(self.judged[module]) + 1
             since = c.CallExpr("soter_pack_since", (verdict, SINCE_START, tick, word(most)))
             got = self._add_age(p, since, most.bit_length(), "SOTER_SINCE", most)
             ago = c.Binary("*", c.Cast("int64_t", got), tick)
             p.unpack.append(c.Assign(verdict, c.Binary("-", SINCE_START, ago)))
-            got = p.field(unsigned(acted), 1)
+            got = p.field(as_word(acted), 1)
             p.unpack.append(c.Assign(acted, c.Cast("uint8_t", got)))
 
-    def _module(self, p: Packing, m: Module) -> None:
+    def _pack_module(self, p: Packing, module: Module) -> None:
         """Packs a module's mode and gate; of a forced module nothing, as neither has an effect."""
-        record = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(m.index)))
-        mode: c.CExpr = c.Number("1U" if m.forced == "ac" else "0U")
+        record = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
+        mode: c.CExpr = c.Number("1U" if module.forced == "ac" else "0U")
         items: list[tuple[str | None, c.CExpr]] = []
-        if m.forced is None:
-            p.label = ("mode", m.index)
-            mode = c.Cast("uint8_t", p.field(unsigned(c.Member(record, "mode")), 1))
-            p.label = ("gate", m.index)
-            if m.ac in self.plan.may_fault:
-                fault = p.field(unsigned(c.Member(record, "gate_fault")), 1)
-                needed = p.field(unsigned(c.Member(record, "clean_needed")), m.clean.bit_length())
+        if module.forced is None:
+            p.label = ("mode", module.index)
+            mode = c.Cast("uint8_t", p.field(as_word(c.Member(record, "mode")), 1))
+            p.label = ("gate", module.index)
+            if module.ac in self.plan.may_fault:
+                fault = p.field(as_word(c.Member(record, "gate_fault")), 1)
+                needed = p.field(
+                    as_word(c.Member(record, "clean_needed")), module.clean.bit_length()
+                )
                 items.append(("clean_needed", c.Cast("uint32_t", needed)))
                 items.append(("gate_fault", c.Cast("uint8_t", fault)))
         p.unpack.append(c.Assign(record, c.Initializer((*items, ("mode", mode)), "soter_module")))
 
-    def _component_record(self, p: Packing, x: Component) -> None:
+    def _pack_component(self, p: Packing, component: Component) -> None:
         """Packs a component's latch and `had_control`; OE follows from the modes."""
-        record = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(x.index)))
-        enabled = self._enabled(x)
+        record = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
+        enabled = self._enabled_expression(component)
         items: list[tuple[str | None, c.CExpr]] = [("oe", enabled)]
-        if x.index in self.plan.may_fault and x.role not in {"ac", "dm"}:
-            p.label = ("latched", x.index)
-            got = p.field(unsigned(c.Member(record, "latched")), 1)
+        if component.index in self.plan.may_fault and component.role not in {"ac", "dm"}:
+            p.label = ("latched", component.index)
+            got = p.field(as_word(c.Member(record, "latched")), 1)
             items.append(("latched", c.Cast("uint8_t", got)))
-        if x.node is not None and x.node.takeover is not None:
-            p.label = ("control", x.index)
-            got = p.field(unsigned(c.Member(record, "had_control")), 1)
+        if component.node is not None and component.node.takeover is not None:
+            p.label = ("control", component.index)
+            got = p.field(as_word(c.Member(record, "had_control")), 1)
             items.append(("had_control", c.Cast("uint8_t", got)))
         p.unpack.append(c.Assign(record, c.Initializer(tuple(items), "soter_component")))
 
-    def _enabled(self, x: Component) -> c.CExpr:
+    def _enabled_expression(self, component: Component) -> c.CExpr:
         """OE of a component, an expression over the modes."""
-        if x.module is None:
+        if component.module is None:
             return c.Number("1U")
-        wanted = [(m, "ac") for m in modules_above(self.system, x.module)]
-        if x.role in {"ac", "sc"}:
-            wanted.append((self.system.modules[x.module], x.role))
+        wanted = [(m, "ac") for m in modules_above(self.system, component.module)]
+        if component.role in {"ac", "sc"}:
+            wanted.append((self.system.modules[component.module], component.role))
         holds: c.CExpr | None = None
         for m, role in wanted:
             mode = c.Member(c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(m.index))), "mode")
@@ -261,24 +273,26 @@ class ConfigurationEmitter:
             holds = same if holds is None else c.Binary("&&", holds, same)
         return c.Number("1U") if holds is None else c.Ternary(holds, c.Number("1U"), c.Number("0U"))
 
-    def _stamps(self, p: Packing) -> None:
+    def _pack_stamps(self, p: Packing) -> None:
         """Packs the ages that matter, up to where they stop mattering."""
         tick = int_number(self.plan.tick_ns)
-        for t in self.system.topics:
-            p.label = ("stamp", t.index)
-            stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(t.index)))
-            if t.policy == "fault" and t.index not in self.plan.aged:  # the mark of a lost value
+        for topic in self.system.topics:
+            p.label = ("stamp", topic.index)
+            stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic.index)))
+            if (
+                topic.policy == "fault" and topic.index not in self.plan.aged
+            ):  # the mark of a lost value
                 never = c.Binary("==", stamp, c.Name("SOTER_NEVER"))
                 got = p.field(c.Ternary(never, word(0), word(1)), 1)
                 back: c.CExpr = c.Ternary(
                     c.Binary("==", got, word(0)), c.Name("SOTER_NEVER"), c.Number("0")
                 )
-            elif t.index in self.plan.aged:
+            elif topic.index in self.plan.aged:
                 packed = c.CallExpr("soter_pack_stamp", (stamp, SINCE_START, tick))
                 got = self._add_age(p, packed, (self.last_now + 1).bit_length(), "SOTER_STAMP")
                 back = c.CallExpr("soter_unpack_stamp", (got, SINCE_START, tick))
-            elif t.index in self.plan.limited and t.max_age_ns is not None:
-                most = self._ticks(t.max_age_ns) + 1
+            elif topic.index in self.plan.limited and topic.max_age_ns is not None:
+                most = self._ticks(topic.max_age_ns) + 1
                 packed = c.CallExpr("soter_pack_since", (stamp, SINCE_START, tick, word(most)))
                 got = self._add_age(p, packed, most.bit_length(), "SOTER_SINCE", most)
                 back = c.CallExpr("soter_unpack_fresh", (got, SINCE_START, tick, word(most)))
@@ -286,12 +300,12 @@ class ConfigurationEmitter:
                 back = c.Name("SOTER_NEVER")
             p.unpack.append(c.Assign(stamp, back))
 
-    def _topic_values(self, p: Packing) -> None:
+    def _pack_topics(self, p: Packing) -> None:
         """Packs the topics that something reads."""
-        for t in self.system.topics:
-            if t.index in self.plan.read:
-                p.label = ("topic", t.index)
-                p.value(self.frame.topic(t.index), t.type, self._int_ranges(t))
+        for topic in self.system.topics:
+            if topic.index in self.plan.read:
+                p.label = ("topic", topic.index)
+                p.value(self.frame.topic(topic.index), topic.type, self._int_ranges(topic))
 
     def _int_ranges(self, t: Topic) -> list[tuple[int, int] | None]:
         """The ranges of a topic's ints: its set, and whatever it may start with."""
@@ -302,24 +316,34 @@ class ConfigurationEmitter:
             given = [tuple(given)]
         return hulls(t.type, t.bounds, [t.default, *given])
 
-    def _variables(self, p: Packing, x: Component) -> None:
+    def _pack_variables(self, p: Packing, component: Component) -> None:
         """Packs a component's locals and plant states."""
-        symbol = x.node or x.plant
+        symbol = component.node or component.plant
         if symbol is None:
             return
-        variables = x.node.locals if x.node else x.plant.states if x.plant else ()
-        for i, v in enumerate(variables):
-            p.label = ("cell", x.index, v.name)
-            known = x.initial_range[i] if x.initial_range else None
-            start = [] if known is not None else [x.initial[i]]
-            none = [None for _ in leaves(v.type)]
-            p.value(self.frame.member(x.index, v.name), v.type, hulls(v.type, none, start))
+        variables = (
+            component.node.locals
+            if component.node
+            else component.plant.states
+            if component.plant
+            else ()
+        )
+        for number, variable in enumerate(variables):
+            p.label = ("cell", component.index, variable.name)
+            known = component.initial_range[number] if component.initial_range else None
+            start = [] if known is not None else [component.initial[number]]
+            none = [None for _ in leaves(variable.type)]
+            p.value(
+                self.frame.member(component.index, variable.name),
+                variable.type,
+                hulls(variable.type, none, start),
+            )
 
-    def _held(self, p: Packing, i: int) -> None:
+    def _pack_held(self, p: Packing, number: int) -> None:
         """Packs what a step that still runs will publish."""
-        p.label = ("held", i)
-        actor, tick = self.plan.actors[i], int_number(self.plan.tick_ns)
-        held = c.Arrow(X, f"held_{i}")
+        p.label = ("held", number)
+        actor, tick = self.plan.actors[number], int_number(self.plan.tick_ns)
+        held = c.Arrow(X, f"held_{number}")
         since, mask = c.Member(held, "since"), c.Member(held, "mask")
         runs, present = p.name("runs"), p.name("mask")
         none = c.Binary("<", since, c.Number("0"))
@@ -339,19 +363,19 @@ class ConfigurationEmitter:
         )
         p.pack.append(c.Declare("uint64_t", present, c.Binary("&", mask, c.Name(runs)), const=True))
         p.unpack.append(c.Assign(mask, p.field(c.Name(present), len(actor.outputs))))
-        for k, index in enumerate(actor.outputs):
+        for position, index in enumerate(actor.outputs):
             topic = self.system.topics[index]
-            bit = c.Binary("!=", c.Binary("&", c.Name(present), word(1 << k)), word(0))
+            bit = c.Binary("!=", c.Binary("&", c.Name(present), word(1 << position)), word(0))
             keep = p.name("keep")
             p.pack.append(c.Declare("uint64_t", keep, c.CallExpr("soter_if", (bit,)), const=True))
-            place = c.Arrow(X, f"held_{i}_{k}")
+            place = c.Arrow(X, f"held_{number}_{position}")
             p.value(place, topic.type, self._int_ranges(topic), c.Name(keep))
 
     def pack(self, name: str) -> c.FunctionDef:
         """The C function that packs a configuration into words."""
         zero = c.Number("0")
         tick = word(self.plan.tick_ns)
-        ticks = c.Cast("int64_t", c.Binary("/", unsigned(NOW), tick))
+        ticks = c.Cast("int64_t", c.Binary("/", as_word(NOW), tick))
         body = (
             c.Declare(f"const {self.name} *const ", "x", c.Name("configuration")),
             c.Declare(f"const {self.prefix}_state *const ", "s", c.Unary("&", c.Arrow(X, "state"))),

@@ -58,13 +58,13 @@ class RobustnessTable:
     """
 
     def __init__(self, functions: Iterable[core.Function]) -> None:
-        self._known = {f.name: f for f in functions}
-        self._made: dict[str, str] = {}
-        self._beside: dict[str, str] = {}
+        self._plain_functions = {f.name: f for f in functions}
+        self._margin_functions: dict[str, str] = {}
+        self._margin_names: dict[str, str] = {}
         self.functions: list[core.Function] = []
         self.sites = 0
 
-    def of(self, p: core.Predicate) -> core.Predicate:
+    def predicate_margin(self, p: core.Predicate) -> core.Predicate:
         """The margin of a predicate: its `value` is a float."""
         return replace(p, body=self._body(p.body, ()), value=self._margin(p.value))
 
@@ -72,19 +72,19 @@ class RobustnessTable:
 
     def _margin(self, e: core.Expr) -> core.Expr:
         if isinstance(e, core.Binary):
-            return self._compared(e)
+            return self._comparison_margin(e)
         if isinstance(e, core.Unary) and e.op == "not":
             return core.Unary(FLOAT, "neg", self._margin(e.operand))
         if isinstance(e, core.Select):
             then, otherwise = self._margin(e.then), self._margin(e.otherwise)
             return core.Select(FLOAT, e.condition, then, otherwise)
-        if isinstance(e, core.Var) and e.name in self._beside:
-            return core.Var(FLOAT, self._beside[e.name])
+        if isinstance(e, core.Var) and e.name in self._margin_names:
+            return core.Var(FLOAT, self._margin_names[e.name])
         if isinstance(e, core.Const):
             return YES if e.value else NO
         return core.Select(FLOAT, e, YES, NO)
 
-    def _compared(self, e: core.Binary) -> core.Expr:
+    def _comparison_margin(self, e: core.Binary) -> core.Expr:
         if e.op in {"&&", "||"}:
             op = "min" if e.op == "&&" else "max"
             return core.Extreme(FLOAT, op, self._margin(e.left), self._margin(e.right))
@@ -99,16 +99,16 @@ class RobustnessTable:
         """The statements of one function, each with those that keep its margins."""
         taken = {x.name for x in walk(body) if isinstance(x, (core.Let, core.Call, core.Checked))}
         taken |= {x.variable for x in walk(body) if isinstance(x, core.Loop)} | set(more)
-        self._beside = {}
+        self._margin_names = {}
         for x in walk(body):
             if self._has_margin(x):
-                self._beside[x.name] = _free(x.name + SUFFIX, taken)
+                self._margin_names[x.name] = _free_name(x.name + SUFFIX, taken)
         return self._block(body, None)
 
     def _has_margin(self, x: object) -> TypeGuard[core.Let | core.Call]:
         """Whether it makes a bool temporary with a known margin; extern functions have none."""
         if isinstance(x, core.Call):
-            return x.type == BOOL and self._known[x.function].result is not None
+            return x.type == BOOL and self._plain_functions[x.function].result is not None
         return isinstance(x, core.Let) and x.value.type == BOOL
 
     def _block(self, body: tuple[core.Stmt, ...], under: core.Expr | None) -> tuple[core.Stmt, ...]:
@@ -116,16 +116,16 @@ class RobustnessTable:
         return tuple(x for s in body for x in self._statement(s, under))
 
     def _statement(self, s: core.Stmt, under: core.Expr | None) -> tuple[core.Stmt, ...]:
-        if isinstance(s, core.Let) and s.name in self._beside:
+        if isinstance(s, core.Let) and s.name in self._margin_names:
             value = self._margin(s.value)
-            return (s, core.Let(s.span, self._beside[s.name], value, s.mutable))
-        if isinstance(s, core.Set) and s.name in self._beside and not s.path:
-            name = self._beside[s.name]
-            value = self._joined(core.Var(FLOAT, name), self._margin(s.value), s, under)
+            return (s, core.Let(s.span, self._margin_names[s.name], value, s.mutable))
+        if isinstance(s, core.Set) and s.name in self._margin_names and not s.path:
+            name = self._margin_names[s.name]
+            value = self._assigned_margin(core.Var(FLOAT, name), self._margin(s.value), s, under)
             return (core.Set(s.span, name, FLOAT, (), value), s)
-        if isinstance(s, core.Call) and s.name in self._beside:
-            return (s, replace(s, name=self._beside[s.name], function=self._function(s.function),
-                               type=FLOAT))  # fmt: skip
+        if isinstance(s, core.Call) and s.name in self._margin_names:
+            function = self._margin_function(s.function)
+            return (s, replace(s, name=self._margin_names[s.name], function=function, type=FLOAT))
         if isinstance(s, core.If):
             then, otherwise = self._block(s.then, s.condition), self._block(s.otherwise, None)
             return (replace(s, then=then, otherwise=otherwise),)
@@ -133,7 +133,7 @@ class RobustnessTable:
             return (replace(s, body=self._block(s.body, None)),)
         return (s,)
 
-    def _joined(
+    def _assigned_margin(
         self, before: core.Expr, value: core.Expr, s: core.Set, under: core.Expr | None
     ) -> core.Expr:
         """The margin of `a && b` whose right side may fault, `if a { a = b }`: both sides count."""
@@ -147,21 +147,23 @@ class RobustnessTable:
 
     # ------------------------------------------------------------ functions
 
-    def _function(self, name: str) -> str:
+    def _margin_function(self, name: str) -> str:
         """The name of the function that gives the margin of a function's result."""
-        if name not in self._made:
-            f, outside = self._known[name], self._beside
+        if name not in self._margin_functions:
+            f, outside = self._plain_functions[name], self._margin_names
             assert f.result is not None
-            own = _free(name + SUFFIX, set(self._known) | set(self._made.values()))
-            self._made[name] = own
+            own = _free_name(
+                name + SUFFIX, set(self._plain_functions) | set(self._margin_functions.values())
+            )
+            self._margin_functions[name] = own
             body = self._body(f.body, tuple(p.name for p in f.parameters))
             made = replace(f, name=own, body=body, result=self._margin(f.result), result_type=FLOAT)
             self.functions.append(made)
-            self._beside = outside
-        return self._made[name]
+            self._margin_names = outside
+        return self._margin_functions[name]
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _free_name(name: str, taken: set[str]) -> str:
     while name in taken:
         name += "_"
     taken.add(name)
@@ -204,22 +206,28 @@ class Guides:
         assert self._system.test is not None
         own: list[c.CTop] = []
         rows: list[c.CExpr] = []
-        for p, predicate in zip(self._system.properties, self._core.properties, strict=True):
-            if p.component is None:
-                name, never = f"margin_{p.index}", p.kind == "never"
-                for value in _apart(predicate.value, "||" if never else "&&"):
+        for prop, predicate in zip(self._system.properties, self._core.properties, strict=True):
+            if prop.component is None:
+                name, never = f"margin_{prop.index}", prop.kind == "never"
+                for value in _operands(predicate.value, "||" if never else "&&"):
                     part, before = replace(predicate, value=value), self.sites
-                    of = self._guide_function(own, part, name, f"{p.kind} {p.text}", negate=never)
-                    aim = Aim(0, p.index, flat=self.sites == before)
-                    rows.append(self._row(aim, c.Name("NULL"), of))
-        for t, lowered in zip(self._system.test.timed, self._core.timed, strict=True):
+                    of = self._guide_function(
+                        own, part, name, f"{prop.kind} {prop.text}", negate=never
+                    )
+                    aim = Aim(0, prop.index, flat=self.sites == before)
+                    rows.append(self._guide_row(aim, c.Name("NULL"), of))
+        for timed, lowered in zip(self._system.test.timed, self._core.timed, strict=True):
             premise: c.CExpr = c.Name("NULL")
             if lowered.premise is not None:
-                name = f"margin_timed_{t.index}_premise"
-                premise = self._guide_function(own, lowered.premise, name, f"premise of {t.text}")
-            of = self._guide_function(own, lowered.condition, f"margin_timed_{t.index}", t.text)
-            rows.append(self._row(Aim(3, t.index, flat=False), premise, of))
-        return [*(self._function(f) for f in self._margins.functions), *own], rows
+                name = f"margin_timed_{timed.index}_premise"
+                premise = self._guide_function(
+                    own, lowered.premise, name, f"premise of {timed.text}"
+                )
+            of = self._guide_function(
+                own, lowered.condition, f"margin_timed_{timed.index}", timed.text
+            )
+            rows.append(self._guide_row(Aim(3, timed.index, flat=False), premise, of))
+        return [*(self._emit_function(f) for f in self._margins.functions), *own], rows
 
     @property
     def sites(self) -> int:
@@ -229,10 +237,16 @@ class Guides:
     # ------------------------------------------------------------ C
 
     def _guide_function(
-        self, own: list[c.CTop], p: core.Predicate, name: str, text: str, *, negate: bool = False
+        self,
+        own: list[c.CTop],
+        predicate: core.Predicate,
+        name: str,
+        text: str,
+        *,
+        negate: bool = False,
     ) -> c.CExpr:
         """The margin of a predicate as a function of the state; after a fault the worst."""
-        made = self._margins.of(p)
+        made = self._margins.predicate_margin(predicate)
         self._register_functions()
         name = self._types.unique(name)
         body: list[c.CStmt] = [self._frame.state_pointer(const=True), c.Unused("s")]
@@ -244,11 +258,11 @@ class Guides:
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(WORST),)))
         body.append(c.Return(c.Unary("-", value) if negate else value))
         parameters = (("const void *", "state"), ("double *", SCALE.text))
-        doc = f"how far from a violation: {text}, {where(p.span)}"
+        doc = f"how far from a violation: {text}, {where(predicate.span)}"
         own.append(c.FunctionDef("double", name, parameters, tuple(body), doc))
         return c.Name(name)
 
-    def _row(self, aim: Aim, premise: c.CExpr, of: c.CExpr) -> c.CExpr:
+    def _guide_row(self, aim: Aim, premise: c.CExpr, margin: c.CExpr) -> c.CExpr:
         self.aims.append(aim)
         return c.Initializer(
             (
@@ -256,7 +270,7 @@ class Guides:
                 ("index", c.Number(f"{aim.index}U")),
                 ("flat", c.Name("true" if aim.flat else "false")),
                 ("premise", premise),
-                ("of", of),
+                ("of", margin),
             )
         )
 
@@ -267,7 +281,7 @@ class Guides:
                 self._body.functions[f.name] = (self._types.unique(f"{f.name}_fn"), f.can_fault)
                 self._body.scaled.add(f.name)
 
-    def _function(self, f: core.Function) -> c.FunctionDef:
+    def _emit_function(self, f: core.Function) -> c.FunctionDef:
         assert f.result is not None
         name, faults = self._body.functions[f.name]
         parameters = [*self._body.parameters(f.parameters), ("double *", SCALE.text)]
@@ -291,19 +305,22 @@ class _MarginBody(Body):
         super().__init__(*args)  # type: ignore[arg-type]
         self.scaled: set[str] = set()
 
-    def expr(self, e: core.Expr) -> c.CExpr:
+    def expr(self, expression: core.Expr) -> c.CExpr:
         """A pure expression, or a margin."""
-        if not isinstance(e, Margin):
-            return super().expr(e)
-        of, plain = e.holds, super().expr
-        left, right = c.Cast("double", plain(of.left)), c.Cast("double", plain(of.right))
-        function = "soter_equal_margin" if of.op in {"==", "!="} else "soter_margin"
-        holds = plain(of)
-        if of.op == "!=":
+        if not isinstance(expression, Margin):
+            return super().expr(expression)
+        comparison, plain = expression.holds, super().expr
+        left, right = (
+            c.Cast("double", plain(comparison.left)),
+            c.Cast("double", plain(comparison.right)),
+        )
+        function = "soter_equal_margin" if comparison.op in {"==", "!="} else "soter_margin"
+        holds = plain(comparison)
+        if comparison.op == "!=":
             holds = c.Unary("!", holds)
-        scale = c.Binary("+", SCALE, c.Number(str(e.site)))
+        scale = c.Binary("+", SCALE, c.Number(str(expression.site)))
         margin = c.CallExpr(function, (holds, left, right, scale))
-        return c.Unary("-", margin) if of.op == "!=" else margin
+        return c.Unary("-", margin) if comparison.op == "!=" else margin
 
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """One statement; what gives a margin is told the scales."""
@@ -316,16 +333,16 @@ class _MarginBody(Body):
         return super().statement(s, used)
 
 
-def _apart(e: core.Expr, op: str) -> list[core.Expr]:
+def _operands(e: core.Expr, op: str) -> list[core.Expr]:
     """The operands of a chain of `op`, each with a guide, as the nearest would hide the others.
 
     It is the whole condition where there are more than `APART`.
     """
     conditions, todo = [], [e]
     while todo:
-        x = todo.pop()
-        if isinstance(x, core.Binary) and x.op == op:
-            todo += [x.right, x.left]
+        operand = todo.pop()
+        if isinstance(operand, core.Binary) and operand.op == op:
+            todo += [operand.right, operand.left]
         else:
-            conditions.append(x)
+            conditions.append(operand)
     return conditions if len(conditions) <= APART else [e]

@@ -57,11 +57,11 @@ class InternedTerms:
 
     # ------------------------------------------------------------ conditions
 
-    def joined(self, op: str, some: Sequence[Term]) -> Term:
+    def connect(self, op: str, conditions: Sequence[Term]) -> Term:
         """The `&&` or `||` of conditions, sorted, each once."""
         zero, one = (self.false, self.true) if op == "&&" else (self.true, self.false)
         flat: set[Term] = set()
-        for t in some:
+        for t in conditions:
             parts = self._parts[t]
             flat |= set(parts[1:]) if parts[0] == op else {t}  # type: ignore[arg-type]
         flat.discard(one)
@@ -69,7 +69,7 @@ class InternedTerms:
             return zero
         return flat.pop() if len(flat) == 1 else self.make(op, *sorted(flat)) if flat else one
 
-    def no(self, t: Term) -> Term:
+    def negate(self, t: Term) -> Term:
         """The negation."""
         parts = self._parts[t]
         if t in (self.true, self.false):
@@ -83,9 +83,9 @@ class InternedTerms:
         if then == otherwise:
             return then
         if otherwise == self.false:
-            return self.joined("&&", (condition, then))
+            return self.connect("&&", (condition, then))
         if then == self.true:
-            return self.joined("||", (condition, otherwise))
+            return self.connect("||", (condition, otherwise))
         return self.make("either", condition, then, otherwise)
 
     # ------------------------------------------------------------ operators
@@ -93,14 +93,14 @@ class InternedTerms:
     def binary(self, op: str, a: Term, b: Term) -> Term:
         """A pure operator, or one on ints that may fault."""
         if op in ("&&", "||"):
-            return self.joined(op, (a, b))
+            return self.connect(op, (a, b))
         if op in FLIPPED:
             return self.make(FLIPPED[op], b, a)
         if op == "*" and a == b and self._parts[a][0] == "-":
             return self.make("square", self._apart(a))  # (x - y)² = (y - x)², bit by bit
         return self.make(op, *sorted((a, b))) if op in COMMUTES else self.make(op, a, b)
 
-    def size(self, op: str, a: Term) -> Term:
+    def absolute(self, op: str, a: Term) -> Term:
         """The operation `abs`; of a difference it is the same either way round."""
         difference = "-" if op == "abs" else "sub"
         parts = self._parts[a]
@@ -172,7 +172,9 @@ class TermReading(Execution["Term"]):
         """None, so that both sides of every branch are followed."""
 
     def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
-        return self.terms.joined("&&", (where, condition if truth else self.terms.no(condition)))
+        return self.terms.connect(
+            "&&", (where, condition if truth else self.terms.negate(condition))
+        )
 
     def _join(self, condition: Term, *_: None) -> Join[Term]:
         def join(a: Term | None, b: Term | None, _: Type) -> Term:
@@ -184,7 +186,7 @@ class TermReading(Execution["Term"]):
     def _checked(self, s: core.Checked, operands: list[Term], limit: Term | None) -> Term:
         terms = self.terms
         if s.op == "abs":
-            value = terms.size("whole abs", operands[0])
+            value = terms.absolute("whole abs", operands[0])
         else:
             given = sorted(operands) if s.op in ("add", "mul") else operands
             plain = isinstance(s.type, IntType) and s.type.is_full and limit is None
@@ -228,8 +230,8 @@ class TermReading(Execution["Term"]):
 
     def _unary(self, op: str, operand: Term) -> Term:
         if op == "not":
-            return self.terms.no(operand)
-        return self.terms.size(op, operand) if op == "abs" else self.terms.make(op, operand)
+            return self.terms.negate(operand)
+        return self.terms.absolute(op, operand) if op == "abs" else self.terms.make(op, operand)
 
     # ------------------------------------------------------------ results
 
@@ -253,7 +255,7 @@ class TermReading(Execution["Term"]):
 Computed = tuple["Hashable", ...]
 
 
-def of_predicate(terms: InternedTerms, p: core.Predicate | None, rename: Rename) -> Computed:
+def predicate_terms(terms: InternedTerms, p: core.Predicate | None, rename: Rename) -> Computed:
     """A condition: its value, and where it faults."""
     if p is None:
         return ("none",)
@@ -262,7 +264,7 @@ def of_predicate(terms: InternedTerms, p: core.Predicate | None, rename: Rename)
     return "predicate", reading.expr(p.value), reading.faulty()
 
 
-def of_step(
+def step_terms(
     terms: InternedTerms,
     step: core.NodeStep | core.PlantStep,
     rename: Rename,
@@ -276,42 +278,47 @@ def of_step(
         return "shield", object()
     reading = TermReading(terms, rename)
     kept = step.locals if isinstance(step, core.NodeStep) else step.states
-    for x in kept:
-        reading.bind(x.name, x.type, terms.make("read", rename(x.cell)))
-    more: tuple[Hashable, ...] = ()
+    for variable in kept:
+        reading.bind(variable.name, variable.type, terms.make("read", rename(variable.cell)))
+    draws: tuple[Hashable, ...] = ()
     if isinstance(step, core.NodeStep):
         takes = terms.make("takes over")
         reading.branch(takes, lambda: reading.run(step.takeover), lambda: None)
         reading.run(step.body)
     else:
-        more = _plant(reading, step, topic)
+        draws = _plant_terms(reading, step, topic)
     outputs = [
         (
-            topic.get(o.topic, o.topic),
-            o.type,
-            o.bounds,
-            o.burst,
-            reading.frame.outputs.get(k, ())[:2],
-            tuple(reading.messages.get(k, ())),
+            topic.get(output.topic, output.topic),
+            output.type,
+            output.bounds,
+            output.burst,
+            reading.frame.outputs.get(number, ())[:2],
+            tuple(reading.messages.get(number, ())),
         )
-        for k, o in enumerate(step.outputs)
+        for number, output in enumerate(step.outputs)
     ]
-    after = frozenset([(rename(x.cell), x.type, reading.frame.variables[x.name]) for x in kept])
-    return "step", after, frozenset(outputs), reading.faulty(), *more
+    after = frozenset(
+        [
+            (rename(variable.cell), variable.type, reading.frame.variables[variable.name])
+            for variable in kept
+        ]
+    )
+    return "step", after, frozenset(outputs), reading.faulty(), *draws
 
 
-def _plant(
+def _plant_terms(
     reading: TermReading, step: core.PlantStep, topic: Mapping[int, int]
 ) -> tuple[Hashable, ...]:
     """What a plant's step computes; all but the first one integrate; draws go by number."""
     terms = reading.terms
-    for k, (name, t, draws) in enumerate(step.disturbances):
+    for number, (name, t, draws) in enumerate(step.disturbances):
         drawn = tuple([(d.low, d.high, d.hold_ns) for d in draws])
-        reading.bind(name, t, terms.make("drawn", k, t, drawn))
+        reading.bind(name, t, terms.make("drawn", number, t, drawn))
     reading.run(step.choose)
     integrates = terms.make("integrates")
     reading.branch(integrates, lambda: reading.run(step.integrate), lambda: None)
     reading.run(step.publish)
-    of = [topic.get(o.topic, o.topic) for o in step.outputs]
-    noise = [(of[o], leaf, d.low, d.high, d.hold_ns) for o, leaf, d in step.noise]
+    topics = [topic.get(output.topic, output.topic) for output in step.outputs]
+    noise = [(topics[output], leaf, d.low, d.high, d.hold_ns) for output, leaf, d in step.noise]
     return frozenset(noise), step.extern

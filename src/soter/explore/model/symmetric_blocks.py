@@ -1,6 +1,6 @@
 """Equal instances of a test: families of blocks of a packed configuration that may change places.
 
-Purpose: `families_of` proposes renamings that swap two components and whatever has to be swapped
+Purpose: `find_families` proposes renamings that swap two components and whatever has to be swapped
 with them, keeps those that `symmetry.py` accepts, and finds the bits of a packed configuration that
 they swap. Two swaps that share a block make a family of three, and so on: swaps of one block with
 each of the others generate all orders of the blocks. `SymmetricInstances` tells the C engine of
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.explore.judge import plan_of
+from soter.explore.judge import test_plan
 from soter.explore.model.symmetry import Renaming, RenamingCheck
 from soter.explore.search_options import EXHAUSTIVE, REDUCTIONS, SYMMETRY
 
@@ -58,7 +58,7 @@ class Family:
     properties: int
     timeds: int
 
-    def is_of(self, part: IndependentPart | None) -> bool:
+    def is_inside(self, part: IndependentPart | None) -> bool:
         """Whether all that it renames is in this part of the system (None: the whole system)."""
         if part is None or part.actors == 0:
             return True
@@ -68,7 +68,7 @@ class Family:
         )
 
 
-def families_of(
+def find_families(
     system: System, lowered: CoreSystem, plan: ExplorationPlan, fields: tuple[Field, ...]
 ) -> tuple[Family, ...]:
     """The families of a test, those with the smallest blocks first: they may be inside others."""
@@ -84,10 +84,10 @@ def families_of(
             if not _alike(x, y) or (x.index, y.index) in tried:
                 continue
             tried.add((x.index, y.index))
-            r = _proposed(judge, x, y)
-            if r is not None and judge.accepts(r):
-                tried |= set(r.components.items())
-                swaps.append((y, r))
+            renaming = _propose_swap(judge, x, y)
+            if renaming is not None and judge.accepts(renaming):
+                tried |= set(renaming.components.items())
+                swaps.append((y, renaming))
         for family in _group_swaps(system, places, x, swaps):
             if not any(_contains_swap(f, family) for f in families):
                 families.append(family)
@@ -126,61 +126,67 @@ class _Swap:
     def __init__(self, judge: RenamingCheck) -> None:
         self.judge = judge
         self.system = judge.system
-        self.made = Renaming()
+        self.renaming = Renaming()
         self.waiting: list[tuple[str, int, int]] = []
-        self.fine = True
+        self.possible = True
 
     def add(self, kind: str, a: int, b: int) -> None:
         """Adds that two components, topics or modules change places (or one stays)."""
-        of = {
-            "component": self.made.components,
-            "topic": self.made.topics,
-            "module": self.made.modules,
+        renamed = {
+            "component": self.renaming.components,
+            "topic": self.renaming.topics,
+            "module": self.renaming.modules,
         }[kind]
-        if of.get(a, b) != b or of.get(b, a) != a:
-            self.fine = False
-        elif a not in of and a != b:
-            of[a], of[b] = b, a
+        if renamed.get(a, b) != b or renamed.get(b, a) != a:
+            self.possible = False
+        elif a not in renamed and a != b:
+            renamed[a], renamed[b] = b, a
             self.waiting.append((kind, a, b))
 
     def grow(self) -> None:
         """Adds swaps until nothing more has to be swapped; topics come after code."""
-        while self.fine and self.waiting:
+        while self.possible and self.waiting:
             at = next((i for i, w in enumerate(self.waiting) if w[0] != "topic"), 0)
             kind, a, b = self.waiting.pop(at)
-            {"component": self._component, "module": self._module, "topic": self._topic}[kind](a, b)
+            {
+                "component": self._swap_components,
+                "module": self._swap_modules,
+                "topic": self._swap_namers,
+            }[kind](a, b)
 
-    def _component(self, a: int, b: int) -> None:
-        x, y = self.system.components[a], self.system.components[b]
-        named, other = self.judge.reads(x), self.judge.reads(y)
-        self.fine = len(named) == len(other) and (x.module is None) == (y.module is None)
-        if not self.fine:
+    def _swap_components(self, a: int, b: int) -> None:
+        first, second = self.system.components[a], self.system.components[b]
+        named, other = self.judge.reads(first), self.judge.reads(second)
+        self.possible = len(named) == len(other) and (first.module is None) == (
+            second.module is None
+        )
+        if not self.possible:
             return
-        if x.module is not None and y.module is not None:
-            self.add("module", x.module, y.module)
-        for (kind, i), (same, j) in zip(named, other, strict=True):
-            self.fine = self.fine and kind == same
-            self.add(kind, i, j)
+        if first.module is not None and second.module is not None:
+            self.add("module", first.module, second.module)
+        for (kind, own), (same, other_index) in zip(named, other, strict=True):
+            self.possible = self.possible and kind == same
+            self.add(kind, own, other_index)
 
-    def _module(self, a: int, b: int) -> None:
+    def _swap_modules(self, a: int, b: int) -> None:
         m, n = self.system.modules[a], self.system.modules[b]
         for i, j in ((m.dm, n.dm), (m.ac, n.ac), (m.sc, n.sc)):
             self.add("component", i, j)
         if m.over is not None and n.over is not None:
             self.add("module", m.over, n.over)
 
-    def _topic(self, a: int, b: int) -> None:
+    def _swap_namers(self, a: int, b: int) -> None:
         """Swaps the components that name one of two topics; a component that names both stays."""
         there, here = self._components_naming(a), self._components_naming(b)
         stay = [i for i in there if i in here]
-        left = [i for i in there if i not in stay and i not in self.made.components]
-        right = [i for i in here if i not in stay and i not in self.made.components]
-        self.fine = len(left) == len(right)
+        left = [i for i in there if i not in stay and i not in self.renaming.components]
+        right = [i for i in here if i not in stay and i not in self.renaming.components]
+        self.possible = len(left) == len(right)
         for i in left:
-            x = self.system.components[i]
-            j = next((j for j in right if _alike(x, self.system.components[j])), None)
+            component = self.system.components[i]
+            j = next((j for j in right if _alike(component, self.system.components[j])), None)
             if j is None:
-                self.fine = False
+                self.possible = False
                 return
             right.remove(j)
             self.add("component", i, j)
@@ -193,10 +199,10 @@ class _Swap:
         if of_a is not None and of_b is not None:
             self.add("topic", of_a, of_b)
         for q in topics[a].queues:
-            if q in self.made.topics:
+            if q in self.renaming.topics:
                 continue
-            of = {self.made.component(i) for i in self._components_naming(q)}
-            same = [p for p in topics[b].queues if of & set(self._components_naming(p))]
+            namers = {self.renaming.component(i) for i in self._components_naming(q)}
+            same = [p for p in topics[b].queues if namers & set(self._components_naming(p))]
             if same:
                 self.add("topic", q, same[0])
 
@@ -206,12 +212,12 @@ class _Swap:
         return [x.index for x in self.system.components if some & set(self.judge.reads(x))]
 
 
-def _proposed(judge: RenamingCheck, x: Component, y: Component) -> Renaming | None:
+def _propose_swap(judge: RenamingCheck, x: Component, y: Component) -> Renaming | None:
     """The renaming that swaps two components; None where that cannot be completed."""
     swap = _Swap(judge)
     swap.add("component", x.index, y.index)
     swap.grow()
-    return swap.made if swap.fine else None
+    return swap.renaming if swap.possible else None
 
 
 # ---------------------------------------------------------------- families
@@ -224,17 +230,19 @@ def _group_swaps(
     swaps: list[tuple[Component, Renaming]],
 ) -> list[Family]:
     """Families of swaps: as many as fit together in one; a swap that fits no other by itself."""
-    moved = [_moved(places, r) for _, r in swaps]
+    moved = [_moved_labels(places, renaming) for _, renaming in swaps]
     left, made = list(range(len(swaps))), []
     while left:
-        some = max((_compatible_swaps(moved, left[0], j, left) for j in left), key=len)
-        row = sorted(set.intersection(*[set(moved[i]) for i in some]))
-        if len(some) == 1:
-            row = [x for x in row if x < moved[some[0]][x]]  # one of each two
-        blocks = [row, *([moved[i][x] for x in row] for i in some)]
-        made.append(_swap_family(system, places, first, [swaps[i] for i in some], blocks))
-        left = [i for i in left if i not in some]
-    return [f for f in made if f is not None]
+        together = max((_compatible_swaps(moved, left[0], other, left) for other in left), key=len)
+        row = sorted(set.intersection(*[set(moved[number]) for number in together]))
+        if len(together) == 1:
+            row = [label for label in row if label < moved[together[0]][label]]  # one of each two
+        blocks = [row, *([moved[number][label] for label in row] for number in together)]
+        made.append(
+            _swap_family(system, places, first, [swaps[number] for number in together], blocks)
+        )
+        left = [number for number in left if number not in together]
+    return [family for family in made if family is not None]
 
 
 def _compatible_swaps(
@@ -251,7 +259,7 @@ def _compatible_swaps(
     return swaps if first in swaps else [first]
 
 
-def _moved(places: dict[Label, list[Span]], r: Renaming) -> dict[Label, Label]:
+def _moved_labels(places: dict[Label, list[Span]], r: Renaming) -> dict[Label, Label]:
     """The pieces of a configuration that change places, each with what takes its place."""
     return {x: r.label(x) for x in places if r.label(x) != x}
 
@@ -265,21 +273,23 @@ def _swap_family(
 ) -> Family | None:
     """The family of these swaps; None where there is nothing to swap, or too much."""
     spans = [[span for label in block for span in places[label]] for block in blocks]
-    own = _merged(spans)
+    own = _merge_fields(spans)
     if not own[0] or len(own) * len(own[0]) > FIELDS_MAX:
         return None
-    renamed = [r for _, r in swaps]
+    renamed = [renaming for _, renaming in swaps]
     return Family(
-        names=_names(system, [first.name, *(y.name for y, _ in swaps)], renamed),
+        names=_instance_names(
+            system, [first.name, *(component.name for component, _ in swaps)], renamed
+        ),
         blocks=tuple([tuple(b) for b in own]),
         swaps=tuple(renamed),
-        actors=_renamed_by(r.actors for r in renamed),
-        properties=_renamed_by(r.properties for r in renamed),
-        timeds=_renamed_by(r.timeds for r in renamed),
+        actors=_renamed_mask(renaming.actors for renaming in renamed),
+        properties=_renamed_mask(renaming.properties for renaming in renamed),
+        timeds=_renamed_mask(renaming.timeds for renaming in renamed),
     )
 
 
-def _merged(blocks: list[list[Span]]) -> list[list[Span]]:
+def _merge_fields(blocks: list[list[Span]]) -> list[list[Span]]:
     """The blocks' bits in as few fields, of at most a word each, as possible."""
     fields: list[list[Span]] = [[] for _ in blocks]
     for row in sorted(zip(*blocks, strict=True)):
@@ -295,7 +305,9 @@ def _merged(blocks: list[list[Span]]) -> list[list[Span]]:
     return fields
 
 
-def _names(system: System, names: list[str], renamed: Sequence[Renaming]) -> tuple[str, ...]:
+def _instance_names(
+    system: System, names: list[str], renamed: Sequence[Renaming]
+) -> tuple[str, ...]:
     """The names of instances: `r[0]`, `r[1]` for `r[0].Go`, `r[1].Go` if all in them is swapped."""
     moved = {system.components[i].name for r in renamed for i in r.components}
     still = [x.name for x in system.components if x.name not in moved]
@@ -308,7 +320,7 @@ def _names(system: System, names: list[str], renamed: Sequence[Renaming]) -> tup
     return tuple([".".join(p) for p in parts])
 
 
-def _renamed_by(maps: Iterable[Mapping[int, int]]) -> int:
+def _renamed_mask(maps: Iterable[Mapping[int, int]]) -> int:
     """A mask of those that are renamed by any of some maps."""
     return sum(1 << i for i in {i for of in maps for i, j in of.items() if i != j})
 
@@ -325,15 +337,17 @@ class SymmetricInstances:
     @cached_property
     def families(self) -> tuple[Family, ...]:
         """All families; none where a declared order puts one instance before another."""
-        if plan_of(self._system).ordered:
+        if test_plan(self._system).ordered:
             return ()
-        return families_of(self._system, self._lowered, self._model.plan, self._model.fields)
+        return find_families(self._system, self._lowered, self._model.plan, self._model.fields)
 
-    def of(self, s: SearchOptions, part: IndependentPart | None) -> tuple[Family, ...]:
+    def usable_families(
+        self, options: SearchOptions, part: IndependentPart | None
+    ) -> tuple[Family, ...]:
         """The families that a search of a part of the system (None: all of it) can use."""
-        if not REDUCTIONS[s.reduction] & SYMMETRY or s.strategy not in EXHAUSTIVE:
+        if not REDUCTIONS[options.reduction] & SYMMETRY or options.strategy not in EXHAUSTIVE:
             return ()
-        return tuple([f for f in self.families if f.is_of(part)])
+        return tuple([f for f in self.families if f.is_inside(part)])
 
     def options(self, ffi: Any, some: Sequence[Family]) -> dict[str, object]:  # noqa: ANN401 - cffi
         """The fields for `soter_explore_options`; they live until the next call."""
@@ -352,39 +366,39 @@ class SymmetricInstances:
             for r in family.swaps:  # and back from the first one to the others
                 self._spread(r, seen)
 
-    def _spread(self, r: Renaming, seen: CoverageCounters) -> None:
+    def _spread(self, renaming: Renaming, seen: CoverageCounters) -> None:
         """Adds what was seen once more, after a renaming."""
         timed = len(self._system.properties)
-        of_timed = {timed + i: timed + j for i, j in r.timeds.items()}
+        of_timed = {timed + i: timed + j for i, j in renaming.timeds.items()}
         for rows, to in (
-            (seen.classes, self._leaves(r)),
-            (seen.modes, r.modules),
-            (seen.switches, r.modules),
-            (seen.fired, r.actors),
-            (seen.judged, r.properties | of_timed),
+            (seen.classes, self._leaves(renaming)),
+            (seen.modes, renaming.modules),
+            (seen.switches, renaming.modules),
+            (seen.fired, renaming.actors),
+            (seen.judged, renaming.properties | of_timed),
         ):
-            _joined(rows, to)
+            _join_rows(rows, to)
         bits = np.unpackbits(seen.branches.view(np.uint8), bitorder="little")
-        _joined(bits, dict(self._branches(r)))
+        _join_rows(bits, dict(self._branches(renaming)))
         seen.branches[:] = np.packbits(bits, bitorder="little").view(np.uint64)
 
-    def _leaves(self, r: Renaming) -> dict[int, int]:
+    def _leaves(self, renaming: Renaming) -> dict[int, int]:
         number = {leaf: i for i, leaf in enumerate(self._model.leaves)}
-        moved = {i: number.get((r.topic(t), path), i) for (t, path), i in number.items()}
+        moved = {i: number.get((renaming.topic(t), path), i) for (t, path), i in number.items()}
         return {i: j for i, j in moved.items() if i != j}
 
-    def _branches(self, r: Renaming) -> Iterator[tuple[int, int]]:
+    def _branches(self, renaming: Renaming) -> Iterator[tuple[int, int]]:
         """For each branch the one that stands for it after a renaming."""
-        of: dict[str, list[int]] = {}
+        numbers: dict[str, list[int]] = {}
         for i, b in enumerate(self._model.unit.branches):
-            of.setdefault(b.component, []).append(i)
+            numbers.setdefault(b.component, []).append(i)
         names: Sequence[str] = [x.name for x in self._system.components]
-        for i, j in r.components.items():
-            yield from zip(of.get(names[i], ()), of.get(names[j], ()), strict=True)
+        for i, j in renaming.components.items():
+            yield from zip(numbers.get(names[i], ()), numbers.get(names[j], ()), strict=True)
 
 
-def _joined(rows: npt.NDArray[Any], to: dict[int, int]) -> None:
+def _join_rows(rows: npt.NDArray[Any], stands_for: dict[int, int]) -> None:
     """Joins each row with the one that stands for it: what is set in one is set in both."""
     before = rows.copy()
-    for i, j in to.items():
+    for i, j in stands_for.items():
         rows[j] |= before[i]

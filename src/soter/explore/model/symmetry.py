@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_walks import TooManyStatementsError, walk
+from soter.explore.model.footprints import step_code
 from soter.explore.model.symbolic_terms import (
     InternedTerms,
     exact,
-    of_predicate,
-    of_step,
+    predicate_terms,
+    step_terms,
 )
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Renaming:
         """The name of the local or state that stands for one, in what stands for its component."""
         return self.locals.get((component, name), name)
 
-    def read(self, what: core.Cell | core.Fact) -> Hashable:
+    def resource_key(self, what: core.Cell | core.Fact) -> Hashable:
         """The key of a cell or a fact after the renaming."""
         if isinstance(what, core.Fact):
             if what.fact == "age":
@@ -85,14 +86,14 @@ class Renaming:
         kind, index = label[0], label[1]
         if kind == "cell":
             return kind, self.components.get(index, index), self.local(index, label[-1])  # type: ignore[arg-type]
-        of = {
+        renamed = {
             **dict.fromkeys(("done", "lost", "held"), self.actors),
             **dict.fromkeys(("mode", "gate", "verdict"), self.modules),
             **dict.fromkeys(("topic", "stamp"), self.topics),
             **dict.fromkeys(("latched", "control"), self.components),
             "due": self.timeds,
         }
-        return kind, of[kind].get(index, index) if kind in of else index
+        return kind, renamed[kind].get(index, index) if kind in renamed else index
 
 
 IDENTITY = Renaming()
@@ -116,20 +117,22 @@ class RenamingCheck:
         for label, _, width in fields:
             self.widths.setdefault(label, []).append(width)
         self._own: dict[int, Computed] = {}
-        self._reads = {x.index: self._read_by(x) for x in system.components}
+        self._reads = {
+            component.index: self._named_resources(component) for component in system.components
+        }
 
     def accepts(self, r: Renaming) -> bool:
         """Whether everything is the same after a renaming; fills in what follows from the rest."""
         try:
             return (
-                all(self._topic(t, r) == self._topic(self.system.topics[r.topic(t.index)])
+                all(self._topic_key(t, r) == self._topic_key(self.system.topics[r.topic(t.index)])
                     for t in self.system.topics)
                 and all(self._fits(x, r) for x in self.system.components)
-                and all(self._module(m, r) == self._module(self._renamed_module(m, r))
+                and all(self._module_key(m, r) == self._module_key(self._renamed_module(m, r))
                         for m in self.system.modules)
-                and self._plan(r)
-                and self._calendars(r)
-                and self._judged(r)
+                and self._keeps_plan(r)
+                and self._keeps_calendars(r)
+                and self._keeps_judgements(r)
                 and all(self.widths[x] == self.widths.get(r.label(x)) for x in self.widths)
             )  # fmt: skip
         except TooManyStatementsError:
@@ -140,7 +143,7 @@ class RenamingCheck:
 
     # ------------------------------------------------------------ topics and components
 
-    def _topic(self, t: Topic, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
+    def _topic_key(self, t: Topic, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
         return (
             t.type,
             t.bounds,
@@ -156,25 +159,25 @@ class RenamingCheck:
         y = self.system.components[r.components.get(x.index, x.index)]
         if x is not y and (x.node is not y.node or x.plant is not y.plant or _is_apart(x)):
             return False
-        if self._numbers(x, r) != self._numbers(y):
+        if self._component_key(x, r) != self._component_key(y):
             return False
         if x is y and self._names_nothing_renamed(x, r):
             return True
-        if self._computed(x, r) == self._of(y):
+        if self._computation(x, r) == self._own_computation(y):
             return True
-        return x is y and any(self._with_locals(x, r, some) for some in _own_swaps(x))
+        return x is y and any(self._fits_with_locals(x, r, some) for some in _own_swaps(x))
 
-    def _with_locals(self, x: Component, r: Renaming, some: dict[str, str]) -> bool:
+    def _fits_with_locals(self, x: Component, r: Renaming, some: dict[str, str]) -> bool:
         """Whether a component computes the same with some locals swapped; if so it keeps these."""
         own = {(x.index, a): b for a, b in some.items()}
         r.locals |= own
-        if self._computed(x, r) == self._of(x):
+        if self._computation(x, r) == self._own_computation(x):
             return True
         for key in own:
             del r.locals[key]
         return False
 
-    def _numbers(self, x: Component, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
+    def _component_key(self, x: Component, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
         """All numbers of a component that must be equal, without its code; locals: `_own_swaps`."""
         return (
             x.role,
@@ -190,25 +193,25 @@ class RenamingCheck:
             x.binding,
         )
 
-    def _of(self, x: Component) -> Computed:
+    def _own_computation(self, x: Component) -> Computed:
         if x.index not in self._own:
-            self._own[x.index] = self._computed(x, IDENTITY)
+            self._own[x.index] = self._computation(x, IDENTITY)
         return self._own[x.index]
 
-    def _computed(self, x: Component, r: Renaming) -> Computed:
+    def _computation(self, x: Component, r: Renaming) -> Computed:
         """What a step computes, a decision included."""
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         computation: Computed = ()
         if step is not None:
-            computation = of_step(self.terms, step, r.read, r.topics)
+            computation = step_terms(self.terms, step, r.resource_key, r.topics)
         if x.role == "dm":
             assert x.module is not None
             d = self.core.decisions[x.module]
             for p in (d.ttf, d.safer):
-                computation = (*computation, of_predicate(self.terms, p, r.read))
+                computation = (*computation, predicate_terms(self.terms, p, r.resource_key))
         return computation
 
-    def _module(self, m: Module, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
+    def _module_key(self, m: Module, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
         return (
             m.symbol.name,
             r.component(m.dm),
@@ -225,63 +228,77 @@ class RenamingCheck:
 
     # ------------------------------------------------------------ the test
 
-    def _plan(self, r: Renaming) -> bool:
+    def _keeps_plan(self, r: Renaming) -> bool:
         """Whether the plan packs as much of each topic and component as of what stands for it."""
         p = self.plan
         topics = all({r.topic(t) for t in some} == some for some in (p.read, p.aged, p.limited))
         return topics and {r.component(x) for x in p.may_fault} == p.may_fault
 
-    def _calendars(self, r: Renaming) -> bool:
+    def _keeps_calendars(self, renaming: Renaming) -> bool:
         """Whether actors have the calendars, inputs the values, and nodes the faults."""
         assert self.system.test is not None
         inputs = self.system.inputs
-        given = {(d.topic, d.every_ns, exact(d.values)): i for i, d in enumerate(inputs)}
-        number = {(a.component, a.input): i for i, a in enumerate(self.plan.actors)}
-        for i, a in enumerate(self.plan.actors):
-            drive = a.input
-            if a.input is not None:
-                d = inputs[a.input]
-                drive = given.get((r.topic(d.topic), d.every_ns, exact(d.values)))
-            j = number.get((r.component(a.component), drive))
+        given = {
+            (drive_.topic, drive_.every_ns, exact(drive_.values)): i
+            for i, drive_ in enumerate(inputs)
+        }
+        number = {(actor.component, actor.input): i for i, actor in enumerate(self.plan.actors)}
+        for i, actor in enumerate(self.plan.actors):
+            drive = actor.input
+            if actor.input is not None:
+                drive_ = inputs[actor.input]
+                drive = given.get(
+                    (renaming.topic(drive_.topic), drive_.every_ns, exact(drive_.values))
+                )
+            j = number.get((renaming.component(actor.component), drive))
             if j is None:
                 return False
-            r.actors[i] = j
-            b = self.plan.actors[j]
-            if _times_of(a) != _times_of(b):
+            renaming.actors[i] = j
+            other = self.plan.actors[j]
+            if _calendar_times(actor) != _calendar_times(other):
                 return False
-            if a.overrun_ns and tuple([r.topic(t) for t in a.outputs]) != b.outputs:
+            if (
+                actor.overrun_ns
+                and tuple([renaming.topic(topic) for topic in actor.outputs]) != other.outputs
+            ):
                 return False  # what is held has the order of the outputs
         faults = self.system.test.faults
-        return Counter((f.kind, r.component(f.component), f.by_ns, f.at_most) for f in faults) == (
-            Counter((f.kind, f.component, f.by_ns, f.at_most) for f in faults)
+        return Counter(
+            (fault.kind, renaming.component(fault.component), fault.by_ns, fault.at_most)
+            for fault in faults
+        ) == (
+            Counter((fault.kind, fault.component, fault.by_ns, fault.at_most) for fault in faults)
         )
 
-    def _judged(self, r: Renaming) -> bool:
+    def _keeps_judgements(self, renaming: Renaming) -> bool:
         """Whether the same is judged of the test after the renaming."""
         system, timed = self.system, self.core.timed
         assert system.test is not None
         terms = self.terms
 
-        def of_property(i: int, r: Renaming) -> Hashable:
+        def of_property(i: int, renaming: Renaming) -> Hashable:
             p = system.properties[i]
-            told = of_predicate(terms, self.core.properties[i], r.read)
-            return p.kind, r.component(p.component), told
+            told = predicate_terms(terms, self.core.properties[i], renaming.resource_key)
+            return p.kind, renaming.component(p.component), told
 
-        def of_timed(i: int, r: Renaming) -> Hashable:
+        def of_timed(i: int, renaming: Renaming) -> Hashable:
             assert system.test is not None
             t = system.test.timed[i]
-            told = [of_predicate(terms, p, r.read) for p in (timed[i].premise, timed[i].condition)]
-            return t.kind, t.within_ns, r.module(t.module), tuple(told)
+            told = [
+                predicate_terms(terms, p, renaming.resource_key)
+                for p in (timed[i].premise, timed[i].condition)
+            ]
+            return t.kind, t.within_ns, renaming.module(t.module), tuple(told)
 
         for count, of, into in (
-            (len(system.properties), of_property, r.properties),
-            (len(timed), of_timed, r.timeds),
+            (len(system.properties), of_property, renaming.properties),
+            (len(timed), of_timed, renaming.timeds),
         ):
             before: dict[Hashable, list[int]] = {}
             after: dict[Hashable, list[int]] = {}
             for i in range(count):
                 before.setdefault(of(i, IDENTITY), []).append(i)
-                after.setdefault(of(i, r), []).append(i)
+                after.setdefault(of(i, renaming), []).append(i)
             for key, some in after.items():
                 if len(before.get(key, ())) != len(some):
                     return False
@@ -294,31 +311,26 @@ class RenamingCheck:
         """The topics and modules that a component's code names, in that order."""
         return self._reads[x.index]
 
-    def _read_by(self, x: Component) -> tuple[tuple[str, int], ...]:
-        step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
-        texts, topics = _texts(step), list[int]()
-        if x.role == "dm":
-            assert x.module is not None
-            d, m = self.core.decisions[x.module], self.system.modules[x.module]
-            texts += [d.ttf.body, d.ttf.value, d.safer.body, d.safer.value]
+    def _named_resources(self, component: Component) -> tuple[tuple[str, int], ...]:
+        step = self.core.nodes.get(component.index) or self.core.plants.get(component.index)
+        code = [] if step is None else list[object](step_code(step))
+        topics = list[int]()
+        if component.role == "dm":
+            assert component.module is not None
+            d, m = self.core.decisions[component.module], self.system.modules[component.module]
+            code += [d.ttf.body, d.ttf.value, d.safer.body, d.safer.value]
             topics += (*m.reads, *m.outputs, *(() if m.latch is None else (m.latch,)))
         topics += [o.topic for o in (step.outputs if step else ())]
-        topics += x.failsafe
-        if x.plant is not None or x.node is not None:
-            topics += x.reads
+        topics += component.failsafe
+        if component.plant is not None or component.node is not None:
+            topics += component.reads
         resources = [("topic", t) for t in topics]
-        return (*resources, *_resources_read(texts))
+        return (*resources, *_resources_read(code))
 
     def _names_nothing_renamed(self, x: Component, r: Renaming) -> bool:
         """Whether a component's code names nothing that is renamed."""
         of = {"topic": r.topics, "module": r.modules}
         return all(of[kind].get(i, i) == i for kind, i in self._reads[x.index])
-
-
-def _texts(step: core.NodeStep | core.PlantStep | None) -> list[object]:
-    if isinstance(step, core.NodeStep):
-        return [step.takeover, step.body, step.shield.body if step.shield else ()]
-    return [] if step is None else [step.choose, step.integrate, step.publish]
 
 
 def _is_apart(x: Component) -> bool:
@@ -353,13 +365,13 @@ def _pairings(kinds: list[list[str]]) -> Iterator[dict[str, str]]:
             yield {first: other, other: first, **more}
 
 
-def _times_of(a: PlannedActor) -> tuple[int, ...]:
+def _calendar_times(a: PlannedActor) -> tuple[int, ...]:
     return a.period_ns, a.phase_ns, a.window_ns, a.overrun_ns, a.least_ns, a.skips
 
 
-def _resources_read(texts: Iterable[object]) -> Iterator[tuple[str, int]]:
+def _resources_read(code: Iterable[object]) -> Iterator[tuple[str, int]]:
     """The topics and modules that code reads."""
-    for n in walk(tuple(texts)):
+    for n in walk(tuple(code)):
         if isinstance(n, core.Get) and n.cell.kind == "topic":
             yield "topic", n.cell.owner
         elif isinstance(n, core.Fact) and n.fact in ("mode", "age"):

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
 from soter.language.load.named_files import opened
-from soter.monitor.log_files.log_columns import damaged, is_plain, remedies, unusable
+from soter.monitor.log_files.log_columns import damaged_log, is_plain, remedies, unusable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -158,19 +158,19 @@ class _DataflashReading:
             form = self.formats.get(head[2]) if len(head) == HEAD_BYTES else None
             if form is None and len(head) == HEAD_BYTES:
                 told = f"the message at byte {at:,} is of kind {head[2]}, which no `FMT` says"
-                raise damaged(self.path, told)
+                raise damaged_log(self.path, told)
             body = b"" if form is None else file.read(form.length - HEAD_BYTES)
             if form is None or len(body) < form.length - HEAD_BYTES:
                 told = f"its last message, at byte {at:,}, has no end: {NO_END}"
-                raise damaged(self.path, told)
+                raise damaged_log(self.path, told)
             try:
                 raw = form.layout.unpack(body)
-                yield from self._arrived(form, raw, form.content, f"at byte {at:,}")
+                yield from self._take_message(form, raw, form.content, f"at byte {at:,}")
             except (struct.error, ValueError) as error:
                 told = (
                     f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
                 )
-                raise damaged(self.path, f"{told} what its fields need") from error
+                raise damaged_log(self.path, f"{told} what its fields need") from error
 
     def _require_padding(self, head: bytes, file: BinaryIO, at: int) -> None:
         """D016 where something else than erased flash stands behind the last message."""
@@ -181,7 +181,7 @@ class _DataflashReading:
             if not head:
                 self.facts.notes.append(f"{count:,} bytes of `{fill.hex()}` stand behind its end")
                 return
-        raise damaged(self.path, f"at byte {at:,} stands no message")
+        raise damaged_log(self.path, f"at byte {at:,} stands no message")
 
     def of_text(self, file: BinaryIO) -> Iterator[Arrived]:
         by_name = {"FMT": self.formats[FMT]}
@@ -191,7 +191,7 @@ class _DataflashReading:
             self.facts.at_byte = file.tell() - len(raw)
             where = f"line {number}"
             if len(raw) > LINE_MAX or b"\0" in raw:
-                raise damaged(self.path, f"{where} is longer than any is, or no text")
+                raise damaged_log(self.path, f"{where} is longer than any is, or no text")
             name, *cells = (c.strip() for c in _text(raw).rstrip().split(","))
             if name not in by_name:
                 begun = len(by_name) > 1 and name
@@ -204,8 +204,8 @@ class _DataflashReading:
                 values = form.typed(cells)
             except ValueError as error:
                 told = f"{where} is no `{name}`: {_text(raw).strip()[:60]}"
-                raise damaged(self.path, told) from error
-            yield from self._arrived(form, values, form.of_text, f"in {where}")
+                raise damaged_log(self.path, told) from error
+            yield from self._take_message(form, values, form.of_text, f"in {where}")
             if name == "FMT":
                 by_name[values[2]] = self.formats[values[0]]
         if unknown:
@@ -214,7 +214,7 @@ class _DataflashReading:
         if not line.endswith(b"\n"):
             self.facts.notes.append("its last line has no end: the file may be cut there")
 
-    def _arrived(
+    def _take_message(
         self,
         form: _Format,
         raw: Sequence[Any],
@@ -245,9 +245,9 @@ class _DataflashReading:
         try:
             form = _Format(said["Name"], said["Length"], said["Format"], columns, instance)
         except KeyError as error:
-            raise damaged(self.path, f"{told}, which are none") from error
+            raise damaged_log(self.path, f"{told}, which are none") from error
         if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
-            raise damaged(self.path, f"{told}, for {len(columns)} fields")
+            raise damaged_log(self.path, f"{told}, for {len(columns)} fields")
         self.formats[said["Type"]] = form
 
     def _say_instance(self, said: dict[str, Any]) -> None:
@@ -294,10 +294,10 @@ class _Field:
         if self.code == "s":
             return next(values).partition(b"\0")[0].decode("utf-8", "replace")
         if self.count:
-            return [self._one(values) for _ in range(self.count)]
-        return self._one(values)
+            return [self._read_one(values) for _ in range(self.count)]
+        return self._read_one(values)
 
-    def _one(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - the same
+    def _read_one(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - the same
         return next(values) if self.inner is None else _content(self.inner, values)
 
 
@@ -363,7 +363,7 @@ class _UlogReading:
 
     def messages(self) -> Iterator[Arrived]:
         if len(self.file.read(HEADER_BYTES)) < HEADER_BYTES:
-            raise damaged(self.path, f"its head has no end: {NO_END}")
+            raise damaged_log(self.path, f"its head has no end: {NO_END}")
         while (found := self._next()) is not None:
             kind, body = found
             try:
@@ -373,7 +373,7 @@ class _UlogReading:
                     self._other(kind, body)
             except (ValueError, KeyError, IndexError, struct.error) as error:
                 shown = f"the message of kind `{chr(kind)}` at byte {self.facts.at_byte:,}"
-                raise damaged(self.path, f"{shown} is none that its formats allow") from error
+                raise damaged_log(self.path, f"{shown} is none that its formats allow") from error
         if self.lost:
             told = f"the recorder could not keep up {self.lost:,} times, for {self.lost_ms:,} ms"
             self.facts.notes.append(f"{told} in all: messages are missing there")
@@ -395,9 +395,9 @@ class _UlogReading:
             return self._next()
         body = self.file.read(length)
         if len(head) < HEAD.size or len(body) < length:
-            raise damaged(self.path, f"its last message, at byte {at:,}, has no end: {NO_END}")
+            raise damaged_log(self.path, f"its last message, at byte {at:,}, has no end: {NO_END}")
         if not (kind and length):
-            raise damaged(self.path, f"at byte {at:,} stands no message")
+            raise damaged_log(self.path, f"at byte {at:,} stands no message")
         return kind, body
 
     def _data(self, body: bytes) -> Iterator[Arrived]:

@@ -31,7 +31,7 @@ from soter.monitor.log_files.message_decoding import (
     UndecodableError,
     decoder,
     decoder_made,
-    definitions_in,
+    find_definitions,
     known_definitions,
     require_type,
 )
@@ -92,7 +92,7 @@ class WholeBag1:
                 index.setdefault(entry.chunk_pos, Counter())[connection, entry.time] += 1
         for info in sorted(self.reader.chunk_infos, key=lambda i: i.pos):
             found: Counter[tuple[int, int]] = Counter()
-            for connection, time_ns, data in self._of_chunk(info.pos):
+            for connection, time_ns, data in self._chunk_messages(info.pos):
                 found[connection, time_ns] += 1
                 yield connection, time_ns, data
             where = f"the chunk at byte {info.pos}"
@@ -146,7 +146,7 @@ class WholeBag1:
             told = f"connection {number} is `{topic}`, and another one at byte {at}"
             raise _wrong(told)
 
-    def _of_chunk(self, place: int) -> Iterator[tuple[int, int, bytes]]:
+    def _chunk_messages(self, place: int) -> Iterator[tuple[int, int, bytes]]:
         chunk = self.reader.chunks[place]
         file: BinaryIO | None = self.reader.bio
         assert file is not None
@@ -239,14 +239,14 @@ def counts_said(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 
         given = YAML(typ="safe").load(text)
         said = given.get("rosbag2_bagfile_information", given)
         if len(said["relative_file_paths"]) == 1:
-            return counts_of(said)
+            return read_counts(said)
         counts = [int(f["message_count"]) for f in said["files"] if f["path"] == file]
         return {None: counts[0]} if counts else {}
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
         return {}
 
 
-def counts_of(said: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
+def read_counts(said: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
     """Messages by topic, None: of all; raises KeyError, TypeError, ValueError."""
     counts: dict[str | None, int] = {None: int(said["message_count"])}
     for each in said["topics_with_message_count"]:
@@ -314,8 +314,8 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
         assert file is not None
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
-        decoders = _decoders_of(chosen, wanted, 1, facts)
-        nodes = {k: _node_of(c) for k, c in chosen.items()}
+        decoders = _make_decoders(chosen, wanted, 1, facts)
+        nodes = {k: _publishing_node(c) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
             facts.there[names[connection]] += 1
             facts.at_byte = file.tell()
@@ -327,7 +327,7 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     facts.notes += writers.notes
 
 
-def _offered(connections: Iterable[Connection]) -> Writers:
+def _offered_topics(connections: Iterable[Connection]) -> Writers:
     writers = Writers()
     for c in connections:
         if isinstance(c.ext, ConnectionExtRosbag2):
@@ -356,8 +356,8 @@ def sqlite_messages(
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
-        writers = _offered(chosen.values())
-        decoders = _decoders_of(chosen, wanted, 2, facts)
+        writers = _offered_topics(chosen.values())
+        decoders = _make_decoders(chosen, wanted, 2, facts)
         names = {c.id: c.topic for c in reader.connections}
         for topic, time_ns, data in database.execute(IN_ORDER):
             name = names[topic]
@@ -380,23 +380,23 @@ def _chosen(
     return [c for c in connections if c.topic in wanted]
 
 
-def _node_of(connection: Connection) -> str:
+def _publishing_node(connection: Connection) -> str:
     """Who published, where a bag of ROS 1 says so."""
     ext = connection.ext
     node = ext.callerid if isinstance(ext, ConnectionExtRosbag1) else None
     return node or f"connection {connection.id}"
 
 
-def _decoders_of(
+def _make_decoders(
     chosen: Mapping[int, Connection], wanted: dict[str, Wanted], ros: int, facts: FileFacts
 ) -> dict[int, Callable[[bytes], Any]]:
     return {
-        k: decoder_made(partial(_decoder_of, c, wanted[c.topic], ros), wanted[c.topic], facts)
+        k: decoder_made(partial(_make_decoder, c, wanted[c.topic], ros), wanted[c.topic], facts)
         for k, c in chosen.items()
     }
 
 
-def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:
+def _make_decoder(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:
     name, definition = connection.msgtype, connection.msgdef
     require_type(connection.topic, name, wanted.message)
     ext = connection.ext
@@ -407,7 +407,7 @@ def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[b
         definitions = known_definitions(wanted.message, ros)
     else:
         form: Format = "msg" if definition.format == MessageDefinitionFormat.MSG else "idl"
-        definitions = definitions_in(definition.data, name, form)
+        definitions = find_definitions(definition.data, name, form)
     return decoder(name, definitions, "ros1" if ros == 1 else "cdr")
 
 

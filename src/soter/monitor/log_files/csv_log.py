@@ -22,7 +22,7 @@ from soter.monitor.log_files.log_columns import (
     FileFacts,
     RowChoice,
     add_row,
-    damaged,
+    damaged_log,
     moment,
     remedies,
     unusable,
@@ -184,7 +184,7 @@ def csv_head(path: Path) -> list[str]:
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
+        raise damaged_log(path, f"it is no CSV: {error}", *remedies(path)) from error
 
 
 def csv_rows(
@@ -198,7 +198,7 @@ def csv_rows(
         with opened(path) as data, _text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
             reader = csv.reader(_lines(file, facts), strict=True)
-            rows = _of_a_line(path, reader)
+            rows = _checked_rows(path, reader)
             head = [h.strip() for h in next(rows, [])]
             if not head:
                 raise unusable(path, "it is empty")
@@ -211,23 +211,23 @@ def csv_rows(
                     continue
                 if len(row) != len(head):
                     text = f"line {reader.line_num} has {len(row)} cells, the head {len(head)}"
-                    raise damaged(path, text)
+                    raise damaged_log(path, text)
                 cells = {name: row[at] for name, at in places.items()}
                 yield reader.line_num, [row[at] for at in clock], cells
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
+        raise damaged_log(path, f"it is no CSV: {error}", *remedies(path)) from error
 
 
-def _of_a_line(path: Path, reader: Reader) -> Iterator[list[str]]:
+def _checked_rows(path: Path, reader: Reader) -> Iterator[list[str]]:
     """Each row; D016 where one goes on in the next line: a stray quote hides rows so."""
     before = 0
     try:
         for row in reader:
             if reader.line_num > before + 1:
                 text = f"the row of line {before + 1} goes on to line {reader.line_num}"
-                raise damaged(path, text, QUOTES)
+                raise damaged_log(path, text, QUOTES)
             before = reader.line_num
             yield row
     except csv.Error as error:

@@ -175,7 +175,7 @@ class DamagedLogError(SoterError):
     """D016 of a file that is cut, or contradicts itself; what stood before it was given."""
 
 
-def damaged(path: Path, why: str, *helps: str) -> DamagedLogError:
+def damaged_log(path: Path, why: str, *helps: str) -> DamagedLogError:
     """SoterError D016 for a file that is cut, or contradicts itself."""
     return DamagedLogError(unusable(path, why, *helps))
 
@@ -249,7 +249,7 @@ def is_plain(number: str) -> bool:
     return number.isascii() and "_" not in number
 
 
-def decimal_of(given: object) -> Decimal | None:
+def parse_decimal(given: object) -> Decimal | None:
     """A finite number, exactly as it is written; None for anything else."""
     text = str(given).strip()
     try:
@@ -276,7 +276,7 @@ def no_time(path: Path, given: object, where: str) -> SoterError:
 
 def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
     """A time in ns, exactly as it is written; SoterError D016."""
-    number = decimal_of(given)
+    number = parse_decimal(given)
     if number is None or abs(number.adjusted()) > 40:
         raise no_time(path, given, where)
     return round(Fraction(number) * unit_ns)
@@ -301,7 +301,7 @@ class RowChoice:
             cell = cell_of(name)
             if not _is(cell, wanted):
                 seen = self._seen[name]
-                shown = _shown(cell)
+                shown = _cell_text(cell)
                 if shown in seen or len(seen) <= SHOWN:
                     seen[shown] = seen.get(shown, 0) + 1
                 return False
@@ -334,11 +334,11 @@ def _is(cell: object, wanted: str) -> bool:
         return text.lower() == wanted.lower()
     if CODE.match(text) or CODE.match(wanted):
         return False
-    number = decimal_of(text)
-    return number is not None and number == decimal_of(wanted)
+    number = parse_decimal(text)
+    return number is not None and number == parse_decimal(wanted)
 
 
-def _shown(cell: object) -> str:
+def _cell_text(cell: object) -> str:
     if cell is None or cell == "":
         return "empty"
     kind = "a text" if isinstance(cell, str) else "a number"

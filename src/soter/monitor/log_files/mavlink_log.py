@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from soter.diagnostics.diagnostic import reason
 from soter.language.load.named_files import opened
 from soter.mapping.mavlink_dialects import require_mavlink_package
-from soter.monitor.log_files.log_columns import Writers, damaged, unusable
+from soter.monitor.log_files.log_columns import Writers, damaged_log, unusable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -93,7 +93,7 @@ class _OddFrames:
     def wrong(self, name: str, wanted: bool, why: str) -> None:
         """Count a message whose checksum is wrong; DamagedLogError where that is a damage."""
         told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
-        count, first = self._wrong.get(name, (0, damaged(self.path, told)))
+        count, first = self._wrong.get(name, (0, damaged_log(self.path, told)))
         if wanted or name in self._right:
             raise first
         self._wrong[name] = count + 1, first
@@ -119,7 +119,7 @@ def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int,
         head = file.read(3)
         if len(stamp) == TIME_BYTES and head and head[0] not in AROUND:
             old = "a frame of MAVLink 0.9" if head[0] == OLD else "no frame of MAVLink"
-            raise damaged(path, f"at byte {at + TIME_BYTES:,} stands {old}")
+            raise damaged_log(path, f"at byte {at + TIME_BYTES:,} stands {old}")
         length = 0
         if len(head) == 3:
             signed = head[0] == 0xFD and head[2] & SIGNED
@@ -127,5 +127,5 @@ def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int,
         frame = head + file.read(max(0, length - len(head)))
         if not length or len(frame) < length:
             told = f"its last message, at byte {at:,}, has no end"
-            raise damaged(path, f"{told}: the recorder died, or the file was cut")
+            raise damaged_log(path, f"{told}: the recorder died, or the file was cut")
         yield int.from_bytes(stamp, "big"), bytearray(frame)

@@ -32,7 +32,7 @@ from soter.mapping.message_types import (
     MessageTypes,
     require_ros_package,
 )
-from soter.monitor.log_files.log_columns import Writers, damaged, remedies, unusable
+from soter.monitor.log_files.log_columns import Writers, damaged_log, remedies, unusable
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
@@ -140,7 +140,7 @@ def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
         raise UndecodableError(f"{shown}, and the mapping says `{wanted.ros1}`")
 
 
-def definitions_in(text: str, name: str, form: Format) -> Definitions:
+def find_definitions(text: str, name: str, form: Format) -> Definitions:
     """The definitions, in a log, of a type and of those in it; raises UndecodableError."""
     require_ros_package()
     from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 - an extra
@@ -181,7 +181,7 @@ def decoder(
     from rosbags.typesys.store import Typestore  # noqa: PLC0415 - an extra
 
     full = ros2_name(name)
-    needed = _needed(full, definitions)
+    needed = _needed_types(full, definitions)
     store = Typestore()
     try:
         store.register(needed)
@@ -199,7 +199,7 @@ def decoder(
     return decoded
 
 
-def _needed(full: str, definitions: Definitions) -> Definitions:
+def _needed_types(full: str, definitions: Definitions) -> Definitions:
     """The types that a message is made of, without constants, once they are found harmless.
 
     Raises UndecodableError where they are not.
@@ -287,11 +287,11 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     except (TooLargeError, UndecodableError) as error:
         raise unusable(path, str(error)) from error
     except DamagedMcapError as error:
-        raise damaged(path, str(error), error.remedy) from error
+        raise damaged_log(path, str(error), error.remedy) from error
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
-        raise damaged(path, words_of_damage(error)) from error
+        raise damaged_log(path, words_of_damage(error)) from error
 
 
 def _require_mcap(path: Path, file: BinaryIO) -> None:
@@ -355,7 +355,7 @@ class _Reading:
         else:
             name, form = schema.name, ROS_SCHEMAS[schema.encoding][0]
             require_type(channel.topic, name, wanted)
-            definitions = definitions_in(schema.data.decode("utf-8"), name, form)
+            definitions = find_definitions(schema.data.decode("utf-8"), name, form)
         return decoder(name, definitions, encoding)
 
 

@@ -3,8 +3,8 @@
 Purpose: `read_columns` is the one way from a path, or several CSVs that are one log, to columns.
 `read_messages` takes from each message of a channel that counts (of an MCAP, a bag of ROS, a log of
 PX4, ArduPilot or MAVLink) the parts that a mapping names, in the order of the file; it tells where
-times go back. `part_of`: what stands at `pose.position.x` or `ranges.3` of a message in JSON, ROS
-or protobuf, as a plain number, truth or text; `time_ns_of`: a time in ns.
+times go back. `message_part`: what stands at `pose.position.x` or `ranges.3` of a message in JSON,
+ROS or protobuf, as a plain number, truth or text; `read_time_ns`: a time in ns.
 Non-goals: the files (`csv_log.py`, `READERS`), decoding (`message_decoding.py`, the package
 `mcap-protobuf-support`).
 """
@@ -57,7 +57,7 @@ class NoTimeError(Exception):
     """A value of a message is no time."""
 
 
-def part_of(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
+def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
     """The part of a message at a path, None where protobuf has it unset; raises NoPartError."""
     current, is_set = message, True
     for part in name.split("."):
@@ -73,11 +73,11 @@ def part_of(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message ha
     return current.tolist() if hasattr(current, "dtype") else current  # of numpy, also one number
 
 
-def time_ns_of(given: Any) -> int:  # noqa: ANN401 - the same
+def read_time_ns(given: Any) -> int:  # noqa: ANN401 - the same
     """A time of seconds and nanoseconds, in ns; raises NoTimeError."""
     for names in SECONDS:
         try:
-            seconds, rest = (part_of(given, n) for n in names)
+            seconds, rest = (message_part(given, n) for n in names)
         except NoPartError:
             continue
         if type(seconds) is int and type(rest) is int and 0 <= rest < 10**9:
@@ -93,7 +93,7 @@ def _member(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     if hasattr(current, "__msgtype__"):
         return _attribute(current, part, list(type(current).__dataclass_fields__))
     if hasattr(current, "DESCRIPTOR"):
-        return _of_protobuf(current, part)
+        return _protobuf_field(current, part)
     if isinstance(current, (str, bytes)) or not hasattr(current, "__len__"):
         raise NoPartError(part, ())
     if not (part.isascii() and part.isdigit() and len(part) < 10):
@@ -116,7 +116,7 @@ def _is_set(current: Any, part: str) -> bool:  # noqa: ANN401 - the same
     return part not in fields or not fields[part].has_presence or current.HasField(part)
 
 
-def _of_protobuf(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
+def _protobuf_field(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     """A field of a protobuf message; of an enum the name of its member."""
     fields = current.DESCRIPTOR.fields_by_name
     if part not in fields:
@@ -149,13 +149,13 @@ def read_messages(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool = False
 ) -> dict[str | None, Columns]:
     """Read each wanted channel; `partial`: of a damaged file up to there. SoterError D016."""
-    by_channel = _named(path, mapping, wanted)
+    by_channel = _wanted_channels(path, mapping, wanted)
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
-    for arrived in facts.readable(path, messages_of(path, by_channel, facts), partial=partial):
+    for arrived in facts.readable(path, channel_messages(path, by_channel, facts), partial=partial):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
             if mapping.counts(log_ns):
@@ -200,7 +200,9 @@ def _ends_of_log(
     return ends, beyond_ns, notes
 
 
-def _named(path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]) -> dict[str, Wanted]:
+def _wanted_channels(
+    path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
+) -> dict[str, Wanted]:
     """`wanted` by the channels' names; SoterError D016 where a topic names none."""
     for t in mapping.topics:
         if None in wanted and t.names and t.channel is None:
@@ -285,7 +287,7 @@ READERS = {
 """Ending of a file's name -> what reads its messages; any other file is a bag or an MCAP."""
 
 
-def messages_of(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+def channel_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Every message of the wanted channels; `facts` counts those of every channel."""
     if is_bag(path):
         return bag_messages(path, wanted, facts)
@@ -307,7 +309,7 @@ def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
     if isinstance(given, (int, float, str)):
         return moment(path, given, mapping.time_ns, where)
     try:
-        now = time_ns_of(given)
+        now = read_time_ns(given)
     except NoTimeError as error:
         raise unusable(path, f"`{name}` in {where} is no time", OF_ALL) from error
     if mapping.time_ns != SECOND_NS:
@@ -325,7 +327,7 @@ def _part(
 ) -> Any:  # noqa: ANN401 - the same
     """A field of a message: `position.x`, `q.0`; None where it is too far into a list."""
     try:
-        return part_of(message, name)
+        return message_part(message, name)
     except NoPartError as error:
         if optional and error.beyond:
             return None
@@ -340,7 +342,7 @@ def _stamp(path: Path, message: Any, source: StampSource, where: str) -> int | N
     if source.kind == "number":
         return moment(path, given, source.unit_ns, where)
     try:
-        return time_ns_of(given)
+        return read_time_ns(given)
     except NoTimeError as error:
         shown = f"`{source.path}` in {where}"
         help_ = f'of a number the mapping says the unit: {{ from = "{source.path}", unit = "us" }}'
@@ -372,7 +374,7 @@ def read_columns(
             None: read_csv(path, mapping, wanted[None], partial=partial)
         }
     elif len(paths) > 1:
-        columns = _of_several(paths, mapping, wanted, partial=partial)
+        columns = _columns_of_files(paths, mapping, wanted, partial=partial)
     else:
         columns = read_messages(path, mapping, wanted, partial=partial)
     times = [t for c in columns.values() for t in (c.times_ns[0], c.times_ns[-1])]
@@ -382,7 +384,7 @@ def read_columns(
     return columns
 
 
-def _of_several(
+def _columns_of_files(
     paths: Sequence[Path],
     mapping: LogMap,
     wanted: dict[str | None, Wanted],

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError, reason
 from soter.language.load.named_files import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.log_files.log_columns import REINDEX, damaged, remedies, unusable
+from soter.monitor.log_files.log_columns import REINDEX, damaged_log, remedies, unusable
 from soter.monitor.log_files.message_decoding import UndecodableError, mcap_messages
 from soter.report.bounded_unpack import unpack_file
 
@@ -88,13 +88,13 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
             _require_ros1(path)
             yield from ros1_messages(path, wanted, facts)
         elif path.is_dir():
-            yield from _of_folder(_bag2(path), wanted, facts)
+            yield from _folder_messages(_bag2(path), wanted, facts)
         else:
-            yield from _of_folder(_alone(path), wanted, facts)
+            yield from _folder_messages(_alone(path), wanted, facts)
     except SoterError:
         raise
     except ContradictionError as error:
-        raise damaged(path, str(error), error.remedy) from error
+        raise damaged_log(path, str(error), error.remedy) from error
     except UndecodableError as error:
         raise unusable(path, str(error)) from error
     except OSError as error:
@@ -102,7 +102,7 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     except Exception as error:
         said = str(error)[:200] if _says_why(error) else ""
         help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
-        raise damaged(path, said or "it is no bag of ROS, or damaged", help_) from error
+        raise damaged_log(path, said or "it is no bag of ROS, or damaged", help_) from error
 
 
 def _alone(path: Path) -> _Bag2:
@@ -166,7 +166,7 @@ def _says_why(error: Exception) -> bool:
     return own and not isinstance(error, KeyError)
 
 
-def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+def _folder_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     from soter.monitor.log_files.bag_files import (  # noqa: PLC0415 - an extra
         require_counts,
         require_no_journal,
@@ -195,7 +195,7 @@ def _bag2(path: Path) -> _Bag2:
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
-    from soter.monitor.log_files.bag_files import counts_of  # noqa: PLC0415 - an extra
+    from soter.monitor.log_files.bag_files import read_counts  # noqa: PLC0415 - an extra
 
     file = path / METADATA
     try:
@@ -208,7 +208,7 @@ def _bag2(path: Path) -> _Bag2:
         names, storage = said["relative_file_paths"], said["storage_identifier"]
         mode = str(said.get("compression_mode") or "").lower()
         form = str(said.get("compression_format") or "")
-        counts = counts_of(said)
+        counts = read_counts(said)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
     packed = _packing(path, storage, mode, form)

@@ -1,8 +1,8 @@
 """Warns where the files that a program binds its externs to do not hold what they should.
 
-Purpose: `warnings_of` gives warnings (W007) for `soter check` by reading the files' text: nothing
-is run or compiled. `wide_actions` warns (W037) of policies that may answer more than their topics
-take.
+Purpose: `binding_warnings` gives warnings (W007) for `soter check` by reading the files' text:
+nothing is run or compiled. `wide_actions` warns (W037) of policies that may answer more than their
+topics take.
 Non-goals: refusing; `bindings.py` does that when a program runs.
 """
 
@@ -32,16 +32,16 @@ STEP_FAULT = (
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
-def warnings_of(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
+def binding_warnings(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
     """W007 for every extern without its code; `bound` overrides what the program says."""
     warnings: list[Diagnostic] = []
     others = {name.rpartition(".")[2] for name in bound}
     for name, source, span in _sources(program):
         if name.rpartition(".")[2] not in others:
-            warnings += _problem(name, source, Label(span, "declared here"))
+            warnings += _missing_code(name, source, Label(span, "declared here"))
     for name, target in bound.items():
         if isinstance(target, str):
-            warnings += _problem(name, target, None)
+            warnings += _missing_code(name, target, None)
     return tuple(warnings)
 
 
@@ -55,16 +55,16 @@ def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tupl
             names = (x.name, x.name.rpartition(".")[2], x.node.name)
             text = next((bound[n] for n in names if n in bound), x.binding)
             binding = binding_of(text) if isinstance(text, str) else None
-            if binding is not None and binding.kind == "sb3" and not _missing(binding):
-                found |= dict.fromkeys(_too_wide(system, x, x.node, binding))
+            if binding is not None and binding.kind == "sb3" and not _why_missing(binding):
+                found |= dict.fromkeys(_wide_answers(system, x, x.node, binding))
     return tuple(found)
 
 
-def _too_wide(
+def _wide_answers(
     system: System, component: Component, node: NodeSymbol, binding: BindingText
 ) -> Iterator[Diagnostic]:
     from soter.simulate.externs.python_extern import (  # noqa: PLC0415 - needs NumPy
-        answered,
+        node_answers,
         policy_files,
     )
 
@@ -75,7 +75,7 @@ def _too_wide(
         why = f"extern `{node.name}` has no code: {error.diagnostics[0].message}"
         yield Diagnostic("W007", why, where, helps=helps, severity=Severity.WARNING)
         return
-    for answer in answered(system, component):
+    for answer in node_answers(system, component):
         sets = zip(leaves(answer.type), answer.bounds, strict=True)
         for ((_, t), bound), (low, high) in zip(sets, actions, strict=False):
             least, most = (t.low, t.high) if isinstance(t, IntType) else (-inf, inf)
@@ -101,11 +101,11 @@ def _sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:
                 yield symbol.name, symbol.source, symbol.span
 
 
-def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:
+def _missing_code(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:
     binding = binding_of(source)
     if binding is None:
         return
-    reason = _missing(binding)
+    reason = _why_missing(binding)
     if reason:
         yield Diagnostic(
             "W007",
@@ -116,7 +116,7 @@ def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic
         )
 
 
-def _missing(binding: BindingText) -> str:
+def _why_missing(binding: BindingText) -> str:
     """Why the code of a binding cannot be there; "": it may be."""
     path, wanted = Path(binding.file), binding.name
     if binding.is_policy:
@@ -129,20 +129,22 @@ def _missing(binding: BindingText) -> str:
     if binding.kind == "c":
         there = re.search(rf"\b{re.escape(wanted)}\s*\(", COMMENT.sub(" ", text)) is not None
         # a macro or an included file may make any name
-        return "" if there or "##" in text or '.c"' in text else _not_in(path, wanted)
+        return "" if there or "##" in text or '.c"' in text else _undefined_text(path, wanted)
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):
         return f"`{path}` is not valid Python"
-    names = set(_names(tree.body))
-    return "" if wanted.partition(".")[0] in names or "*" in names else _not_in(path, wanted)
+    names = set(_defined_names(tree.body))
+    return (
+        "" if wanted.partition(".")[0] in names or "*" in names else _undefined_text(path, wanted)
+    )
 
 
-def _not_in(path: Path, wanted: str) -> str:
+def _undefined_text(path: Path, wanted: str) -> str:
     return f"`{path}` does not define `{wanted}`"
 
 
-def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
+def _defined_names(body: Iterable[ast.stmt]) -> Iterator[str]:
     """The names that a module's statements may define; `*`: any name."""
     for statement in body:
         if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
@@ -150,7 +152,7 @@ def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
         elif isinstance(statement, (ast.Import, ast.ImportFrom)):
             yield from (a.asname or a.name.partition(".")[0] for a in statement.names)
         elif isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
-            yield from _names_of_call(statement.value)
+            yield from _names_by_call(statement.value)
         else:
             for node in ast.walk(statement):
                 if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -161,7 +163,7 @@ def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
                     yield from (a.asname or a.name.partition(".")[0] for a in node.names)
 
 
-def _names_of_call(call: ast.Call) -> Iterator[str]:
+def _names_by_call(call: ast.Call) -> Iterator[str]:
     """The names that a call may define: `*` for `globals().update(...)` and its like."""
     if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
         yield "*"

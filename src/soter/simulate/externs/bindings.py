@@ -2,7 +2,7 @@
 
 Purpose: `bind` makes, of the bindings in the program (`from "python:..."`) and of the user's
 (`--bind X=...`, `.bind("X", f)`), the callables of a run on one engine; bindings to C reach the
-generated program. Every mistake is a diagnostic: X001 to X008, U001, U005. `files_of` gives the
+generated program. Every mistake is a diagnostic: X001 to X008, U001, U005. `file_hashes` gives the
 SHA-256 of the files that a binding names, and of those that they need: runs and logs tell it, since
 other weights are another controller, and the program's hash does not cover them.
 Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), running; hashes of what
@@ -26,16 +26,17 @@ from soter.language.load.named_files import FORMS, ReadError, binding_of, read_b
 from soter.native.cache import included
 from soter.simulate.externs.python_extern import (
     PythonExtern,
-    answered,
     clipping,
-    instantiated,
+    instantiate,
     load_python,
+    node_answers,
     policy_files,
 )
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from typing import TypeGuard
 
     from soter.core.core import CoreSystem
     from soter.diagnostics.diagnostic import Span
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import FunSymbol
 
 
-def files_of(bound: object) -> dict[str, str]:
+def file_hashes(bound: object) -> dict[str, str]:
     """The SHA-256 of each file by name; empty if no text binds it; `SoterError` X003, X014."""
     binding = binding_of(bound) if isinstance(bound, str) else None
     if binding is None:
@@ -89,11 +90,11 @@ class Bindings:
 
     def texts(self) -> dict[str, str]:
         """Words for what each extern is bound to, for people and logs."""
-        return {x.name: _shown(x.bound) for x in self.externs}
+        return {x.name: _binding_text(x.bound) for x in self.externs}
 
     def files(self) -> dict[str, dict[str, str]]:
         """SHA-256 of the files that answer each extern, by name; SoterError X003, X014."""
-        return {x.name: files_of(x.bound) for x in self.externs}
+        return {x.name: file_hashes(x.bound) for x in self.externs}
 
 
 def check_text(name: str, text: str) -> str:
@@ -121,13 +122,15 @@ def check_target(name: str, target: object) -> None:
 
 def require_named(systems: Sequence[System], name: str) -> None:
     """`SoterError` U005 where none of a program's systems has an extern of that name."""
-    quick = [(s, list(_components(s))) for s in systems]
-    if not systems or any(_named(externs, name) for _, externs in quick):
+    quick = [(s, list(_extern_components(s))) for s in systems]
+    if not systems or any(_is_named(externs, name) for _, externs in quick):
         return
-    externs = [x for s in systems for x in _externs(s, lower(s))]
-    if not _named(externs, name):
+    externs = [x for s in systems for x in _all_externs(s, lower(s))]
+    if not _is_named(externs, name):
         own = [d for s in systems if (d := _own_code(s, name)) is not None]
-        raise SoterError((own[0] if own else _nowhere("no system of this program", externs, name),))
+        raise SoterError(
+            (own[0] if own else _unknown_extern("no system of this program", externs, name),)
+        )
 
 
 def bind(system: System, given: Mapping[str, object]) -> Bindings:
@@ -138,8 +141,8 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
     the system's components. SoterError U005 for names of nothing that could be bound.
     """
     core = lower(system)
-    externs = list(_externs(system, core))
-    problems = [_no_extern(system, externs, name) for name in given if not _named(externs, name)]
+    externs = list(_all_externs(system, core))
+    problems = [_no_extern(system, externs, name) for name in given if not _is_named(externs, name)]
     if problems:
         raise SoterError(tuple(problems))
     _assign(externs, given)
@@ -163,10 +166,10 @@ def require_files(bindings: Bindings, *, linked: bool = False) -> None:
         try:
             if not linked and binding is not None and binding.is_policy:
                 apart = hasattr(os, "fork")
-                loaded = _python(bindings.system, extern, StopRequest(), apart=apart)
+                loaded = _python_callable(bindings.system, extern, StopRequest(), apart=apart)
                 close({extern.name: loaded})
             elif not linked or _is_c(bound):
-                files_of(bound)
+                file_hashes(bound)
         except ReadError as error:
             why = f"cannot read the code of `{extern.name}`, `{bound}`: {error}"
             problems.append(Diagnostic("X003", why, declared))
@@ -212,7 +215,7 @@ def _problems_of_binding(system: System, name: str, target: object) -> tuple[Dia
 
 def require_runnable(bindings: Bindings, engine: str) -> None:
     """SoterError where an extern cannot be run on this engine: X001, X007, X008."""
-    problems = [p for x in bindings.externs if (p := _impossible(x, engine)) is not None]
+    problems = [p for x in bindings.externs if (p := _why_not_runnable(x, engine)) is not None]
     if problems:
         raise SoterError(tuple(problems))
 
@@ -227,12 +230,14 @@ def callables(
     problems: list[Diagnostic] = []
     callable_by_name: dict[str, object] = {}
     for extern in bindings.externs:
-        problem = _impossible(extern, engine)
+        problem = _why_not_runnable(extern, engine)
         if problem is not None:
             problems.append(problem)
         elif not _is_c(extern.bound):
             try:
-                callable_by_name[extern.name] = _python(bindings.system, extern, stop, apart=apart)
+                callable_by_name[extern.name] = _python_callable(
+                    bindings.system, extern, stop, apart=apart
+                )
             except SoterError as error:
                 problems += error.diagnostics
     if problems:
@@ -245,7 +250,7 @@ def callables(
 # ---------------------------------------------------------------- the externs of a system
 
 
-def _components(system: System) -> Iterable[Extern]:
+def _extern_components(system: System) -> Iterable[Extern]:
     for x in system.components:
         if x.extern:
             declared = x.node or x.plant
@@ -254,8 +259,8 @@ def _components(system: System) -> Iterable[Extern]:
             yield Extern(x.name, kind, declared.span, component=x, bound=x.binding)
 
 
-def _externs(system: System, core: CoreSystem) -> Iterable[Extern]:
-    yield from _components(system)
+def _all_externs(system: System, core: CoreSystem) -> Iterable[Extern]:
+    yield from _extern_components(system)
     for f in core.functions:
         if f.result is None:
             symbol = system.program.funs[f.source_name]
@@ -269,23 +274,23 @@ def _match_levels(extern: Extern, name: str) -> tuple[int, ...]:
         levels.append(0)  # the last one entered wins
     if name == extern.name.rpartition(".")[2]:
         levels.append(1)
-    if name in _declared(extern):
+    if name in _declared_names(extern):
         levels.append(2)
     return tuple(levels)
 
 
-def _declared(extern: Extern) -> tuple[str, ...]:
+def _declared_names(extern: Extern) -> tuple[str, ...]:
     x = extern.component
     symbol = extern.fun or (x.node or x.plant if x else None)
     return (symbol.name, symbol.name.rpartition(".")[2]) if symbol else ()
 
 
-def _named(externs: list[Extern], name: str) -> bool:
+def _is_named(externs: list[Extern], name: str) -> bool:
     return any(_match_levels(x, name) for x in externs)
 
 
 def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
-    nowhere = _nowhere(f"system `{system.name}`", externs, name)
+    nowhere = _unknown_extern(f"system `{system.name}`", externs, name)
     return _own_code(system, name) or nowhere
 
 
@@ -303,7 +308,7 @@ def _own_code(system: System, name: str) -> Diagnostic | None:
     return None
 
 
-def _nowhere(where: str, externs: list[Extern], name: str) -> Diagnostic:
+def _unknown_extern(where: str, externs: list[Extern], name: str) -> Diagnostic:
     names = list(dict.fromkeys(x.name for x in externs))
     known = nearest_or_all(name, [*names, *(n.rpartition(".")[2] for n in names)])
     has = "has an" if where.startswith("no ") else "has no"
@@ -314,7 +319,7 @@ def _nowhere(where: str, externs: list[Extern], name: str) -> Diagnostic:
 # ---------------------------------------------------------------- bindings to C
 
 
-def _is_c(bound: object) -> bool:
+def _is_c(bound: object) -> TypeGuard[str]:
     return isinstance(bound, str) and bound.startswith("c:")
 
 
@@ -327,14 +332,12 @@ def _enter_c(core: CoreSystem, externs: list[Extern]) -> None:
     sources = {x.name: x.bound for x in externs if x.fun is not None}
     core.functions = tuple(
         [
-            replace(f, source=_c_source(sources[f.source_name])) if f.source_name in sources else f
+            replace(f, source=bound if _is_c(bound := sources[f.source_name]) else None)
+            if f.source_name in sources
+            else f
             for f in core.functions
         ]
     )
-
-
-def _c_source(bound: object) -> str | None:
-    return bound if isinstance(bound, str) and bound.startswith("c:") else None
 
 
 def _c_callables(bindings: Bindings) -> dict[str, object]:
@@ -362,7 +365,7 @@ def assumptions(bound: Mapping[str, object]) -> list[str]:
     return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in told if x]
 
 
-def _python(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -> object:
+def _python_callable(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -> object:
     node = extern.component.node if extern.component is not None else None
     if not apart or node is None:
         shapes = () if node is None else node.answers
@@ -388,17 +391,17 @@ def _load_bounded(load: Callable[[], object]) -> object:
 
 
 def _bound_target(system: System, extern: Extern) -> object:
-    target = _found(system, extern)
+    target = _find_target(system, extern)
     x = extern.component
-    return target if x is None or x.node is None else clipping(target, answered(system, x))
+    return target if x is None or x.node is None else clipping(target, node_answers(system, x))
 
 
-def _found(system: System, extern: Extern) -> object:
+def _find_target(system: System, extern: Extern) -> object:
     bound = extern.bound
     if isinstance(bound, str):
         return _load_object(system, extern, bound)
     if isinstance(bound, type):
-        return instantiated(bound, _shown(bound), None)
+        return instantiate(bound, _binding_text(bound), None)
     if not callable(getattr(bound, "step", bound)):
         raise SoterError((_not_callable(extern.name, bound),))
     return bound
@@ -420,7 +423,7 @@ def _not_callable(name: str, bound: object) -> Diagnostic:
     return Diagnostic("X002", f"extern `{name}` is bound to {what}", helps=(help_,))
 
 
-def _impossible(extern: Extern, engine: str) -> Diagnostic | None:
+def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
     """The error that this extern cannot run on this engine; None: it can."""
     declared = Label(extern.span, "declared here")
     short = extern.name.rpartition(".")[2]
@@ -460,7 +463,7 @@ def _impossible(extern: Extern, engine: str) -> Diagnostic | None:
     return None
 
 
-def _shown(bound: object) -> str:
+def _binding_text(bound: object) -> str:
     if bound is None:
         return "nothing"
     if isinstance(bound, str):

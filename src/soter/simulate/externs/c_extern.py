@@ -58,25 +58,30 @@ def c_externs(
     with another_copy(shared) if kept_by(unit) else nullcontext(shared) as copy:
         path = str(copy)
         opened(interface(), copy, linked_symbols(system, core))  # says what is missing, and where
-        extern_by_name = {x.name: CExtern(_node(system, x, path)) for x in nodes}
+        extern_by_name = {
+            component.name: CExtern(_node_callable(system, component, path)) for component in nodes
+        }
         extern_by_name.update(
-            {f.name: CExtern(_function(f, source, path)) for f, source in funs.items()}
+            {
+                fun.name: CExtern(_function_callable(fun, source, path))
+                for fun, source in funs.items()
+            }
         )
     return extern_by_name
 
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
     """The C file in which each function of a binding to C should be, by the function's name."""
-    return {name: file for file, name in _linked(system, core)}
+    return {name: file for file, name in _c_bindings(system, core)}
 
 
 def linked_content(system: System, core: CoreSystem) -> str:
     """A hash of the C files of bindings and of all that they include; `SoterError` X003."""
-    text_by_path = included(*(file for file, _ in _linked(system, core)))
+    text_by_path = included(*(file for file, _ in _c_bindings(system, core)))
     return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
 
-def _linked(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:
+def _c_bindings(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:
     """The file and function of every binding to C."""
     texts = [x.binding for x in system.components if x.extern]
     texts += [f.source for f in core.functions] if core is not None else []
@@ -111,19 +116,24 @@ def _only_native(what: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 
 # ---------------------------------------------------------------- nodes
 
 
-def _node(system: System, component: Component, path: str) -> Callable[[SimpleNamespace], object]:
+def _node_callable(
+    system: System, component: Component, path: str
+) -> Callable[[SimpleNamespace], object]:
     """A callable for `int step(const in *, out *)`, with the structs of the generated header."""
     node = component.node
     assert node is not None
     assert component.binding is not None
-    ffi, call = _symbol(path, component.binding, "int", ["const void *", "void *"])
+    ffi, call = _find_symbol(path, component.binding, "int", ["const void *", "void *"])
     reads = [
-        (s.topic.name.rpartition(".")[2], system.topics[component.scope.topics[s.topic]].type)
-        for s in node.subscribes
+        (
+            subscribed.topic.name.rpartition(".")[2],
+            system.topics[component.scope.topics[subscribed.topic]].type,
+        )
+        for subscribed in node.subscribes
     ]
     places, in_size = _struct_layout([t for _, t in reads])
     answer = arrange(answer_fields(component))
-    offsets = {m.name: (m.offset, m.type) for m in answer.members}
+    offsets = {member.name: (member.offset, member.type) for member in answer.members}
     outputs = [t.name.rpartition(".")[2] for t in node.publishes]
 
     def step(inputs: SimpleNamespace) -> dict[str, object]:
@@ -134,12 +144,16 @@ def _node(system: System, component: Component, path: str) -> Callable[[SimpleNa
         status = call(ffi.from_buffer(bytes(given)), ffi.from_buffer(got))
         if status != 0:
             raise CFaultError(f"it returned {status}")
-        return {n: _decoded(got, *offsets[n]) for n in outputs if got[offsets[f"has_{n}"][0]]}
+        return {
+            output: _decode(got, *offsets[output])
+            for output in outputs
+            if got[offsets[f"has_{output}"][0]]
+        }
 
     return step
 
 
-def _decoded(buffer: bytearray, offset: int, t: Type) -> object:
+def _decode(buffer: bytearray, offset: int, t: Type) -> object:
     return to_python(t, decode_from(buffer, offset, t))
 
 
@@ -158,11 +172,11 @@ def _struct_layout(types: list[Type]) -> tuple[list[int], int]:
 # ---------------------------------------------------------------- functions
 
 
-def _function(fun: FunSymbol, source: str, path: str) -> Callable[..., object]:
+def _function_callable(fun: FunSymbol, source: str, path: str) -> Callable[..., object]:
     types = [p.type for p in fun.parameters]
     result = _c_type(fun.result)
     assert result is not None
-    _, call = _symbol(path, source, result, [str(_c_type(t)) for t in types])
+    _, call = _find_symbol(path, source, result, [str(_c_type(t)) for t in types])
 
     def step(*arguments: object) -> object:
         values = [from_python(t, a) for t, a in zip(types, arguments, strict=True)]
@@ -183,7 +197,7 @@ def _c_type(t: Type) -> str | None:
     return stored.c_type if isinstance(t, EnumType) and stored is not None else None
 
 
-def _symbol(
+def _find_symbol(
     path: str, source: str, result: str, parameters: list[str]
 ) -> tuple[Any, Callable[..., Any]]:
     """The FFI, and the function of the library under the name its binding gives."""

@@ -34,19 +34,19 @@ from soter.language.model.types import (
 )
 from soter.language.model.values import inputs_to_python
 from soter.report.wording import visible
-from soter.semantics.externs import Converted, converted
-from soter.simulate.externs.python_answers import PlainError, described
+from soter.semantics.externs import Converted, convert_answer
+from soter.simulate.externs.python_answers import PlainError, failure_text
 from soter.simulate.externs.python_extern import (
     Answered,
     PythonExtern,
-    answered,
     clipping,
     load_python,
+    node_answers,
     policy_files,
 )
 from soter.simulate.interrupt import StopRequest
 from soter.workers.child_process import Child, DeadError
-from soter.workers.exchange import Channel, Exchange, LayoutError, exchange_of
+from soter.workers.exchange import Channel, Exchange, LayoutError, make_exchange
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,7 +81,7 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
     assert binding is not None
     absolute = str(binding.beside(Path.cwd()))
     shapes = tuple(component.node.answers)
-    exchange, answers = exchange_of(system, component), answered(system, component)
+    exchange, answers = make_exchange(system, component), node_answers(system, component)
     spec = Spec(component.name, absolute, exchange, seed, shapes, answers)
     path.write_bytes(pickle.dumps(spec))
 
@@ -91,19 +91,19 @@ class ExternServer:
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        target = clipping(_loaded(spec), spec.answers)
+        target = clipping(_load_target(spec), spec.answers)
         self._extern = PythonExtern(spec.name, target, StopRequest(), spec.shapes)
         self._extern.reset(spec.seed)
-        self._said = False
+        self._reported = False
 
     def step(self, data: bytes) -> bytes | None:
         """The answer to a request; None where the step failed; prints the first failure."""
         try:
-            return self._encoded(self._extern.step(self._inputs(data)))
+            return self._encode(self._extern.step(self._inputs(data)))
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
-            if not self._said:
-                print(f"{self._spec.name}: {described(error)}", file=sys.stderr, flush=True)
-            self._said = True
+            if not self._reported:
+                print(f"{self._spec.name}: {failure_text(error)}", file=sys.stderr, flush=True)
+            self._reported = True
             return None
 
     def _inputs(self, data: bytes) -> Any:  # noqa: ANN401 - a namespace of any values
@@ -112,8 +112,8 @@ class ExternServer:
             [(m.name, m.type, decode_from(data, m.offset, m.type)) for m in members]
         )
 
-    def _encoded(self, answer: object) -> bytes:
-        values = converted(self._spec.shapes, answer)
+    def _encode(self, answer: object) -> bytes:
+        values = convert_answer(self._spec.shapes, answer)
         given = {n: v for (n, _), v in zip(self._spec.shapes, values, strict=True) if v is not None}
         present: dict[str, Any] = {f"has_{n}": n in given for n, _ in self._spec.shapes}
         layout = self._spec.exchange.answer
@@ -124,7 +124,7 @@ class ExternServer:
         return bytes(out)
 
 
-def _loaded(spec: Spec) -> object:
+def _load_target(spec: Spec) -> object:
     """The object that the binding names; `SoterError` as loading raises it."""
     binding = binding_of(spec.binding)
     if binding is None or not binding.is_policy:
@@ -141,9 +141,9 @@ def main(path: str) -> int:
     try:
         server = ExternServer(spec)
     except SoterError as error:
-        return _not_loaded(spec, "; ".join(d.message for d in error.diagnostics))
+        return _report_failure(spec, "; ".join(d.message for d in error.diagnostics))
     except Exception as error:  # noqa: BLE001 - of the person's `reset`
-        return _not_loaded(spec, f"it could not be reset: {described(error)}")
+        return _report_failure(spec, f"it could not be reset: {failure_text(error)}")
     channel.ready()
     try:
         while True:
@@ -154,7 +154,7 @@ def main(path: str) -> int:
         return EXIT_LAYOUT
 
 
-def _not_loaded(spec: Spec, why: str) -> int:
+def _report_failure(spec: Spec, why: str) -> int:
     print(f"{spec.name}: {why}", file=sys.stderr, flush=True)
     return EXIT_LOAD
 
@@ -187,20 +187,20 @@ class ProcessExtern:
         self._stop = stop
         self._seed: int | None = None
         self._left = RESTARTS
-        self._patience_s = _patience()
+        self._patience_s = _step_patience_s()
         self.assumed: tuple[str, ...] = ()
-        self._child: Child | None = self._started()
+        self._child: Child | None = self._start()
 
     def step(self, inputs: object) -> object:
         """Makes a step; `GoneError`, `ForgedError`, or `PlainError` for what the extern raised."""
         if self._child is None:
-            self._child = self._again()
-        said = self._asked(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
+            self._child = self._restart()
+        said = self._ask(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
         values = said.get("values")
         if not isinstance(values, list) or len(values) != len(self._shapes):
             raise ForgedError("its process answered nothing that is an answer")
         return Converted(
-            None if v is None else checked(t, v)
+            None if v is None else check_value(t, v)
             for (_, t), v in zip(self._shapes, values, strict=True)
         )
 
@@ -209,8 +209,8 @@ class ProcessExtern:
         self._seed = seed
         self._left = RESTARTS
         if self._child is None:
-            self._child = self._started()
-        self._asked(self._child, b"r%d" % seed, None)
+            self._child = self._start()
+        self._ask(self._child, b"r%d" % seed, None)
 
     def close(self) -> None:
         """Ends the process; `reset` starts another."""
@@ -218,11 +218,11 @@ class ProcessExtern:
             self._child.end()
         self._child = None
 
-    def _started(self) -> Child:
+    def _start(self) -> Child:
         shapes, load, name = self._shapes, self._load, self._name
         child = Child(lambda: ServedExtern(name, load, shapes).answer)
         try:
-            said = self._asked(child, b"l", None)
+            said = self._ask(child, b"l", None)
         except GoneError as error:
             text = f"extern `{self._name}` cannot be loaded: {error}"
             label = Label(self._span, "its process ended while this was loaded")
@@ -230,25 +230,25 @@ class ProcessExtern:
         problems = said.get("problems")
         if problems:
             child.end("told")
-            raise SoterError(tuple(_problem(p, self._span) for p in problems))
+            raise SoterError(tuple(_told_diagnostic(p, self._span) for p in problems))
         assumed = said.get("assumed")
         texts = assumed if isinstance(assumed, list) else []
         self.assumed = tuple([visible(str(x)[:TEXT_MAX]) for x in texts[:8]])
         return child
 
-    def _again(self) -> Child:
+    def _restart(self) -> Child:
         if self._left == 0:
             raise GoneError(f"its process is gone, and was started {RESTARTS} times again")
         self._left -= 1
         try:
-            child = self._started()
+            child = self._start()
         except SoterError as error:
             raise GoneError(error.diagnostics[0].message) from error
         if self._seed is not None:
-            self._asked(child, b"r%d" % self._seed, None)
+            self._ask(child, b"r%d" % self._seed, None)
         return child
 
-    def _asked(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
+    def _ask(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
         """The child's answer; a child that sends anything else counts as gone."""
         self._stop.in_extern = True
         try:
@@ -269,14 +269,14 @@ class ProcessExtern:
         return answer
 
 
-def _patience() -> float:
+def _step_patience_s() -> float:
     try:
         return max(float(os.environ.get(PATIENCE, "")), 0.001)
     except ValueError:
         return PATIENCE_S
 
 
-def _problem(given: object, span: Span) -> Diagnostic:
+def _told_diagnostic(given: object, span: Span) -> Diagnostic:
     told: dict[str, Any] = given if isinstance(given, dict) else {}
     code = next((code for code in LOADING if code == told.get("code")), LOADING[0])
     lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
@@ -289,7 +289,7 @@ def _problem(given: object, span: Span) -> Diagnostic:
     )
 
 
-def checked(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
+def check_value(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
     """`given`, read from text, as a value of the type; `ForgedError` where it is none."""
     if isinstance(t, BoolType):
         fits = isinstance(given, bool)
@@ -302,20 +302,20 @@ def checked(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
     elif isinstance(t, EnumType):
         fits = type(given) is int and 0 <= given < len(t.members)
     else:
-        return _composed(t, given)
+        return _checked_parts(t, given)
     if not fits:
         raise ForgedError("its process answered a value of another type")
     return given
 
 
-def _composed(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
+def _checked_parts(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
     if isinstance(given, list):
         if isinstance(t, RecordType) and len(given) == len(t.fields):
-            return tuple(checked(f, v) for (_, f), v in zip(t.fields, given, strict=True))
+            return tuple(check_value(f, v) for (_, f), v in zip(t.fields, given, strict=True))
         if isinstance(t, ArrayType) and len(given) == t.size:
-            return tuple(checked(t.element, v) for v in given)
+            return tuple(check_value(t.element, v) for v in given)
         if isinstance(t, ListType) and len(given) <= t.capacity:
-            return tuple(checked(t.element, v) for v in given)
+            return tuple(check_value(t.element, v) for v in given)
     raise ForgedError("its process answered a value of another type")
 
 
@@ -334,9 +334,9 @@ class ServedExtern:
         try:
             reply = self._answer(question[:1], question[1:])
         except SoterError as error:
-            reply = {"problems": [_told(d) for d in error.diagnostics]}
+            reply = {"problems": [_diagnostic_document(d) for d in error.diagnostics]}
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
-            reply = {"failed": described(error)}
+            reply = {"failed": failure_text(error)}
         return json.dumps(reply).encode()
 
     def _answer(self, what: bytes, rest: bytes) -> dict[str, Any]:
@@ -348,10 +348,10 @@ class ServedExtern:
             self._extern.reset(int(rest))
             return {}
         inputs = pickle.loads(rest)  # noqa: S301 - our own parent's
-        return {"values": list(converted(self._shapes, self._extern.step(inputs)))}
+        return {"values": list(convert_answer(self._shapes, self._extern.step(inputs)))}
 
 
-def _told(d: Diagnostic) -> dict[str, Any]:
+def _diagnostic_document(d: Diagnostic) -> dict[str, Any]:
     return {
         "code": d.code,
         "message": d.message,

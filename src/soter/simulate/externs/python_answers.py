@@ -19,8 +19,15 @@ from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import ValueShapeError, inputs_to_python
 from soter.native.cache import SOTER
 from soter.report.wording import visible
-from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
-from soter.semantics.publication_gate import check_of, messages, to_ends
+from soter.semantics.externs import (
+    Converted,
+    Stop,
+    convert_answer,
+    error_message,
+    step_function,
+    visible_error,
+)
+from soter.semantics.publication_gate import make_check, messages, rounded_to_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +65,9 @@ class ExternAnswers:
         self.library = library
         self.failures: dict[str, str] = {}
         """The first failure of each extern, for the report."""
-        self.steps = {x.index: step_of(bound[x.name]) for x in system.components if x.name in bound}
+        self.steps = {
+            x.index: step_function(bound[x.name]) for x in system.components if x.name in bound
+        }
         self.tallies = {x.name: Tally() for x in system.components if x.name in bound}
         self.gates = {x.index: _Gate(system, x) for x in system.components if x.name in bound}
 
@@ -72,12 +81,12 @@ class ExternAnswers:
             raise
         except BaseException as error:  # noqa: BLE001 - whatever an extern does is its fault
             if component.name not in self.failures:
-                self.failures[component.name] = described(error)
+                self.failures[component.name] = failure_text(error)
             self.library.answer(state, due, int(FaultKind.EXTERN), None)
             return
         self.library.answer(state, due, 0, data)
 
-    def _topic(
+    def _read_topic(
         self, component: Component, topic: TopicSymbol, raw: memoryview
     ) -> tuple[str, Type, Value]:
         index = component.scope.topics[topic]
@@ -87,34 +96,39 @@ class ExternAnswers:
     def _call(self, component: Component, state: Bytes) -> bytes:
         raw = memoryview(state.data)
         if component.plant is not None:
-            return self._plant(component, raw)
+            return self._call_plant(component, raw)
         node = component.node
         assert node is not None
-        inputs = inputs_to_python([self._topic(component, s.topic, raw) for s in node.subscribes])
+        inputs = inputs_to_python(
+            [self._read_topic(component, s.topic, raw) for s in node.subscribes]
+        )
         shapes = node.answers
-        values = converted(shapes, self.steps[component.index](inputs))
+        values = convert_answer(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(values)
         self.gates[component.index].note(values, self.failures)
         given = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
         present: dict[str, Value] = {f"has_{n}": n in given for n, _ in shapes}
         return _encode(component, {**given, **present})
 
-    def _plant(self, component: Component, raw: memoryview) -> bytes:
+    def _call_plant(self, component: Component, raw: memoryview) -> bytes:
         plant = component.plant
         assert plant is not None
-        inputs = inputs_to_python([self._topic(component, t, raw) for t in plant.reads])
+        inputs = inputs_to_python([self._read_topic(component, t, raw) for t in plant.reads])
         old = [
-            decode_from(raw, self.layout.member(component.index, i)[0], v.type)
-            for i, v in enumerate(plant.states)
+            decode_from(raw, self.layout.member(component.index, i)[0], state.type)
+            for i, state in enumerate(plant.states)
         ]
-        shapes = [(v.name, v.type) for v in plant.states]
+        shapes = [(state.name, state.type) for state in plant.states]
         inputs.state = inputs_to_python(
             [(n, t, value) for (n, t), value in zip(shapes, old, strict=True)]
         )
-        new = converted(shapes, self.steps[component.index](inputs))
+        new = convert_answer(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(new)
-        moved = [a if b is None else b for a, b in zip(old, new, strict=True)]
-        return _encode(component, {n: v for (n, _), v in zip(shapes, moved, strict=True)})
+        moved = [
+            old_value if new_value is None else new_value
+            for old_value, new_value in zip(old, new, strict=True)
+        ]
+        return _encode(component, {n: state for (n, _), state in zip(shapes, moved, strict=True)})
 
 
 def _encode(component: Component, values: dict[str, Value]) -> bytes:
@@ -142,7 +156,7 @@ class _Gate:
         self.name = component.name
         self.span = component.span
         written = [] if component.node is None else component.writes
-        self.checks = [(system.topics[t], check_of(system.topics[t])) for t in written]
+        self.checks = [(system.topics[t], make_check(system.topics[t])) for t in written]
         bursts = component.node.bursts if component.node is not None else ()
         self.bursts = [component.scope.topics[t] for t in bursts]
 
@@ -153,25 +167,25 @@ class _Gate:
         for (topic, check), value in zip(self.checks, values, strict=False):
             try:
                 for message in () if value is None else messages(topic.index, value, self.bursts):
-                    check(to_ends(topic, message), self.span)
+                    check(rounded_to_ends(topic, message), self.span)
             except StepFault as fault:
                 failures[self.name] = fault.detail
                 return
 
 
-def described(error: BaseException, *, place: bool = True) -> str:
+def failure_text(error: BaseException, *, place: bool = True) -> str:
     """The words for an extern's failure, with the line of the user's own file."""
     if isinstance(error, ValueShapeError):
-        return visible(f"its answer has the wrong shape: {message_of(error)}")
+        return visible(f"its answer has the wrong shape: {error_message(error)}")
     if isinstance(error, MisuseError):
         return visible(str(error)[:SAID_MAX])
     if isinstance(error, PlainError):
-        return visible(message_of(error))
-    where = _place(error) if place else ""
+        return visible(error_message(error))
+    where = _failure_place(error) if place else ""
     return f"{visible_error(error)} ({visible(where)})" if where else visible_error(error)
 
 
-def _place(error: BaseException) -> str:
+def _failure_place(error: BaseException) -> str:
     """The file and line of the innermost frame in the called code's file; "" if unknown."""
     frames = [
         (frame.f_code.co_filename, line)
@@ -188,7 +202,7 @@ def _place(error: BaseException) -> str:
     return f"{path}:{line}"
 
 
-def noting(
+def with_notes(
     system: System,
     bound: Mapping[str, object],
     failures: dict[str, str],
@@ -210,12 +224,12 @@ def noting(
             tallies[name] = tally
         gate = _Gate(system, component)
         wrapper_by_name[name] = _ComponentNotes(
-            name, target, failures, _shapes(component), tally, gate
+            name, target, failures, _answer_shapes(component), tally, gate
         )
     return wrapper_by_name
 
 
-def _shapes(component: Component) -> list[tuple[str, Type]]:
+def _answer_shapes(component: Component) -> list[tuple[str, Type]]:
     if component.plant is not None:
         return [(v.name, v.type) for v in component.plant.states]
     assert component.node is not None
@@ -227,20 +241,20 @@ class _FailureNotes:
         self.name = name
         self.failures = failures
         self._target = target
-        self._step: Callable[..., object] = step_of(target)
+        self._step: Callable[..., object] = step_function(target)
 
     def step(self, *arguments: object) -> object:
         try:
-            answer = self._look_at(self._step(*arguments))
+            answer = self._check_answer(self._step(*arguments))
         except Stop:
             raise
         except BaseException as error:
             if self.name not in self.failures:
-                self.failures[self.name] = described(error)
+                self.failures[self.name] = failure_text(error)
             raise
         return answer
 
-    def _look_at(self, answer: object) -> object:
+    def _check_answer(self, answer: object) -> object:
         """Does nothing: the interpreter looks at the answer of a function."""
         return answer
 
@@ -269,8 +283,8 @@ class _ComponentNotes(_FailureNotes):
         self.tally.steps += 1
         return super().step(*arguments)
 
-    def _look_at(self, answer: object) -> object:
-        values = Converted(converted(self.shapes, answer))
+    def _check_answer(self, answer: object) -> object:
+        values = Converted(convert_answer(self.shapes, answer))
         self.tally.count(values)
         self.gate.note(values, self.failures)
         return values

@@ -3,11 +3,11 @@
 Purpose: `load_python` makes an object of `python:file.py:name`; errors in its file, name or
 construction are diagnostics (X002, X003). `PythonExtern` calls its `step` and raises nothing but
 `Exception`s, and `Stop` for a person's Ctrl-C. Where the code does not fit the call
-(`inputs["motion"]`, a missing name), `hint` says what an extern is called with and asked for, with
-types. With `clip`, as in `soter.remote`, a number that is too large becomes the largest that the
-topic takes; what is not finite is still refused. `outside` keeps for the externs the current folder
-and the depth of recursion that they set, and restores the processor's rounding; `end_copy` ends a
-process that an extern forked when the call ends.
+(`inputs["motion"]`, a missing name), `misuse_hint` says what an extern is called with and asked
+for, with types. With `clip`, as in `soter.remote`, a number that is too large becomes the largest
+that the topic takes; what is not finite is still refused. `call_outside` keeps for the externs the
+current folder and the depth of recursion that they set, and restores the processor's rounding;
+`end_copy` ends a process that an extern forked when the call ends.
 Non-goals: which extern it answers (`bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
 signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own
@@ -34,9 +34,9 @@ from soter.diagnostics.similar_names import closest
 from soter.language.evaluate.arithmetic import put_back
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import widened
-from soter.semantics.externs import Converted, Stop, converted, step_of
-from soter.semantics.publication_gate import clipped
-from soter.simulate.externs.python_answers import MisuseError, PlainError, described
+from soter.semantics.externs import Converted, Stop, convert_answer, step_function
+from soter.semantics.publication_gate import clip
+from soter.simulate.externs.python_answers import MisuseError, PlainError, failure_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     Shapes = Sequence[tuple[str, Type]]
 
-__all__ = ["PythonExtern", "instantiated", "load_python"]
+__all__ = ["PythonExtern", "instantiate", "load_python"]
 
 
 class _ExternChanges:
@@ -61,7 +61,7 @@ class _ExternChanges:
     depth = 0
 
 
-def outside(call: Callable[..., object], *arguments: object) -> object:
+def call_outside(call: Callable[..., object], *arguments: object) -> object:
     """Calls `call(*arguments)` with the externs' settings; raises what it raises."""
     home, depth, process = _folder(), sys.getrecursionlimit(), os.getpid()
     if _ExternChanges.folder:
@@ -131,46 +131,46 @@ def policy_files() -> PolicyFiles:
     return cast("PolicyFiles", by_name("soter.policy.policy_extern"))
 
 
-def hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
+def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
     """A line on what to write instead; "" where the error is not about the call."""
     if isinstance(error, TypeError) and _not_entered(error):
-        return f"{_called(step, arguments)}{_asked(shapes)}"
+        return f"{_call_words(step, arguments)}{_answer_words(shapes)}"
     (inputs, *_) = arguments or (None,)
     if not isinstance(inputs, SimpleNamespace):
         return ""
     if isinstance(error, TypeError) and "SimpleNamespace" in str(error):
         names = list(vars(inputs))
         return f"its inputs are attributes: `inputs.{names[0]}`" if names else ""
-    of = getattr(error, "obj", None)
-    if isinstance(error, AttributeError) and isinstance(of, SimpleNamespace):
-        there = list(vars(of))
+    read_from = getattr(error, "obj", None)
+    if isinstance(error, AttributeError) and isinstance(read_from, SimpleNamespace):
+        there = list(vars(read_from))
         near = closest(str(error.name), there, 0.6, 1)
         meant = f"is `{near[0]}` meant? " if near else ""
-        return f"{meant}there {'is' if len(there) == 1 else 'are'} {_listed(there)}"
+        return f"{meant}there {'is' if len(there) == 1 else 'are'} {_name_list(there)}"
     return ""
 
 
 def _not_entered(error: Exception) -> bool:
     """Whether the call itself failed: the last frame is the one that calls externs."""
     frames = list(traceback.walk_tb(error.__traceback__))
-    return bool(frames) and frames[-1][0].f_code is outside.__code__
+    return bool(frames) and frames[-1][0].f_code is call_outside.__code__
 
 
-def _called(step: object, arguments: Sequence[Any]) -> str:
+def _call_words(step: object, arguments: Sequence[Any]) -> str:
     """Words on what the extern is called with: one argument with attributes, or several."""
     name = getattr(step, "__name__", "step")
     if len(arguments) != 1 or not isinstance(arguments[0], SimpleNamespace):
-        given = ", ".join(_typed(a) for a in arguments)
+        given = ", ".join(_type_words(a) for a in arguments)
         return f"it is called with {len(arguments)} arguments ({given})"
     own = isinstance(step, FunctionType)
     line = f"`def {name}(inputs):`" if own else f"`def {name}(self, inputs):`"
     if name == "<lambda>":
         line = "`lambda inputs: ...`"
-    parts = [f"`inputs.{n}` {_typed(v)}" for n, v in vars(arguments[0]).items()]
+    parts = [f"`inputs.{n}` {_type_words(v)}" for n, v in vars(arguments[0]).items()]
     return f"write {line}; {', '.join(parts) or 'it has no inputs'}"
 
 
-def _asked(shapes: Shapes) -> str:
+def _answer_words(shapes: Shapes) -> str:
     """Words on the answer that the extern is asked for."""
     if not shapes:
         return ""
@@ -178,16 +178,16 @@ def _asked(shapes: Shapes) -> str:
     return f"; it returns {{{keys}}}"
 
 
-def _typed(value: object, depth: int = DEPTH) -> str:
+def _type_words(value: object, depth: int = DEPTH) -> str:
     """The type of a value in words of Python, records with their fields."""
     if isinstance(value, SimpleNamespace):
-        inner = ", ".join(f"{n}: {_typed(v, depth - 1)}" for n, v in vars(value).items())
+        inner = ", ".join(f"{n}: {_type_words(v, depth - 1)}" for n, v in vars(value).items())
         return f"with {inner}" if depth == DEPTH else f"({inner})" if depth else "(...)"
     name = f"array {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
     return f"({name})" if depth == DEPTH else name
 
 
-def _listed(names: Sequence[str]) -> str:
+def _name_list(names: Sequence[str]) -> str:
     return ", ".join(f"`{n}`" for n in names)
 
 
@@ -207,7 +207,7 @@ class PythonExtern:
         self.name = name
         self._target = target
         self._shapes = shapes
-        self._step = step_of(target)
+        self._step = step_function(target)
         self._stop = stop
         self.assumed: tuple[str, ...] = target.assumed if isinstance(target, FilePolicy) else ()
 
@@ -219,16 +219,16 @@ class PythonExtern:
         """
         self._stop.in_extern = True
         try:
-            return outside(self._step, *arguments)
+            return call_outside(self._step, *arguments)
         except Stop:
             raise
         except Exception as error:
-            said = hint(error, self._step, arguments, self._shapes)
+            said = misuse_hint(error, self._step, arguments, self._shapes)
             if not said:
                 raise
-            raise MisuseError(f"{described(error)}: {said}") from error
+            raise MisuseError(f"{failure_text(error)}: {said}") from error
         except BaseException as error:  # of an extern a mishap like any other
-            raise ExternEscapeError(described(error)) from error
+            raise ExternEscapeError(failure_text(error)) from error
         finally:
             self._stop.in_extern = False
 
@@ -239,11 +239,11 @@ class PythonExtern:
             return
         self._stop.in_extern = True
         try:
-            outside(start, seed)
+            call_outside(start, seed)
         except (Exception, Stop):
             raise
         except BaseException as error:  # of an extern a mishap like any other
-            raise ExternEscapeError(described(error)) from error
+            raise ExternEscapeError(failure_text(error)) from error
         finally:
             self._stop.in_extern = False
 
@@ -258,13 +258,15 @@ def load_python(source: str, span: Span | None) -> object:
     target: Any = _module(Path(file), span)
     for part in name.split("."):
         if not hasattr(target, part):
-            raise _problem("X002", f"`{file}` has no `{name}`", span, _near(part, target))
+            raise _binding_error(
+                "X002", f"`{file}` has no `{name}`", span, _similar_name(part, target)
+            )
         target = getattr(target, part)
     if isinstance(target, type):
-        target = instantiated(target, f"{file}:{name}", span)
+        target = instantiate(target, f"{file}:{name}", span)
     if not callable(getattr(target, "step", target)):
         kind = type(target).__name__
-        raise _problem(
+        raise _binding_error(
             "X002",
             f"`{name}` of `{file}` is a `{kind}`: it cannot be called, nor has it a `step`",
             span,
@@ -282,7 +284,9 @@ def _module(path: Path, span: Span | None) -> ModuleType:
         content = read_bytes(path)
     except OSError as error:
         why = reason(error)
-        raise _problem("X003", f"cannot read the extern's file `{path}`: {why}", span) from error
+        raise _binding_error(
+            "X003", f"cannot read the extern's file `{path}`: {why}", span
+        ) from error
     digest = hashlib.sha256(content).hexdigest()[:16]
     full_name = f"soter_extern_{path.stem}_{digest}_{abs(hash(str(path.resolve()))):x}"
     known = sys.modules.get(full_name)
@@ -290,21 +294,21 @@ def _module(path: Path, span: Span | None) -> ModuleType:
         return known
     spec = importlib.util.spec_from_file_location(full_name, path)
     if spec is None or spec.loader is None:
-        raise _problem(
+        raise _binding_error(
             "X003", f"`{path}` is no Python file", span, "the name of a Python file ends in .py"
         )
     module = importlib.util.module_from_spec(spec)
     _import_first(path.resolve().parent)
     sys.modules[full_name] = module
     try:
-        outside(spec.loader.exec_module, module)
+        call_outside(spec.loader.exec_module, module)
     except KeyboardInterrupt:
         sys.modules.pop(full_name, None)
         raise
     except BaseException as error:
         sys.modules.pop(full_name, None)
-        message = f"`{path}` cannot be loaded: {described(error, place=False)}"
-        raise _problem("X003", message, span, notes=_where(error, path)) from error
+        message = f"`{path}` cannot be loaded: {failure_text(error, place=False)}"
+        raise _binding_error("X003", message, span, notes=_failing_line(error, path)) from error
     return module
 
 
@@ -316,8 +320,10 @@ def _import_first(folder: Path) -> None:
     """
     others = _FOLDERS - {folder}
     for name, module in list(sys.modules.items()) if others else ():
-        file, top = getattr(module, "__file__", None), name.partition(".")[0]
-        theirs = file and any(_holds(x, top, Path(file)) for x in others)
+        module_file, top = getattr(module, "__file__", None), name.partition(".")[0]
+        theirs = module_file and any(
+            _belongs_to(folder_, top, Path(module_file)) for folder_ in others
+        )
         if theirs and ((folder / f"{top}.py").is_file() or (folder / top).is_dir()):
             del sys.modules[name]
     _FOLDERS.add(folder)
@@ -326,24 +332,24 @@ def _import_first(folder: Path) -> None:
     sys.path.insert(0, str(folder))
 
 
-def _holds(folder: Path, top: str, file: Path) -> bool:
+def _belongs_to(folder: Path, top: str, file: Path) -> bool:
     """Whether a file belongs to the module or package `top` in the folder."""
     return file == folder / f"{top}.py" or folder / top in file.parents
 
 
-def instantiated(made_from: type, name: str, span: Span | None) -> object:
+def instantiate(made_from: type, name: str, span: Span | None) -> object:
     """An object of a bound class; `SoterError` X003 where it cannot be made."""
     try:
-        return outside(made_from)
+        return call_outside(made_from)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        message = f"`{name}` cannot be made: {described(error)}"
+        message = f"`{name}` cannot be made: {failure_text(error)}"
         help_ = "a class is instantiated without arguments"
-        raise _problem("X003", message, span, help_) from error
+        raise _binding_error("X003", message, span, help_) from error
 
 
-def _where(error: BaseException, path: Path) -> tuple[str, ...]:
+def _failing_line(error: BaseException, path: Path) -> tuple[str, ...]:
     """A note with the line of the extern's own file where it failed; empty if unknown."""
     if isinstance(error, SyntaxError):
         return (f"in line {error.lineno} of `{error.filename}`",)
@@ -352,13 +358,13 @@ def _where(error: BaseException, path: Path) -> tuple[str, ...]:
     return (f"in line {own[-1].lineno}: {own[-1].line}",) if own else ()
 
 
-def _near(part: str, target: object) -> str:
+def _similar_name(part: str, target: object) -> str:
     public = [n for n in dir(target) if not n.startswith("_")]
     close = closest(part, public)
     return f"did you mean `{close[0]}`?" if close else ""
 
 
-def _problem(
+def _binding_error(
     code: Code, message: str, span: Span | None, help_: str = "", *, notes: tuple[str, ...] = ()
 ) -> SoterError:
     primary = Label(span, "declared here") if span is not None else None
@@ -376,7 +382,7 @@ class Answered(NamedTuple):
     burst: bool
 
 
-def answered(system: System, component: Component) -> tuple[Answered, ...]:
+def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
     """What an extern node answers, in order."""
     node = component.node
     assert node is not None
@@ -394,7 +400,7 @@ def clipping(target: object, answers: Sequence[Answered]) -> object:
 
 class _Clipping(FilePolicy):
     def __init__(self, target: object, answers: Sequence[Answered]) -> None:
-        self._step, self._answers = step_of(target), answers
+        self._step, self._answers = step_function(target), answers
         self._shapes = [(x.name, widened(x.given)) for x in answers]
         self._reset = getattr(target, "reset", None)
         self.assumed = target.assumed if isinstance(target, FilePolicy) else ()
@@ -406,12 +412,12 @@ class _Clipping(FilePolicy):
 
     def step(self, *arguments: Any) -> Converted:  # noqa: ANN401 - whatever the extern takes
         """The extern's answer, clipped to the sets."""
-        values = converted(self._shapes, self._step(*arguments))
+        values = convert_answer(self._shapes, self._step(*arguments))
         return Converted(
             None
             if value is None
-            else tuple([clipped(x.type, x.bounds, message) for message in value])
+            else tuple([clip(x.type, x.bounds, message) for message in value])
             if x.burst
-            else clipped(x.type, x.bounds, value)
+            else clip(x.type, x.bounds, value)
             for x, value in zip(self._answers, values, strict=True)
         )

@@ -31,7 +31,7 @@ from soter.language.model.types import (
 )
 from soter.language.model.values import Table
 from soter.version import pip_install
-from soter.workers.solvers import answer_of
+from soter.workers.solvers import ask_solver
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,7 +75,7 @@ class Query:
             self._asked.set("timeout", QUERY_MS)
             self._asked.set("random_seed", 0)
             self._asked.add(self._constraints.translate(self._asked.ctx).assertions())
-            answer = answer_of(self._asked)
+            answer = ask_solver(self._asked)
             if answer != self._z3.unknown:
                 break
         return answer

@@ -87,9 +87,9 @@ STAGES = {
     "rates_are_defined": ("soter.certificate.case_check", "a grid"),
     "_looked_at": ("soter.certificate.grid.grid_group", "computed"),
     "linear_law": ("soter.certificate.polytope.polytope_check", "half-spaces"),
-    "affordable": ("soter.certificate.polytope.polytope_check", "half-spaces"),
-    "_affordable": ("soter.certificate.induction.check_claims", "an induction"),
-    "_times": ("soter.certificate.induction.induction_problem", "an induction"),
+    "require_affordable": ("soter.certificate.polytope.polytope_check", "half-spaces"),
+    "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
+    "_check_times": ("soter.certificate.induction.induction_problem", "an induction"),
 }
 
 

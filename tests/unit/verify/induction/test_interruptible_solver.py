@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from soter.workers.solvers import answer_of, ctrl_c_waits, raise_if_interrupted
+from soter.workers.solvers import ask_solver, ctrl_c_waits, raise_if_interrupted
 
 
 class Interrupted:
@@ -40,20 +40,20 @@ class Failing(Interrupted):
 def test_a_question_is_broken_off() -> None:
     solver = Interrupted()
     with pytest.raises(KeyboardInterrupt):
-        answer_of(solver)
+        ask_solver(solver)
     assert solver.told.is_set()
 
 
 def test_a_question_is_broken_off_where_the_signal_waits() -> None:
     solver = Interrupted()
     with pytest.raises(KeyboardInterrupt), ctrl_c_waits():
-        answer_of(solver)
+        ask_solver(solver)
     assert solver.told.is_set()
 
 
 def test_what_a_question_raises_is_raised() -> None:
     with pytest.raises(ValueError, match="as it is"):
-        answer_of(Failing())
+        ask_solver(Failing())
 
 
 @ctrl_c_waits()
