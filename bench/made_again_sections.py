@@ -84,6 +84,7 @@ SMALL = {
     "Coverage of the C that ships": Small(apart=MINUTES),
     "The C that ships under Frama-C's EVA": Small(apart="needs Frama-C"),
     "Filters of others on the same flights": Small(apart=PEERS),
+    "Policies of every kind against their libraries": Small(apart=PEERS),
     "Logs of strangers": Small(apart="needs a folder of public logs"),
     "What a check of rest costs": Small("--draws 20", machine=CLOCK),
     "An F-16 of JSBSim beside its model": Small(apart="needs JSBSim"),

@@ -4,7 +4,7 @@ Purpose: `Axes` reads the `grid` and `polytope` lines of a module, and makes def
 bounded states that no line names. `states_that_wrap` finds the axes, of those that are a full turn
 long, whose state is read only by functions with that period, and says of the others who reads them.
 Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong; sets that wrap
-around (`verify/engine/soter_reach_grid.c`), the DM's table (`verify/deploy/grid_tables.py`).
+around (`verify/engine/soter_reach_grid.c`), the DM's table (`verify/deploy/level_tables.py`).
 
 Functions with that period take sums in which the state stands as it is. How much a sum is off where
 the state is many turns further is `SOTER_FAR_TURNS` of `verify/engine/soter_form_math.h`; that

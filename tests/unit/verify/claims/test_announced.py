@@ -85,7 +85,7 @@ STAGES = {
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
     "free_phase": ("soter.certificate.grid.group_claims", "computed"),
     "rates_are_defined": ("soter.certificate.case_check", "a grid"),
-    "_looked_at": ("soter.certificate.grid.grid_group", "computed"),
+    "axes_seen_by_dm": ("soter.certificate.grid.grid_group", "computed"),
     "linear_law": ("soter.certificate.polytope.polytope_check", "half-spaces"),
     "require_affordable": ("soter.certificate.polytope.polytope_check", "half-spaces"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
