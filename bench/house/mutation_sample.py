@@ -6,9 +6,9 @@
 Purpose: mutants at lines that stand once in either checkout, in whichever file (a comparison, an
 operation, a truth or a whole number is another), drawn by seed. The quick tests of a tree run once
 with `reached_statements`; a mutant is judged by those that reach its statement, as many as take
-`JUDGED_S`: in a copy of this tree, and of the other where it lives in this one. Killed: one of
-them fails that passes without it, or they take longer than `CPU_S`. What is done is kept in
-`--keep`, and not done again.
+`JUDGED_S`: in a copy of this tree, and of the other where it lives in this one; then by the test
+that killed it there, whether quick here or not. Killed: one of them fails that passes without it,
+or they take longer than `CPU_S`. What is done is kept in `--keep`, and not done again.
 Non-goals: mutants that only longer tests or other processes see; C.
 """
 
@@ -215,9 +215,8 @@ def failing(tree: Path, tests: Sequence[str]) -> str | None:
 failing_unchanged = cache(failing)
 
 
-def verdict(tests: Tests, tree: Path, mutant: Mutant) -> str:
-    """What the tests of a tree say of a mutant: who killed it, survived, or not reached."""
-    names = tests.within(tests.of(mutant))
+def verdict(tree: Path, mutant: Mutant, names: list[str]) -> str:
+    """What some tests of a tree say of a mutant: who killed it, survived, or not reached."""
     if not names:
         return "not reached"
     path = tree / "src" / "soter" / mutant.file
@@ -230,8 +229,8 @@ def verdict(tests: Tests, tree: Path, mutant: Mutant) -> str:
         path.write_text(text, encoding="utf-8")
     if killer is None:
         return f"survived {len(names)} tests"
-    if killer and failing_unchanged(tree, (killer,)) is not None:
-        return f"not judged: {killer} fails without it"
+    if failing_unchanged(tree, (killer,) if killer else tuple(names)) is not None:
+        return f"not judged: {killer or names[0]} fails without it"
     return f"killed by {killer or 'time'}"
 
 
@@ -257,10 +256,12 @@ def main() -> int:
                 copy_of(source, Path(work) / str(k) / name)
         tests = {name: Tests(Path(work) / "0" / name, keep / name) for name in sources}
 
-        def judge(name: str, mutant: Mutant) -> str:
+        def judge(name: str, mutant: Mutant, killer: str = "") -> str:
+            asked = tests[name]
+            names = [killer] if killer else asked.within(asked.of(mutant))
             copy = copies.get()
             try:
-                return verdict(tests[name], copy / name, mutant)
+                return verdict(copy / name, mutant, names)
             finally:
                 copies.put(copy)
 
@@ -268,7 +269,11 @@ def main() -> int:
             now = pieces.piece(f"now {new}", partial(judge, "now", new))
             if now.startswith("killed"):
                 return "not asked", now
-            return pieces.piece(f"before {old}", partial(judge, "before", old)), now
+            was = pieces.piece(f"before {old}", partial(judge, "before", old))
+            if was.startswith("killed by tests/"):  # all lines of that test, quick ones or not
+                killer = was.removeprefix("killed by ").partition("[")[0]
+                now = pieces.piece(f"again {new}", partial(judge, "now", new, killer))
+            return was, now
 
         with ThreadPoolExecutor(given.jobs) as pool:
             said = list(pool.map(both, *zip(*drawn, strict=True)))
