@@ -92,7 +92,7 @@ def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     found = survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
     log = ", ".join(Path(log).name for log in args.logs)
     return {
-        f"{name}.soter": survey.program_of(found, log, name),
+        f"{name}.soter": survey.program_head(found, log, name),
         f"{name}.toml": survey.mapping_of_log(found, log),
     }
 

@@ -37,9 +37,9 @@ sys.stdin.read()
 
 OPENS = """
 import sys
-from soter.remote.topics import compiled
+from soter.remote.topics import compiled_library
 
-ffi, lib = compiled()
+ffi, lib = compiled_library()
 channel = ffi.new("soter_outside *")
 wrong = lib.soter_outside_open(channel, sys.argv[1].encode(), b"wish", 1, 12, True)
 print("open" if wrong == ffi.NULL else ffi.string(wrong).decode())
