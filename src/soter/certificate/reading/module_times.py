@@ -35,6 +35,8 @@ from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.language.model.system import holder_of
 from soter.language.model.types import show_ns
 
+CALLED = {"polytope": "half-spaces"}
+"""How a kind of groups is told, if not by its word."""
 DELAYS = {
     "J_dm_ns": ("late dm", "late_dm"),
     "J_sc_ns": ("late sc", "late_sc"),
@@ -144,7 +146,7 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
         "`rest`": symbol.rest is not None,
         "`failsafe`": bool(symbol.failsafe),
         "`shield`": symbol.shield is not None,
-        "half-spaces": any(g.kind != "grid" for g in symbol.verify.groups),
+        **{CALLED.get(k, f"`{k}`"): k != "grid" for k in (g.kind for g in symbol.verify.groups)},
         "views": bool(facts.view or symbol.verify.views),
         "modules above or below": len(facts.tower) > 1,
     }

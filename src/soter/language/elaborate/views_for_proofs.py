@@ -38,6 +38,7 @@ from soter.language.model.types import (
     has_list,
     leaves,
 )
+from soter.language.syntax.parsing.modules import VIEW_ITEMS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -107,12 +108,13 @@ def _kept(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[typed.TypedE
 def _judge(symbol: typed.ModuleSymbol) -> None:
     """Raises R023 for clauses beside views, missing plants or predicates, and uncovered parts."""
     diagnostics, verify = Diagnostics(), symbol.verify
+    *methods, last = VIEW_ITEMS
     if verify.groups or verify.abstracts or verify.core or verify.induction or verify.commands:
         diagnostics.error(
             "R023",
             f"`verify` of module `{symbol.name}` has views, and a proof of its own",
             verify.span or symbol.span,
-            helps=("put every `grid`, `polytope` and `abstracts` into a view",),
+            helps=(f"put every `{'`, `'.join(methods)}` and `{last}` into a view",),
         )
     for view in verify.views:
         if not view.block.abstracts:
