@@ -1,9 +1,20 @@
 """The public interface: what `import soter` gives, and what the command line is made of.
 
 Purpose: `load` reads a program, which can then be checked, bound, simulated, built and formatted;
-each command of `soter` is one method of `Program`. A user's mistake is always a `SoterError` with
-diagnostics. Other packages are imported when needed: `check` loads neither NumPy nor cffi.
-Non-goals: printing, exit codes (`cli/`).
+most commands that take a program are methods of `Program`. A user's mistake is always a
+`SoterError` with diagnostics. Other packages are imported when needed: `check` loads neither NumPy
+nor cffi.
+Non-goals: printing, exit codes (`cli/`). In reading order:
+
+- `program.py`: `load`, and `Program`, whose methods call most of the other files.
+- `arguments.py` checks what callers give: times, parameters, modules, paths.
+- `check_report.py` makes the report of `check`; `diagrams.py` has the diagram of `soter show`.
+- `running.py` runs a system with its externs bound (`simulate`).
+- `exploring.py` explores tests; `rechecking.py` checks certificates again, and replays traces.
+- `deploying.py` builds packages, and says which proof a deployed system inherits.
+- `measuring.py` measures times of steps, or counts instructions on an emulated board.
+- `monitoring.py` judges runs and logs; `campaigning.py` runs campaigns.
+- `assurance/` makes safety cases, and checks their evidence.
 """
 
 from __future__ import annotations

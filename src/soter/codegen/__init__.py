@@ -1,7 +1,22 @@
 """Generates C99 from Core: the back end builds a tree of C, and `c_printer.py` prints it.
 
 Each node, plant, predicate and decision module (DM) gets a function named after its source. A step
-copies its locals, computes (its first fault stays: it is sticky), checks what it publishes, and
-commits once. A DM finds facts (stale, ttf, safer, gate fault, clean); a function of these alone,
-the switching logic of the paper's Figure, returns the mode.
+copies its locals, computes, checks what it publishes, and commits once. A DM finds facts (stale,
+ttf, safer, gate fault, clean); a function of these alone, the switching logic of the paper's
+Figure, returns the mode. In reading order:
+
+- `unit.py` begins: `generate` puts the header and the source of a program together.
+- `nodes.py`, `plants_and_inputs.py`, `decisions.py` write its functions: steps of nodes; steps of
+  plants, and topics that are set from outside; DMs, properties and other predicates.
+- `externs.py` writes how C or a driver answers an extern, `faults.py` what a system's faults do.
+- `kernel_tables.py` writes the tables that the kernel reads, and what makes the first state.
+- `state_access.py`: `Frame` emits the code around a body: it loads, checks, publishes, commits.
+  `sticky` wraps code that may fault: C keeps the step's first fault, and returns it. `certain`
+  finds the outputs that a step always publishes; they need no flag. `enabled` is the condition in
+  C that a flag of the step is set, such as `SOTER_ENABLED`, under which outputs are published.
+- `body.py`: `Body` translates the expressions and statements of a body from Core to C.
+- `value_locations.py`: its base `Places` says where values lie. A body is emitted within `planned`.
+- `storage_plan.py` makes the plan for that: which large temporaries share a place, or point to one.
+- `c_types.py` makes structs and checks of types, `c_names.py` chooses names.
+- `c_tree.py` has the nodes of the tree of C; `c_printer.py` prints them as text.
 """

@@ -1,7 +1,7 @@
 """Translates Core expressions and statements to C.
 
 Purpose: `Body` has one method for each kind of Core node; the C keeps the order of the Core.
-Non-goals: what surrounds a body (`nodes.py`, `environment.py`, `decisions.py`).
+Non-goals: what surrounds a body (`nodes.py`, `plants_and_inputs.py`, `decisions.py`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Purpose: structs of inputs and answers, prototypes of linked C functions, and fu
 them. An enum, int or length outside its type raises the step fault `extern`; bools become 0 or 1,
 unused list items and padding become zero, so that equal states have equal bytes; the float32 that
 is nearest to an end of a topic's set becomes that end.
-Non-goals: how steps use them (`nodes.py`, `environment.py`), who answers (drivers), the check
+Non-goals: how steps use them (`nodes.py`, `plants_and_inputs.py`), who answers (drivers), the check
 against a topic's set, which comes after (`c_types.py`).
 """
 

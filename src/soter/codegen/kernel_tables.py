@@ -2,8 +2,8 @@
 
 Purpose: tables of components, modules, properties, topics and inputs; `soter_program`, which names
 them; `init`, which makes the state before the first instant.
-Non-goals: the functions in the tables (`nodes.py`, `environment.py`, `decisions.py`), the first
-step of plants.
+Non-goals: the functions in the tables (`nodes.py`, `plants_and_inputs.py`, `decisions.py`), the
+first step of plants.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.body import stream_key
 from soter.codegen.c_types import int_number
-from soter.codegen.environment import DRAW_PARAMETERS, assemble, in_order, uniform
+from soter.codegen.plants_and_inputs import DRAW_PARAMETERS, assemble, in_order, uniform
 from soter.language.model.system import environment_topics
 from soter.language.model.types import (
     ArrayType,
@@ -24,7 +24,7 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
-    from soter.codegen.environment import InputEmitter
+    from soter.codegen.plants_and_inputs import InputEmitter
     from soter.codegen.state_access import Frame
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, Property

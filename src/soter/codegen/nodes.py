@@ -3,7 +3,7 @@
 Purpose: the step function of each node: its Soter code, or an extern that a linked C function or
 the driver answers. The outputs of a step that takes time are held in a topic of their own until
 they take effect; a value is put into the queues behind its topic, and a lost one is a step fault.
-Non-goals: what an extern node sees (`externs.py`), plants (`environment.py`), when a held
+Non-goals: what an extern node sees (`externs.py`), plants (`plants_and_inputs.py`), when a held
 publication takes effect (the kernel), what queues hold in memory (`core/layout.py`).
 """
 
@@ -15,9 +15,9 @@ from soter.codegen import c_tree as c
 from soter.codegen.body import BranchChoices
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT
-from soter.codegen.environment import choosing
 from soter.codegen.externs import linked_name, received, to_ends
 from soter.codegen.faults import disturb
+from soter.codegen.plants_and_inputs import choosing
 from soter.codegen.state_access import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.core import core
 from soter.language.model.system import queues_of

@@ -2,8 +2,8 @@
 
 Purpose: `Frame` emits access to the cells of the state, the load and commit of a step's locals, and
 the declaration, check and publication of its outputs.
-Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `environment.py`,
-`decisions.py`, `kernel_tables.py`).
+Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`,
+`plants_and_inputs.py`, `decisions.py`, `kernel_tables.py`).
 """
 
 from __future__ import annotations

@@ -12,18 +12,11 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen import (
-    decisions,
-    environment,
-    faults,
-    kernel_tables,
-    nodes,
-)
+from soter.codegen import decisions, faults, kernel_tables, nodes, plants_and_inputs
 from soter.codegen.body import Body
 from soter.codegen.c_names import FileNames, Unique, no_linked_name, program_prefix
 from soter.codegen.c_printer import print_file
 from soter.codegen.c_types import TypeTable
-from soter.codegen.environment import InputEmitter
 from soter.codegen.externs import (
     LINKED,
     answer_fields,
@@ -38,6 +31,7 @@ from soter.codegen.externs import (
     symbol_of,
 )
 from soter.codegen.kernel_tables import TableEmitter
+from soter.codegen.plants_and_inputs import InputEmitter
 from soter.codegen.state_access import Frame, where
 from soter.codegen.value_locations import MADE
 from soter.core.layout import Struct, arrange, state_layout
@@ -368,7 +362,7 @@ class UnitBuilder:
         for x in self.system.components:
             if x.index in self.core.plants:
                 plant, name = self.core.plants[x.index], self.names[x.index]
-                definitions.append(environment.plant_step(self.frame, x, plant, name))
+                definitions.append(plants_and_inputs.plant_step(self.frame, x, plant, name))
             elif x.index in self.core.nodes:
                 definitions += self._node(x, self.core.nodes[x.index])
         if self.core.decisions:

@@ -1,4 +1,4 @@
-"""The environment in generated C: steps of plants, topics set from outside, draws.
+"""Plants and inputs in generated C: steps of plants, topics set from outside, draws.
 
 Purpose: the step function of a plant (disturbances, integration, measurement errors), and the
 functions `publish` and `draw` of the kernel's tables. `publish` checks a value from outside before
