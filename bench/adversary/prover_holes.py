@@ -19,6 +19,7 @@ from bench.adversary.random_modules import Module, PathNode, Times
 
 from soter.verify.claims import start
 from soter.verify.grid import sets as grids
+from soter.verify.grid.grid_problem import of_problem
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.schedule import Schedule, SensorPath
 
@@ -239,7 +240,7 @@ def _truth_without_errors(self: GridGroup, predicate: str, *, ranges: Any = None
     return _TRUTH(self, predicate, ranges={**(ranges or {}), **exact})
 
 
-_OF_PROBLEM = grids.of_problem
+_OF_PROBLEM = of_problem
 
 
 def _half(ranges: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:

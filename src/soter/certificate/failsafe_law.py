@@ -1,15 +1,17 @@
 """The fail-safe law of a module in the place of its SC, checked again: an extra.
 
-Purpose: `law_problem` makes the problem of the law, of which K_fs is a core ("When the trusted part
-stops"): the same module, plants and times, with constants for what SC computes. `read_law` reads
-what a certificate says of it; `check_law` shows that the law keeps K_fs, in which SC has to stay.
+The fail-safe law: the constants that act on the plants once the trusted part stops (docs/proof.md,
+"When the trusted part stops"). K_fs, its core: a set of states that the law never leaves.
+Purpose: `read_law` reads what a certificate says of it; `law_problem` makes the problem of which
+K_fs is a core: the same module, plants and times, with the constants for what SC computes.
+`check_law` shows that the law keeps K_fs, in which SC has to stay.
 Non-goals: sharing code with the prover's `verify/problem/verification_system.py`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.reading.case_model import CaseModel
@@ -29,8 +31,17 @@ if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component, Module, System
 
-    Law = tuple[Facts, list[list[Group]]]
-    """The problem of the fail-safe law, and the groups with their K_fs, for every case."""
+
+class FailsafeLaw(NamedTuple):
+    """The fail-safe law of a module, as a certificate claims it.
+
+    `facts`: the problem with the law in the place of SC. `groups`: for each combination of
+    parameter values, the groups with their K_fs.
+    """
+
+    facts: Facts
+    groups: list[list[Group]]
+
 
 BEGINS = ("P1c", "P2a", "P3", "start")
 """The claims by which the law begins in K; P1c may rest on assumed times, as it may for SC."""
@@ -41,7 +52,7 @@ def read_law(
     entry: dict[str, Any],
     claims: set[str],
     read: Callable[[dict[str, Any]], list[Group]],
-) -> Law:
+) -> FailsafeLaw:
     """The law and its groups, from the entry of a module; `read` gives the groups of a case.
 
     RejectedError where nothing says that the law begins in K, or its cells are others than SC's.
@@ -54,14 +65,14 @@ def read_law(
     for of_case in groups:
         for g in of_case:
             g.cells_kept_by_law(of_case)
-    return law_problem(facts), groups
+    return FailsafeLaw(law_problem(facts), groups)
 
 
-def check_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
-    """K_fs of each group of case k, of which it is shown that the law keeps it."""
-    facts, groups = law[0], law[1][k]
-    model = CaseModel(facts, of_sc.model.parameter, of_sc.model.extents)
+def check_law(law: FailsafeLaw, k: int, of_sc: CaseCheck) -> list[Cells]:
+    """K_fs of each group of `of_sc`, case k of the module; it is shown that the law keeps it."""
+    groups = law.groups[k]
     with telling(None):
+        model = CaseModel(law.facts, of_sc.model.parameter, of_sc.model.extents)
         CaseCheck(model, groups, {"P2a"}, of_sc.entry, of_sc.workers).check()
     return [g.cells_kept_by_law(groups) for g in of_sc.groups]
 
@@ -80,8 +91,7 @@ def law_problem(facts: Facts) -> Facts:
     """
     flying, module = facts.flying, facts.flying_module
     law = facts.symbol.failsafe
-    outputs = set() if facts.sc.node is None else set(facts.sc.node.publishes)
-    if not law or set(law) != outputs:
+    if not law or facts.sc.node is None or set(law) != set(facts.sc.node.publishes):
         raise DiffersError(f"`{module.name}` declares no fail-safe law")
     for c in flying.components:
         if c.index not in (module.ac, module.sc) and _subscribed(flying, c) & {*module.outputs}:
@@ -94,8 +104,8 @@ def law_problem(facts: Facts) -> Facts:
     law_facts = read_facts(system, name, facts.view)
     leave_out(law_facts, [s.name for s in facts.left_out])
     check_supported(law_facts)
-    its, ours = ([(s.name, s.low, s.high) for s in x.states] for x in (law_facts, facts))
-    if its != ours:
+    of_law, of_sc = ([(s.name, s.low, s.high) for s in x.states] for x in (law_facts, facts))
+    if of_law != of_sc:
         raise DiffersError("the fail-safe law is not about the states of the module")
     law_facts.times, law_facts.turning = dict(facts.times), set(facts.turning)
     return law_facts
@@ -120,7 +130,7 @@ def _system_under_law(
     )
     components = list(flying.components)
     components[module.sc] = replace(sc, node=node, initial=(), failsafe={})
-    own = next(m for m in flying.modules if m.index == module.index)
-    ruled = replace(own, symbol=replace(own.symbol, sc=node))
-    modules = tuple(ruled if m is own else m for m in flying.modules)
-    return replace(flying, components=tuple(components), modules=modules), own.name
+    modules = list(flying.modules)
+    at, own = next((i, m) for i, m in enumerate(modules) if m.index == module.index)
+    modules[at] = replace(own, symbol=replace(own.symbol, sc=node))
+    return replace(flying, components=tuple(components), modules=tuple(modules)), own.name

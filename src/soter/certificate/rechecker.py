@@ -87,7 +87,7 @@ from soter.report.wording import visible
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from soter.certificate.failsafe_law import Law
+    from soter.certificate.failsafe_law import FailsafeLaw
     from soter.certificate.groups import Group
     from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
@@ -272,12 +272,11 @@ def _read_levels(facts: Facts, said: object) -> None:
 
 @dataclass(eq=False)
 class Claimed:
-    """The claims of a module's entry, and the sets with which they are made."""
+    """The claims of a module's entry, and `groups` for each combination of parameter values."""
 
     claims: set[str]
     groups: list[list[Group]]
-    """The groups of each combination of parameter values."""
-    law: Law | None
+    law: FailsafeLaw | None
 
 
 def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:

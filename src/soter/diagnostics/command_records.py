@@ -1,8 +1,10 @@
 """Records of commands: each option described once, in its field, and results as JSON objects.
 
-Purpose: an `Option` has range, unit, words and flag in one place. `made` makes the record from
-keywords, or reports every mistake as U001; `takes` gives the method that accepts them its signature
-and docstring. A `JsonObject` makes from one list of fields a JSON document and its schema.
+A command has two records: that of its options, and that of its result. The file describes both.
+Purpose: *a result*, first in the file: a `JsonObject` makes from one list of fields a JSON document
+and its schema. *Options*, behind it: an `Option` has range, unit, words and flag in one place.
+`made` makes the record from keywords, or reports every mistake as U001; `takes` gives the method
+that accepts them its signature and docstring.
 Non-goals: which options there are (each room's record), command lines
 (`cli/terminal/command_line.py`), the schema, which `docs/site/json_schemas.py` reads off these
 lists.
@@ -66,14 +68,16 @@ class JsonObject:
 
     def of(self, record: object) -> dict[str, object]:
         """The JSON object of one record."""
-        values = {n: self.made.get(n, _at(path))(record) for n, path in self.paths.items()}
-        return {name: _plain(value, self.shapes.get(name)) for name, value in values.items()}
+        values = {n: self.made.get(n, _reader_of(path))(record) for n, path in self.paths.items()}
+        return {name: _json_value(value, self.shapes.get(name)) for name, value in values.items()}
 
 
-def _at(path: str) -> Callable[[Any], object]:
+def _reader_of(path: str) -> Callable[[Any], object]:
+    """The function that reads a path and mark of `JsonObject.fields` off a record."""
+
     def value(record: Any) -> object:  # noqa: ANN401 - any record
         for name in path.rstrip("?*").removesuffix("/s").split("."):
-            record = _part(record, name)
+            record = _field_of(record, name)
         if path.endswith("/s"):
             return None if record is None else record / 1e9
         if path.endswith("*"):
@@ -83,22 +87,24 @@ def _at(path: str) -> Callable[[Any], object]:
     return value
 
 
-def _part(record: object, name: str) -> object:
-    if _lists(record):
-        return [_part(one, name) for one in record]
+def _field_of(record: object, name: str) -> object:
+    """A field of a record, of each record of a list, or None of None."""
+    if _is_list(record):
+        return [_field_of(one, name) for one in record]
     return None if record is None else getattr(record, name)
 
 
-def _lists(value: object) -> TypeGuard[Sequence[object]]:
+def _is_list(value: object) -> TypeGuard[Sequence[object]]:
     """Whether it is a list or tuple of values; a named tuple is a record."""
     return isinstance(value, (list, tuple)) and not hasattr(value, "_fields")
 
 
-def _plain(value: object, shape: Shape | None) -> object:
+def _json_value(value: object, shape: Shape | None) -> object:
+    """A value of a record as JSON has it; TypeError where it has none such."""
     if isinstance(value, Mapping):
-        return {str(name): _plain(part, shape) for name, part in value.items()}
-    if _lists(value):
-        return [_plain(part, shape) for part in value]
+        return {str(name): _json_value(part, shape) for name, part in value.items()}
+    if _is_list(value):
+        return [_json_value(part, shape) for part in value]
     shape = shape[0] if isinstance(shape, tuple) else shape
     if isinstance(shape, JsonObject) and value is not None:
         return shape.of(value)
@@ -144,8 +150,9 @@ def read_by(function: Callable[[str], Any]) -> Kind:
 
 def choice(*names: str) -> Kind:
     """One of these names."""
-    said = f"{', '.join(names[:-1])} or {names[-1]}"
-    return Kind("", said, lambda given: given in names, names=names)
+    return Kind(
+        "", f"{', '.join(names[:-1])} or {names[-1]}", lambda given: given in names, names=names
+    )
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
@@ -172,8 +179,12 @@ def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
 
 def size(low: int) -> Kind:
     """Bytes, or a text such as `512M`."""
-    said = "write it as 512M or 2G; 1M at least"
-    return Kind("size", said, lambda given: low <= (bytes_of(given) or 0) < 2**63, bytes_of)
+    return Kind(
+        "size",
+        "write it as 512M or 2G; 1M at least",
+        lambda given: low <= (bytes_of(given) or 0) < 2**63,
+        bytes_of,
+    )
 
 
 def bytes_of(given: int | str) -> int | None:
@@ -188,8 +199,12 @@ def bytes_of(given: int | str) -> int | None:
 class Option:
     """The description of one option, a field of a record.
 
-    `flags`: those of the command line and a name for the value; no dashes: it is positional; "":
-    not there. `given`: the default as a caller writes it, Ellipsis where a value is required.
+    `flags`: how it is written on a command line, "" where it is not there: flags, then one word
+    for its value. `-o --output DIR`: a value after either flag. `FILE`: without a flag it stands by
+    its position. `--diff`: without a word for a value it is a switch. `--format {a,b}`: the value
+    is one of these. `FILE...`: at least one value; `[LOG...]`: any number of them. `[SIZE]`: it
+    may be left out; after a flag, as in `--report [PATH]`, the value is then "".
+    `given`: the default as a caller writes it, Ellipsis where a value is required.
     `words`: its help, with `{default}` and `{text}`, how a text is written. `told`: its field in
     the JSON document of a result. `keyword`: whether callers in Python have it, too.
     """
@@ -233,8 +248,11 @@ def option(
 
 def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
     """The options of a record by name, in order; `keyword`: only those that Python has."""
-    known = {f.name: f.metadata["option"] for f in fields(record) if f.metadata}
-    return {name: o for name, o in known.items() if o.keyword or not keyword}
+    return {
+        f.name: f.metadata["option"]
+        for f in fields(record)
+        if f.metadata and (f.metadata["option"].keyword or not keyword)
+    }
 
 
 def made(record: type[Record], given: Mapping[str, object]) -> Record:

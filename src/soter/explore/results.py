@@ -1,7 +1,8 @@
 """The results of exploring a program's tests, as plain data, and what the tests show together.
 
 Purpose: a `TestResult` has the verdict on a test, what was covered, which bound was reached, the
-trace of a violation, and the assumptions. `wholes` applies the theorem of docs/testing.md
+trace of a violation, and the assumptions; an `ExploreReport` has one for each test of a program.
+`wholes`, last in the file, makes a `WholeByParts` of them by the theorem of docs/testing.md
 ("Contracts"): tests of one system, each with some of it replaced, may together show something of
 the whole; if not, it says why. A contract is judged as its owner steps, so contracts may rely on
 each other in a circle.
@@ -29,108 +30,6 @@ if TYPE_CHECKING:
     from soter.explore.vacuous_tests import VacuousPart
     from soter.language.model.system import System
     from soter.language.model.typed import TestSymbol
-
-
-@dataclass(frozen=True)
-class WholeByParts:
-    """What the tests of one system show of the whole, up to `horizon_ns`.
-
-    `held`: what is replaced by its contract, and the tests in which it runs as it is. `assumed`:
-    (test, what, by whom) for other replacements that somebody reads. `missing`: why nothing is
-    shown of the whole; empty where it is.
-    """
-
-    system: str
-    tests: tuple[str, ...]
-    horizon_ns: int
-    held: tuple[tuple[str, tuple[str, ...]], ...]
-    assumed: tuple[tuple[str, str, str], ...]
-    missing: tuple[str, ...]
-
-    @property
-    def text(self) -> str:
-        """A sentence for people."""
-        if self.missing:
-            return f"{self.system} is not shown as a whole: {'; '.join(self.missing)}"
-        until = show_ns(self.horizon_ns)
-        said = (
-            f"{self.system} holds as a whole, by parts, up to {until}: no execution of it breaks a "
-            f"contract or a property of {listed(self.tests)}, as whatever a contract stands for "
-            "there runs as it is in another of them"
-        )
-        by_test: dict[tuple[str, str], list[str]] = {}
-        for test, what, by in self.assumed:
-            by_test.setdefault((what, by), []).append(test)
-        means = [
-            f"{what} is what {by} may do ({', '.join(tests)})"
-            for (what, by), tests in by_test.items()
-        ]
-        if not means:
-            return f"{said}. Nothing is assumed of its parts"
-        return f"{said}. Assumed: {'; '.join(means)}"
-
-
-def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
-    """One for each system of which some test replaces something by its contract."""
-    alike: dict[Hashable, list[TestResult]] = {}
-    for result in results:
-        symbol = result.system.program.tests.get(result.name)
-        if symbol is not None:
-            alike.setdefault(_comparison_key(result, symbol), []).append(result)
-    return tuple(
-        [_whole_by_parts(group) for group in alike.values() if any(r.contracts for r in group)]
-    )
-
-
-def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """The circumstances that must be equal in all parts, as executions are compared by steps."""
-    plan, system = test_plan(result.system), result.system
-    names = [c.name for c in system.components]
-    faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}
-    inputs = {(system.topics[d.topic].name, d.every_ns, repr(d.values)) for d in system.inputs}
-    return (
-        system.program.sha256,
-        symbol.system.name,
-        frozenset((name, repr(value)) for name, value in system.params.items()),
-        plan.skew_ns,
-        plan.quantum_ns,
-        plan.ordered,
-        frozenset(faults),
-        frozenset(inputs),
-    )
-
-
-def _whole_by_parts(group: list[TestResult]) -> WholeByParts:
-    names = {r.name for r in group}
-    held: dict[str, set[str]] = {}
-    for result in group:
-        for instance, tests in result.contracts.items():
-            held.setdefault(instance, set()).update(names.intersection(tests))
-    as_it_is = {
-        instance: tuple(
-            r.name for r in group if r.name in tests and instance not in dict(r.stands_for)
-        )
-        for instance, tests in held.items()
-    }
-    return WholeByParts(
-        system=group[0].system.name if group else "",
-        tests=tuple(r.name for r in group),
-        horizon_ns=min(test_plan(r.system).horizon_ns for r in group),
-        held=tuple(sorted(as_it_is.items())),
-        assumed=tuple((r.name, what, by) for r in group for what, by in r.stands_for),
-        missing=tuple(_why_not_whole(group, as_it_is)),
-    )
-
-
-def _why_not_whole(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> Iterator[str]:
-    """Reasons why the tests do not show the whole."""
-    for result in group:
-        if result.verdict != EXHAUSTED:
-            yield f"{result.name} is not exhausted and clean"
-    for instance, tests in as_it_is.items():
-        if not tests:
-            replaced = f"{instance} is replaced by its contract"
-            yield f"{replaced} and runs as it is in no test that is asked"
 
 
 ENDS_ONLY = ("all", "instants", "groups")
@@ -221,8 +120,13 @@ class Robustness:
 
 @dataclass(eq=False)
 class TestResult:
-    """The result of one test; `bits`: of a packed configuration; `seconds`: of the search alone.
+    """The result of one test, from what was searched to what was found and may be relied on.
 
+    `verdict`: EXHAUSTED, VIOLATED, or BOUND where the search stopped at `bound`, a key of BOUNDS.
+    `states`: configurations stored; `transitions`: steps made between them; `runs`: executions
+    drawn; `depth`: steps of the longest one seen; `bits`: of a packed configuration; `seconds`: of
+    the search alone. `table_bytes`, `frontier_bytes`: what stored configurations took, and those
+    that were still to be followed.
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
     `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution
@@ -468,3 +372,105 @@ class ExploreReport:
     def __repr__(self) -> str:
         summary = ", ".join(f"{t.name} {t.verdict}" for t in self.tests)
         return f"<soter.ExploreReport {self.path}: {summary}>"
+
+
+@dataclass(frozen=True)
+class WholeByParts:
+    """What the tests of one system show of the whole, up to `horizon_ns`.
+
+    `held`: what is replaced by its contract, and the tests in which it runs as it is. `assumed`:
+    (test, what, by whom) for other replacements that somebody reads. `missing`: why nothing is
+    shown of the whole; empty where it is.
+    """
+
+    system: str
+    tests: tuple[str, ...]
+    horizon_ns: int
+    held: tuple[tuple[str, tuple[str, ...]], ...]
+    assumed: tuple[tuple[str, str, str], ...]
+    missing: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """A sentence for people."""
+        if self.missing:
+            return f"{self.system} is not shown as a whole: {'; '.join(self.missing)}"
+        until = show_ns(self.horizon_ns)
+        said = (
+            f"{self.system} holds as a whole, by parts, up to {until}: no execution of it breaks a "
+            f"contract or a property of {listed(self.tests)}, as whatever a contract stands for "
+            "there runs as it is in another of them"
+        )
+        by_test: dict[tuple[str, str], list[str]] = {}
+        for test, what, by in self.assumed:
+            by_test.setdefault((what, by), []).append(test)
+        means = [
+            f"{what} is what {by} may do ({', '.join(tests)})"
+            for (what, by), tests in by_test.items()
+        ]
+        if not means:
+            return f"{said}. Nothing is assumed of its parts"
+        return f"{said}. Assumed: {'; '.join(means)}"
+
+
+def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
+    """One for each system of which some test replaces something by its contract."""
+    alike: dict[Hashable, list[TestResult]] = {}
+    for result in results:
+        symbol = result.system.program.tests.get(result.name)
+        if symbol is not None:
+            alike.setdefault(_comparison_key(result, symbol), []).append(result)
+    return tuple(
+        [_whole_by_parts(group) for group in alike.values() if any(r.contracts for r in group)]
+    )
+
+
+def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
+    """The circumstances that must be equal in all parts, as executions are compared by steps."""
+    plan, system = test_plan(result.system), result.system
+    names = [c.name for c in system.components]
+    faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}
+    inputs = {(system.topics[d.topic].name, d.every_ns, repr(d.values)) for d in system.inputs}
+    return (
+        system.program.sha256,
+        symbol.system.name,
+        frozenset((name, repr(value)) for name, value in system.params.items()),
+        plan.skew_ns,
+        plan.quantum_ns,
+        plan.ordered,
+        frozenset(faults),
+        frozenset(inputs),
+    )
+
+
+def _whole_by_parts(group: list[TestResult]) -> WholeByParts:
+    names = {r.name for r in group}
+    held: dict[str, set[str]] = {}
+    for result in group:
+        for instance, tests in result.contracts.items():
+            held.setdefault(instance, set()).update(names.intersection(tests))
+    as_it_is = {
+        instance: tuple(
+            r.name for r in group if r.name in tests and instance not in dict(r.stands_for)
+        )
+        for instance, tests in held.items()
+    }
+    return WholeByParts(
+        system=group[0].system.name if group else "",
+        tests=tuple(r.name for r in group),
+        horizon_ns=min(test_plan(r.system).horizon_ns for r in group),
+        held=tuple(sorted(as_it_is.items())),
+        assumed=tuple((r.name, what, by) for r in group for what, by in r.stands_for),
+        missing=tuple(_why_not_whole(group, as_it_is)),
+    )
+
+
+def _why_not_whole(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> Iterator[str]:
+    """Reasons why the tests do not show the whole."""
+    for result in group:
+        if result.verdict != EXHAUSTED:
+            yield f"{result.name} is not exhausted and clean"
+    for instance, tests in as_it_is.items():
+        if not tests:
+            replaced = f"{instance} is replaced by its contract"
+            yield f"{replaced} and runs as it is in no test that is asked"

@@ -11,7 +11,7 @@ from __future__ import annotations
 from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
     from soter.language.load.named_files import BindingText
     from soter.language.model.types import Type, Value
-    from soter.policy.network import Policy, Standardised
+    from soter.policy.network import Standardised
 
     Shapes = Sequence[tuple[str, Type]]
 
@@ -56,33 +56,37 @@ class PolicyExtern(FilePolicy):
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
         path = Path(binding.file)
-        asked, self._run, self._forget, assumed = _ask_session(binding, path)
-        if assumed.keys:
-            reads = reads_by_name(
-                path, assumed.keys, reads, *([SAY] if assumed.policy is None else [])
-            )
-        places = [p for name, t in reads for p in _places(path, name, t)]
+        policy = _load_network(binding, path)
+        self._run, self._forget = policy.run, policy.forget
+        if policy.keys:
+            helps = [SAY] if binding.kind == "onnx" else []
+            reads = reads_by_name(path, policy.keys, reads, *helps)
+        places = [p for name, t in reads for p in _number_paths(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
         self._blocks = any(n != 1 for _, n in places)
-        self._build = [_builder(path, name, t) for name, t in answers]
-        self._observation, self.clip = asked, binding.clips
-        frames = asked.size // count if count and asked.size % count == 0 else 0
-        if not frames or (frames > 1 and assumed.keys):
+        self._build = [_value_builder(path, name, t) for name, t in answers]
+        self._observation, self.clip = policy.observation, binding.clips
+        size = policy.observation.size
+        frames = size // count if count and size % count == 0 else 0
+        if not frames or (frames > 1 and policy.keys):
             names = ", ".join(f"`{name}`" for name, _ in reads)
-            why = f"it takes {numbers_text(asked.size)}, the node reads {count} ({names})"
+            why = f"it takes {numbers_text(size)}, the node reads {count} ({names})"
             raise bad_policy(
                 path, why, "what a node `subscribes` is its observation, in this order"
             )
-        self._older = asked.size - count
-        self._frame = asked[self._older :]
+        self._older = size - count
+        self._frame = policy.observation[self._older :]
         order = ", ".join(p if n == 1 else f"{p} ({n} numbers)" for p, n in places)
-        told = [f"its observation is {order}", *assumed.texts]
+        told = [f"its observation is {order}", *policy.assumed]
         if frames > 1:
             told.append(f"{frames} frames are stacked, the oldest first, zeros before the first")
-        self._per_frame = _standardisation(path, assumed, count)
+        self._per_frame = policy.per_frame
+        if self._per_frame is not None and self._per_frame.mean.size != count:
+            frame = numbers_text(self._per_frame.mean.size)
+            raise bad_policy(path, f"a frame of it has {frame}, the node reads {count}")
         self.assumed = tuple(told)
-        _require_answers(path, assumed, answers)
+        _require_answers(path, policy, answers)
 
     def reset(self, _seed: int) -> None:
         """Forget the frames, and what the network remembers; the policy draws nothing."""
@@ -103,48 +107,59 @@ class PolicyExtern(FilePolicy):
         return Converted([build(numbers) for build in self._build])
 
 
-def _standardisation(path: Path, assumed: _Assumed, count: int) -> Standardised | None:
-    """The standardisation of each frame of `count` numbers, if there is one."""
-    own = assumed.policy.per_frame if assumed.policy is not None else None
-    if own is not None and own.mean.size != count:
-        size = numbers_text(own.mean.size)
-        raise bad_policy(path, f"a frame of it has {size}, the node reads {count}")
-    return own
-
-
 def _join_numbers(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
     """The numbers of one value, or of several, in one array."""
     parts = given if isinstance(given, tuple) else (given,)
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-class _Assumed:
-    """How a file answers, and what is assumed as it does not say it."""
+class _LoadedNetwork(NamedTuple):
+    """The network of a file, ready to be asked, and how it answers.
 
-    def __init__(self, texts: tuple[str, ...], outputs: int, policy: Policy | None) -> None:
-        self.texts, self.outputs, self.policy = texts, outputs, policy
-        self.whole = policy is not None and bool(policy.network.choices)
-        self.keys = policy.keys if policy is not None else ()
+    `observation`: where the caller writes what the network observes, (numbers,). `run` gives the
+    answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
+    `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
+    indices. `keys`: of observations by name, each name in order and how many numbers it has.
+    `per_frame`: the standardisation of each frame before frames are stacked.
+    """
+
+    observation: npt.NDArray[Any]
+    run: Callable[[], list[float]]
+    forget: Callable[[], None]
+    outputs: int
+    assumed: tuple[str, ...]
+    whole_numbers: bool
+    keys: tuple[tuple[str, int], ...]
+    per_frame: Standardised | None = None
 
 
-def _ask_session(
-    binding: BindingText, path: Path
-) -> tuple[npt.NDArray[Any], Callable[[], list[float]], Callable[[], None], _Assumed]:
-    """The array for the observation, the functions that answer and forget, what is assumed."""
+def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
+    """The network that a binding names, from an ONNX file or a zip of Stable-Baselines3."""
     if binding.kind == "onnx":
         session = OnnxSession(path, binding.remembered)
-        assumed = _Assumed(session.assumed, len(session.run()), None)
-        assumed.whole, assumed.keys = session.is_whole, session.keys
+        outputs = len(session.run())
         session.reset()
-        return session.observation, session.run, session.reset, assumed
+        return _LoadedNetwork(
+            observation=session.observation,
+            run=session.run,
+            forget=session.reset,
+            outputs=outputs,
+            assumed=session.assumed,
+            whole_numbers=session.is_whole,
+            keys=session.keys,
+        )
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
-    network = policy.network
-    asked = made_ready(network)
-
-    def run() -> list[float]:
-        return network.chosen(asked.run())
-
-    return asked.observation, run, asked.reset, _Assumed(policy.assumed, network.answers, policy)
+    ready = made_ready(policy.network)
+    return _LoadedNetwork(
+        observation=ready.observation,
+        run=lambda: policy.network.chosen(ready.run()),
+        forget=ready.reset,
+        outputs=policy.network.answers,
+        assumed=policy.assumed,
+        whole_numbers=bool(policy.network.choices),
+        keys=policy.keys,
+        per_frame=policy.per_frame,
+    )
 
 
 def reads_by_name(
@@ -161,7 +176,7 @@ def reads_by_name(
         help_ = "name topics like that, or one topic that is a record with these fields"
         raise bad_policy(path, why, help_, *helps)
     for key, count in keys:
-        given = sum(n for _, n in _places(path, *known[key]))
+        given = sum(n for _, n in _number_paths(path, *known[key]))
         if given != count:
             raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {given}")
     return [known[key] for key, _ in keys]
@@ -194,70 +209,69 @@ def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
 # ---------------------------------------------------------------- numbers in, numbers out
 
 
-def _places(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
+def _number_paths(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
     """The attribute paths of a value's numbers, each with how many numbers are there."""
     if isinstance(t, RecordType):
         for field, of in t.fields:
-            yield from _places(path, f"{name}.{field}", of)
+            yield from _number_paths(path, f"{name}.{field}", of)
     elif isinstance(t, NUMBERS):
         yield name, 1
-    elif (count := _block(t)) > 0:
+    elif (count := _array_numbers(t)) > 0:
         yield name, count
     else:
         why = f"`{name}` is a `{t}`, of which no numbers in a fixed order can be given to it"
         raise bad_policy(path, why, "bind a class in Python that maps it, with --bind")
 
 
-def _block(t: Type) -> int:
+def _array_numbers(t: Type) -> int:
     """How many numbers an array of numbers, or of such arrays, has; 0 for other types."""
     if isinstance(t, ArrayType):
-        return t.size * (1 if isinstance(t.element, NUMBERS) else _block(t.element))
+        return t.size * (1 if isinstance(t.element, NUMBERS) else _array_numbers(t.element))
     return 0
 
 
-def _builder(path: Path, name: str, t: Type) -> Callable[[Iterator[float]], Value]:
+def _value_builder(path: Path, name: str, t: Type) -> Callable[[Iterator[float]], Value]:
     """The function that makes a value of the type from the next numbers of an answer."""
     if isinstance(t, FloatType):
         return lambda numbers: float(next(numbers))
     if isinstance(t, RecordType):
-        parts = [_builder(path, f"{name}.{f}", of) for f, of in t.fields]
+        parts = [_value_builder(path, f"{name}.{f}", of) for f, of in t.fields]
         return lambda numbers: tuple([part(numbers) for part in parts])
     if isinstance(t, ArrayType):
-        part = _builder(path, name, t.element)
+        part = _value_builder(path, name, t.element)
         return lambda numbers: tuple([part(numbers) for _ in range(t.size)])
     if isinstance(t, (IntType, EnumType)):
         low, high = (0, len(t.members) - 1) if isinstance(t, EnumType) else (t.low, t.high)
-        return lambda numbers: _whole(next(numbers), low, high)
+        return lambda numbers: _checked_index(next(numbers), low, high)
     raise bad_policy(path, f"it cannot answer `{name}`, a `{t}`")
 
 
-def _whole(number: float, low: int, high: int) -> int:
+def _checked_index(number: float, low: int, high: int) -> int:
     if int(number) != number or not low <= number <= high:
         msg = f"it answers {number}, and its topic takes whole numbers from {low} to {high}"
         raise ValueError(msg)
     return int(number)
 
 
-def _kinds(t: Type) -> Iterator[Type]:
+def _scalar_types(t: Type) -> Iterator[Type]:
+    """Yields the type of each scalar of a value, in order."""
     if isinstance(t, RecordType):
         for _, of in t.fields:
-            yield from _kinds(of)
+            yield from _scalar_types(of)
     elif isinstance(t, ArrayType):
-        yield from list(_kinds(t.element)) * t.size
+        yield from list(_scalar_types(t.element)) * t.size
     else:
         yield t
 
 
-def _require_answers(path: Path, assumed: _Assumed, answers: Shapes) -> None:
+def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> None:
     """X014 where what is answered is not what the node publishes."""
-    kinds = [k for _, t in answers for k in _kinds(t)]
+    kinds = [k for _, t in answers for k in _scalar_types(t)]
     names = ", ".join(f"`{name}`" for name, _ in answers)
-    if len(kinds) != assumed.outputs:
-        why = (
-            f"it answers {numbers_text(assumed.outputs)}, the node publishes {len(kinds)} ({names})"
-        )
-        raise bad_policy(path, why)
-    if not assumed.whole and any(not isinstance(k, FloatType) for k in kinds):
+    if len(kinds) != policy.outputs:
+        why = f"it answers {numbers_text(policy.outputs)}, the node publishes "
+        raise bad_policy(path, f"{why}{len(kinds)} ({names})")
+    if not policy.whole_numbers and any(not isinstance(k, FloatType) for k in kinds):
         why = f"it answers numbers with fractions, and {names} takes whole ones"
         raise bad_policy(path, why, "a file whose answer is an index (ArgMax) can choose")
 

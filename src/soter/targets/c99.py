@@ -49,7 +49,11 @@ STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 class ProgramInC:
     """A system as C, as every target has it; externs without C are bound to `externs.c` here.
 
-    `apart`: components that do not compute in the state. `left`: those that stay as they are bound.
+    `unit`: the generated program. `stubs`: the extern nodes that are bound to `externs.c`, by the
+    name of their function there; `plants`: the extern plants, which have a function there, too.
+    `linked`: the C files that other externs are bound to. `command`: the name of the package's
+    program. `notes`: what a person has to do before the C is complete, a sentence each. `world`:
+    the C functions that move plants.
     """
 
     def __init__(
@@ -59,6 +63,7 @@ class ProgramInC:
         apart: frozenset[int] = frozenset(),
         left: frozenset[int] = frozenset(),
     ) -> None:
+        """`apart`: components that do not compute in the state; `left`: see `bind_stubs`."""
         self.system = system
         self.stubs = bind_stubs(system, left)
         self.unit = generate(system, core, apart=apart)
@@ -130,9 +135,10 @@ def run_time(system: System) -> tuple[str, ...]:
 
 
 def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, Component]:
-    """Bind every extern node that is not C to a function of `externs.c`, by its C name.
+    """Binds, in `system`, every extern node that is not C to a function of `externs.c`.
 
-    `left`: components that stay as they are bound.
+    Gives these nodes by the name of their function. `left`: indices of components that stay as they
+    are bound.
     """
     unique = Unique()
     component_by_symbol: dict[str, Component] = {}
@@ -326,8 +332,7 @@ def notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
     """The stubs to fill in and externs to bind before the C is complete, a sentence each."""
     notes = []
     if waiting:
-        names = ", ".join(x.name for x in waiting)
-        notes.append(f"fill in {STUBS}: {names} fail until then")
+        notes.append(f"fill in {STUBS}: {', '.join(x.name for x in waiting)} fail until then")
     dead = [f.source_name for f in core.functions if f.result is None and not f.source]
     if dead:
         notes.append(

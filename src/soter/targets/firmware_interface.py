@@ -120,7 +120,7 @@ class _Firmware:
                     *self._certificate(),
                     *self._enums(),
                     *(
-                        c.Alias(self._type(t), self._named(t), t.name)
+                        c.Alias(self._stored_type(t), self._passed_type(t), t.name)
                         for t in self.topics
                         if not _by_value(t.type)
                     ),
@@ -133,15 +133,19 @@ class _Firmware:
                         ),
                     ),
                     c.Section("start, step"),
-                    self._start_as(None),
-                    *self._start(),
-                    *(_prototype(f) for f in (self._step(), self._next())),
+                    self._checked_start(None),
+                    *self._inline_start(),
+                    *(_prototype(f) for f in (self._step_function(), self._next_function())),
                     c.Section("topics from outside"),
-                    *(_prototype(self._publish(t)) for t in self.topics if t.index in self.open),
+                    *(
+                        _prototype(self._publish_function(t))
+                        for t in self.topics
+                        if t.index in self.open
+                    ),
                     c.Section("topics: value, stamp, and whether anything was ever published"),
-                    *(_prototype(self._read(t)) for t in self.topics),
+                    *(_prototype(self._read_function(t)) for t in self.topics),
                     *((c.Section("modules"),) if self.modules else ()),
-                    *(_prototype(self._mode(i)) for i in range(len(self.modules))),
+                    *(_prototype(self._mode_function(i)) for i in range(len(self.modules))),
                 )
             )
         )
@@ -158,9 +162,12 @@ class _Firmware:
         rows = [(None, c.Number(_number(late.get(x.index, -1)))) for x in system.components]
         outside = [(None, c.Number(f"{i}U")) for i in self.open]
         ages = [_age_row(a) for m in system.modules for a in ages_of(system, m)]
-        functions = [self._step(), self._next()]
-        functions += [self._publish(t) for t in self.topics if t.index in self.open]
-        functions += [*map(self._read, self.topics), *map(self._mode, range(len(self.modules)))]
+        functions = [self._step_function(), self._next_function()]
+        functions += [self._publish_function(t) for t in self.topics if t.index in self.open]
+        functions += [
+            *map(self._read_function, self.topics),
+            *map(self._mode_function, range(len(self.modules))),
+        ]
         return print_file(
             c.CFile(
                 (
@@ -188,7 +195,7 @@ class _Firmware:
                         array=True,
                         comment="how old what SCs read may be",
                     ),
-                    self._start_as(self._starts(len(outside), len(ages))),
+                    self._checked_start(self._checked_start_body(len(outside), len(ages))),
                     *(replace(f, doc="") for f in functions),
                 )
             )
@@ -196,10 +203,11 @@ class _Firmware:
 
     # ------------------------------------------------------------ types
 
-    def _type(self, t: Topic) -> str:
+    def _stored_type(self, t: Topic) -> str:
+        """The C type of a topic's value in the state."""
         return self.unit.topics[t.index][0]
 
-    def _named(self, t: Topic) -> str:
+    def _passed_type(self, t: Topic) -> str:
         """The C type of a value that is passed."""
         if isinstance(t.type, FloatType):
             return "double"
@@ -208,7 +216,7 @@ class _Firmware:
         if isinstance(t.type, IntType):
             return "int64_t"
         if isinstance(t.type, EnumType):
-            return self._type(t)
+            return self._stored_type(t)
         return f"{self.name}_{self.short[t.index]}"
 
     def _enums(self) -> Iterator[c.CTop]:
@@ -232,7 +240,8 @@ class _Firmware:
     def _const_self(self) -> tuple[str, str]:
         return (f"const {self.name} *", "self")
 
-    def _start_as(self, body: tuple[c.CStmt, ...] | None) -> c.FunctionDef:
+    def _checked_start(self, body: tuple[c.CStmt, ...] | None) -> c.FunctionDef:
+        """`NAME_start_as`, which compares the layout; its prototype without a body."""
         parameters = (
             self._self,
             ("const char *", "layout"),
@@ -247,7 +256,7 @@ class _Firmware:
             "const char *", f"{self.name}_start_as", parameters, body, doc, static=False
         )
 
-    def _starts(self, outside: int, ages: int) -> tuple[c.CStmt, ...]:
+    def _checked_start_body(self, outside: int, ages: int) -> tuple[c.CStmt, ...]:
         differs = c.Binary(
             "!=",
             c.CallExpr("strcmp", (c.Name("layout"), c.Name(f"{self.name}_LAYOUT"))),
@@ -269,7 +278,8 @@ class _Firmware:
             c.Return(c.CallExpr("soter_firmware_start", call)),
         )
 
-    def _start(self) -> tuple[c.CTop, ...]:
+    def _inline_start(self) -> tuple[c.CTop, ...]:
+        """`NAME_start`, in the header: it hands on the layout that its caller was compiled with."""
         arguments = (
             SELF,
             c.Name(f"{self.name}_LAYOUT"),
@@ -277,13 +287,18 @@ class _Firmware:
             c.Number("1U"),
             c.Name("now"),
         )
-        body = (c.Return(c.CallExpr(f"{self.name}_start_as", arguments)),)
-        doc = "The first instant is at `now`; NULL, or what is wrong, in words"
-        parameters = (self._self, ("int64_t", "now"))
-        name = f"{self.name}_start"
-        return (c.FunctionDef("const char *", name, parameters, body, doc, inline=True),)
+        return (
+            c.FunctionDef(
+                "const char *",
+                f"{self.name}_start",
+                (self._self, ("int64_t", "now")),
+                (c.Return(c.CallExpr(f"{self.name}_start_as", arguments)),),
+                "The first instant is at `now`; NULL, or what is wrong, in words",
+                inline=True,
+            ),
+        )
 
-    def _step(self) -> c.FunctionDef:
+    def _step_function(self) -> c.FunctionDef:
         call = c.CallExpr("soter_firmware_step", (LOOP, STATE_POINTER, c.Name("now")))
         return c.FunctionDef(
             "uint32_t",
@@ -294,7 +309,7 @@ class _Firmware:
             static=False,
         )
 
-    def _next(self) -> c.FunctionDef:
+    def _next_function(self) -> c.FunctionDef:
         return c.FunctionDef(
             "int64_t",
             f"{self.name}_next",
@@ -306,18 +321,18 @@ class _Firmware:
 
     # ------------------------------------------------------------ topics
 
-    def _publish(self, t: Topic) -> c.FunctionDef:
-        kind = self._named(t) if _by_value(t.type) else f"const {self._named(t)} *"
+    def _publish_function(self, t: Topic) -> c.FunctionDef:
+        kind = self._passed_type(t) if _by_value(t.type) else f"const {self._passed_type(t)} *"
         return c.FunctionDef(
             "soter_taken",
             f"{self.name}_publish_{self.short[t.index]}",
             (self._self, (kind, "value"), ("int64_t", "measured"), ("int64_t", "now")),
-            tuple(self._publishes(t)),
+            tuple(self._publish_body(t)),
             _topic_comment(t),
             static=False,
         )
 
-    def _publishes(self, t: Topic) -> Iterator[c.CStmt]:
+    def _publish_body(self, t: Topic) -> Iterator[c.CStmt]:
         s = scalar(t.type)
         pointer: c.CExpr = VALUE
         if s is not None:
@@ -342,7 +357,7 @@ class _Firmware:
         )
         yield c.Return(c.CallExpr("soter_firmware_publish", arguments))
 
-    def _read(self, t: Topic) -> c.FunctionDef:
+    def _read_function(self, t: Topic) -> c.FunctionDef:
         member: c.CExpr = c.Member(c.Member(STATE, "topics"), self.unit.topics[t.index][1])
         if isinstance(t.type, BoolType):
             member = c.Binary("!=", member, c.Number("0"))
@@ -354,13 +369,13 @@ class _Firmware:
         return c.FunctionDef(
             "bool",
             f"{self.name}_read_{self.short[t.index]}",
-            (self._const_self, (f"{self._named(t)} *", "value"), ("int64_t *", "stamp")),
+            (self._const_self, (f"{self._passed_type(t)} *", "value"), ("int64_t *", "stamp")),
             reads,
             f"{t.name}; `stamp` may be NULL",
             static=False,
         )
 
-    def _mode(self, index: int) -> c.FunctionDef:
+    def _mode_function(self, index: int) -> c.FunctionDef:
         modules = c.Member(STATE, "modules")
         mode = c.Member(c.IndexExpr(modules, c.Number(str(index))), "mode")
         return c.FunctionDef(

@@ -55,7 +55,8 @@ BROKEN = {
 }
 REVERSED = """
 import numpy as np
-from soter.verify.grid.sets import GridGroup, GridInputs
+from soter.verify.grid.grid_problem import GridInputs
+from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.small_enclosure_units import hill
 inputs = GridInputs(kind="map", states=((-2.0, 2.0), (-2.0, 2.0)),
     controls=((-1.0, 1.0),), period_ns=10**9)

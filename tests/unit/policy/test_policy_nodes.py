@@ -17,7 +17,7 @@ from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import made_ready
 from soter.policy.sb3_file import read_sb3
-from soter.simulate.externs.extern_process import ExternServer, write_spec
+from soter.simulate.externs.extern_process import RealTimeResponder, write_spec
 from soter.workers.exchange import make_exchange
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) 
     system = program.simulate(until="10ms").system
     (node,) = [x for x in system.components if x.extern]
     write_spec(system, node, 1, tmp_path / "spec")
-    server = ExternServer(pickle.loads((tmp_path / "spec").read_bytes()))  # noqa: S301 - ours
+    server = RealTimeResponder(pickle.loads((tmp_path / "spec").read_bytes()))  # noqa: S301 - ours
     exchange = make_exchange(system, node)
     request = bytearray(exchange.request.size)
     (member,) = exchange.request.members

@@ -1,10 +1,15 @@
 """What every command line is made of: options in; exit code, findings and JSON document out.
 
-Purpose: `CommandParser`, an `ArgumentParser` that raises instead of ending the process, and the
-options that many commands share. `CommandOutcome`: how a command ends; docs/json.md describes its
-exit codes and documents. `CiFinding`: a verdict or a diagnostic with its place, before it is
-written in a format of continuous integration. `loaded` loads the command's program with a line that
-shows progress, and binds externs as `--bind` says; `standard_input` reads the text for `-`.
+Purpose: seven subjects, in the order of the file.
+1. `CiFinding`: a verdict or a diagnostic with its place, before a format of continuous integration.
+2. `CommandOutcome`: how a command ends; docs/json.md describes its exit codes and documents.
+3. `UsageError`, and the rules that give an exit code to findings and diagnostics.
+4. Texts and options that several commands share (`SYSTEM`, `SETTINGS`, ...).
+5. `CommandParser`, an `ArgumentParser` made from a record of options, which raises instead of
+   ending the process. `Option.flags` (`diagnostics/command_records.py`) describes each argument.
+6. Fields for such a record (`file_option`, `report_option`), and what reads a value's text.
+7. `loaded` loads the command's program with a line that shows progress and binds externs as
+   `--bind` says; `standard_input` reads the text for `-`.
 Non-goals: what the options mean; `--set`, whose values each command hands on; writing documents
 (`console.py`) and formats (`ci_formats.py`).
 """
@@ -182,7 +187,8 @@ SETTINGS = (
         "what answers extern X: python:file.py:name, c:file.c:name, onnx:a.onnx, sb3:a.zip",
     ),
 )
-"""The options of a record with a field `params`: flag, metavar, name in `args`, help."""
+"""What stands in the place of a field `PARAMS` of a record: flag, metavar, name in `args`, help."""
+PARAMS = "params"
 
 
 class HelpWantedError(Exception):
@@ -218,18 +224,18 @@ class CommandParser(argparse.ArgumentParser):
         self.add_argument("-h", "--help", action=_Help, nargs=0, help="show this text")
         options = options_of(command.Options)
         for field_name, known in options.items():
-            if field_name == "params":
+            if field_name == PARAMS:
                 self._add_settings()
             elif known.flags:
-                self._add(field_name, known)
+                self._add_argument_of(field_name, known)
         self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
 
     def subject(self, args: argparse.Namespace) -> dict[str, object]:
         """Fields of the document that say what the command was about, however it ends."""
         return {told: getattr(args, name) for name, told in self._about.items()}
 
-    def _add(self, name: str, known: Option) -> None:
-        """Adds the option or the positional argument for one field of the record."""
+    def _add_argument_of(self, name: str, known: Option) -> None:
+        """Adds the option or the positional argument that `Option.flags` of a field describes."""
         *flags, metavar = known.flags.split()
         kind, needed = known.kind.text, known.given is ...
         how: dict[str, Any] = {
@@ -324,7 +330,7 @@ def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
     """The arguments that are keywords of `record`, as a dict for the method in Python."""
     options = options_of(record, keyword=True)
     values = {name: getattr(args, name) for name in options if name in args}
-    return values | ({"params": dict(args.params)} if "params" in options else {})
+    return values | ({PARAMS: dict(args.params)} if PARAMS in options else {})
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -360,8 +366,9 @@ def seconds(text: str) -> float:
             return float(text)
         with suppress(WrongTextError):
             return duration_ns(text) / 10**9
-    problem = f"`{text}` is no time: write seconds, or a number with its unit, such as 10min"
-    raise argparse.ArgumentTypeError(problem)
+    raise argparse.ArgumentTypeError(
+        f"`{text}` is no time: write seconds, or a number with its unit, such as 10min"
+    )
 
 
 def seed(text: str) -> int:
@@ -423,10 +430,10 @@ def standard_input() -> str:
     stream = sys.stdin
     if stream is None:
         return ""
-    most = MAX_FILE_BYTES
-    data = stream.buffer.read(most + 1) if hasattr(stream, "buffer") else stream.read(most + 1)
-    if len(data) > most:
-        raise mistake("D005", f"cannot read standard input: it is larger than {most >> 20} MiB")
+    data = getattr(stream, "buffer", stream).read(MAX_FILE_BYTES + 1)
+    if len(data) > MAX_FILE_BYTES:
+        what = f"it is larger than {MAX_FILE_BYTES >> 20} MiB"
+        raise mistake("D005", f"cannot read standard input: {what}")
     try:
         return data if isinstance(data, str) else data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

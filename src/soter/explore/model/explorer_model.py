@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import Bound, System, Topic
     from soter.language.model.types import Type
 
+    Table = tuple[list[c.CTop], c.CExpr]
+    """The definition of a table, after those of tables that its rows name, and its name in C."""
+
 KINDS = {
     "eventually": "SOTER_EVENTUALLY",
     "leadsto": "SOTER_LEADSTO",
@@ -129,35 +132,37 @@ class _ModelBuilder(UnitBuilder):
         self.fields = tuple(packing.labelled)
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed_table()
-        asked, premises = self._premise_table()
+        premise_functions, premises = self._premise_table()
         leaf = self._leaf_table()
         guides = Guides(self.system, self.core, self.frame)
         margins, rows = guides.emit()
         guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
         self.aims, self.scales = tuple(guides.aims), guides.sites
-        ageing = self._ageing_table(configurations.ageing)
-        parts = [
-            self._actor_table(packing),
-            timed,
-            leaf,
-            ageing,
-            *self._mask_tables(packing),
-            guide,
-            premises,
-        ]
+        tables = {
+            "actor": self._actor_table(packing),
+            "timed": timed,
+            "leaf": leaf,
+            "ageing": self._ageing_table(configurations.ageing),
+            **self._mask_tables(packing),
+            "guide": guide,
+            "premise": premises,
+        }
         return [
             c.Section("model of the explorer"),
             c.Include("soter_explore_robustness.h"),
             c.Include("soter_explore_pack.h"),
             struct,
             *predicates,
-            *asked,
+            *premise_functions,
             *margins,
             configurations.pack(pack_name),
             configurations.unpack(unpack_name),
-            *(x for tables, _ in parts for x in tables),
+            *(x for definitions, _ in tables.values() for x in definitions),
             self._model_definition(
-                [value for _, value in parts], configurations, pack_name, unpack_name
+                {name: value for name, (_, value) in tables.items()},
+                configurations,
+                pack_name,
+                unpack_name,
             ),
         ]
 
@@ -165,7 +170,8 @@ class _ModelBuilder(UnitBuilder):
 
     def _table(
         self, type_: str, name: str, rows: list[c.CExpr], before: list[c.CTop], comment: str
-    ) -> tuple[list[c.CTop], c.CExpr]:
+    ) -> Table:
+        """The table of these rows behind the definitions `before`; `NULL` where it has no rows."""
         if not rows:
             return before, c.Name("NULL")
         own = self.types.unique(name)
@@ -175,35 +181,28 @@ class _ModelBuilder(UnitBuilder):
 
     def _mask_table(
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
-    ) -> tuple[list[c.CTop], c.CExpr]:
+    ) -> Table:
         """A table of words with ones where the wanted fields are, and an expression for it."""
         words = [word(x) for x in packing.mask(wanted)]
         return self._table("uint64_t", name, words, before, "")
 
-    def _mask_tables(self, packing: Packing) -> list[tuple[list[c.CTop], c.CExpr]]:
-        """The masks of the schedule's bits, of those that properties read, and of deadlines."""
-        observed = self.plan.observed
-
-        def mask(name: str, kinds: set[str]) -> tuple[list[c.CTop], c.CExpr]:
-            return self._mask_table(packing, name, lambda label: label[0] in kinds, [])
-
-        kinds = (
-            ("scheduled", {"time", "done", "lost"}),
-            ("clock", {"time"}),
-            ("dues", {"due"}),
-            ("verdicts", {"verdict"}),
-        )
-        return [
-            self._mask_table(packing, "observed", lambda label: label in observed, []),
-            *(mask(name, of) for name, of in kinds),
-        ]
+    def _mask_tables(self, packing: Packing) -> dict[str, Table]:
+        """The masks by name: bits that properties read, the schedule's bits, those of deadlines."""
+        wanted: dict[str, Callable[[Label], bool]] = {
+            "observed": self.plan.observed.__contains__,
+            "scheduled": lambda label: label[0] in {"time", "done", "lost"},
+            "clock": lambda label: label[0] == "time",
+            "dues": lambda label: label[0] == "due",
+            "verdicts": lambda label: label[0] == "verdict",
+        }
+        return {name: self._mask_table(packing, name, test, []) for name, test in wanted.items()}
 
     def _first_leaf(self, topic: int) -> int:
         """The number of a topic's first leaf; the number of all leaves where it has none."""
         numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
         return next(numbers, len(self.leaves))
 
-    def _actor_table(self, packing: Packing) -> tuple[list[c.CTop], c.CExpr]:
+    def _actor_table(self, packing: Packing) -> Table:
         rows: list[c.CExpr] = []
         before: list[c.CTop] = []
         for i, actor in enumerate(self.plan.actors):
@@ -260,7 +259,8 @@ class _ModelBuilder(UnitBuilder):
             return set()
         return {("verdict", component.module)}
 
-    def _timed_table(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+    def _timed_table(self) -> tuple[list[c.CTop], Table]:
+        """The functions of premises and conditions of timed properties, and the table of these."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for timed, lowered in zip(self.test.timed, self.core.timed, strict=True):
@@ -292,7 +292,7 @@ class _ModelBuilder(UnitBuilder):
             )
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
-    def _premise_table(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+    def _premise_table(self) -> tuple[list[c.CTop], Table]:
         """The functions of the premises of implications, and their table; empty without any."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
@@ -308,7 +308,7 @@ class _ModelBuilder(UnitBuilder):
         type_ = "soter_premise"
         return functions, self._table(type_, "premises", rows, [], "premises of implications")
 
-    def _leaf_table(self) -> tuple[list[c.CTop], c.CExpr]:
+    def _leaf_table(self) -> Table:
         for topic in self.system.topics:
             if topic.queue_of is None:
                 offset = self.layout.topic_offset(topic.index)
@@ -344,7 +344,7 @@ class _ModelBuilder(UnitBuilder):
             )
         return self._table("soter_leaf", "leaves", rows, [], "scalars of topics")
 
-    def _ageing_table(self, fields: list[AgeingField]) -> tuple[list[c.CTop], c.CExpr]:
+    def _ageing_table(self, fields: list[AgeingField]) -> Table:
         rows: list[c.CExpr] = [
             c.Initializer(
                 (
@@ -359,12 +359,17 @@ class _ModelBuilder(UnitBuilder):
         return self._table("soter_ageing", "ageing", rows, [], "packed fields that grow older")
 
     def _model_definition(
-        self, tables: list[c.CExpr], configurations: ConfigurationEmitter, pack: str, unpack: str
+        self,
+        tables: dict[str, c.CExpr],
+        configurations: ConfigurationEmitter,
+        pack: str,
+        unpack: str,
     ) -> c.VariableDef:
+        """The `soter_model`; `tables`: its members that are tables, by name.
+
+        `plain` there: no ages and no deadlines are packed; `brief`: no step lasts, so none is held.
+        """
         plan, packing = self.plan, configurations.packing
-        actor, timed, leaf, ageing, observed, scheduled, clock, dues, verdicts, guide, premise = (
-            tables
-        )
         labels = {label[0] for label, _, width in packing.labelled if width}
         plain = labels.isdisjoint({"stamp", "due", "verdict", "held"})
         at, now_width = next((at, w) for label, at, w in packing.labelled if label == ("time", 0))
@@ -376,11 +381,11 @@ class _ModelBuilder(UnitBuilder):
         value = c.Initializer(
             (
                 ("program", c.Unary("&", c.Name(f"{self.prefix}_program"))),
-                ("actor", actor),
-                ("timed", timed),
-                ("leaf", leaf),
-                ("guide", guide),
-                ("premise", premise),
+                ("actor", tables["actor"]),
+                ("timed", tables["timed"]),
+                ("leaf", tables["leaf"]),
+                ("guide", tables["guide"]),
+                ("premise", tables["premise"]),
                 ("actors", count(len(plan.actors))),
                 ("timeds", count(len(self.test.timed))),
                 ("leaves", count(len(self.leaves))),
@@ -396,14 +401,14 @@ class _ModelBuilder(UnitBuilder):
                 ("sampled", _bool_constant(plan.sampled)),
                 ("plain", _bool_constant(plain)),
                 ("brief", _bool_constant("held" not in labels)),
-                ("ageing", ageing),
+                ("ageing", tables["ageing"]),
                 ("ageings", count(len(configurations.ageing))),
-                ("scheduled", scheduled),
-                ("clock", clock),
+                ("scheduled", tables["scheduled"]),
+                ("clock", tables["clock"]),
                 ("calendar", count(configurations.calendar)),
-                ("observed", observed),
-                ("dues", dues),
-                ("verdicts", verdicts),
+                ("observed", tables["observed"]),
+                ("dues", tables["dues"]),
+                ("verdicts", tables["verdicts"]),
                 ("configuration_size", c.CallExpr("sizeof", (c.Name(self.configuration),))),
                 ("bits", count(packing.bits)),
                 ("words", count(packing.words)),

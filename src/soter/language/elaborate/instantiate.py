@@ -77,6 +77,8 @@ class SubSystem:
 class Instantiation(Numbers):
     """Walks the instances of one system.
 
+    What it finds is `placed`, `parts` and `params_at`; `Numbers` computes the numbers that it needs
+    and has the program, the system (`symbol`), its parameters and the diagnostics.
     `draft`: the file declares no system, and this is what it would run as. It may be meant to be
     imported, so that a topic without a driver is only a warning.
     """
@@ -125,7 +127,7 @@ class Instantiation(Numbers):
                 inner: self.key(target, prefix, outer) for inner, target in instance.renames.items()
             }
             if isinstance(what, typed.SystemSymbol):
-                self._ignored_sets(what, name)
+                self._warn_of_ignored_sets(what, name)
                 self.params_at[name + "."] = params
                 self.walk(what, name + ".", [wires])
                 continue
@@ -152,7 +154,9 @@ class Instantiation(Numbers):
         what = instance.what
         if not instance.renames or what in self.program.damaged:
             return
-        beside = self._beside(what) if isinstance(what, typed.SystemSymbol) else ()
+        beside = (
+            self._topics_without_instances(what) if isinstance(what, typed.SystemSymbol) else ()
+        )
         known = {*beside, *topics_mentioned(what)}
         for topic, span in instance.rename_spans.items():
             if topic not in known:
@@ -164,13 +168,16 @@ class Instantiation(Numbers):
                     also=((what.span, f"`{what.name}` is declared here"),),
                 )
 
-    def _beside(self, system: typed.SystemSymbol) -> Collection[typed.TopicSymbol]:
+    def _topics_without_instances(
+        self, system: typed.SystemSymbol
+    ) -> Collection[typed.TopicSymbol]:
         """The topics of a system beside its instances, computed once."""
         if system not in self._topics_beside:
             self._topics_beside[system] = frozenset(topics_beside(system))
         return self._topics_beside[system]
 
-    def _ignored_sets(self, inner: typed.SystemSymbol, path: str) -> None:
+    def _warn_of_ignored_sets(self, inner: typed.SystemSymbol, path: str) -> None:
+        """Warns (W006) of each `set` of a sub-system that has no effect in the system that runs."""
         for item in inner.sets:
             if not (item.path or self.parameters.sets(item.param, path)):
                 self.diagnostics.warning(
@@ -186,41 +193,42 @@ class Instantiation(Numbers):
                 )
 
     def _replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
+        """Replaces what `path` names below `prefix`; M013 where that is nothing."""
         self.partial = self.partial or by in self.program.damaged
         hit = False
         for placed in tuple(self.placed):
             if placed.name.startswith(prefix):
                 local = placed.name[len(prefix) :]
-                hit = self._replaced(placed, local, path, by, span) or hit
+                hit = self._replace_in(placed, local, path, by, span) or hit
         if not hit and not self.partial:
-            self._nothing_to_replace(prefix, path, by, span)
+            self._report_nothing_replaced(prefix, path, by, span)
 
-    def _replaced(
+    def _replace_in(
         self, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
     ) -> bool:
         """Replaces an instance, or the part that `path` names; False if it names none of it."""
         symbol = placed.symbol
         if isinstance(symbol, typed.ModuleSymbol):
             if self.whole_modules and path in {local, symbol.name}:
-                return self._whole(placed, by, span)
-            return self._controllers(placed, local, path, by, span)
+                return self._replace_module(placed, by, span)
+            return self._replace_controllers(placed, local, path, by, span)
         if placed.by_contract or path not in {local, symbol.name}:
             return False
         if isinstance(by, typed.ByContract) and isinstance(symbol, typed.NodeSymbol):
             placed.by_contract[symbol.name] = ContractStandIn(placed.name, "node", "node", (), span)
             return True
         if isinstance(by, (typed.NodeSymbol, typed.PlantSymbol)) and type(symbol) is type(by):
-            self._same_outputs(symbol, by, span)
-            self._same_truth(placed, by, span)
+            self._require_same_outputs(symbol, by, span)
+            self._require_same_states(placed, by, span)
             placed.symbol = by
             self.put_in[placed.name] = span
             return True
         return False
 
-    def _nothing_to_replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
+    def _report_nothing_replaced(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
         plant = isinstance(by, typed.PlantSymbol)
         what = "plant" if plant else "node or module" if self.whole_modules else "node"
-        names = self._replaceable(typed.PlantSymbol if plant else typed.NodeSymbol)
+        names = self._names_of_replaceable(typed.PlantSymbol if plant else typed.NodeSymbol)
         if self.whole_modules and not plant:
             below = [p.below for p in self.placed]
             whole = [p for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
@@ -235,7 +243,7 @@ class Instantiation(Numbers):
             helps=self.diagnostics.did_you_mean(path, known, span),
         )
 
-    def _controllers(
+    def _replace_controllers(
         self, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
     ) -> bool:
         """Replaces the controllers of a module that `path` names; False if it names none."""
@@ -246,20 +254,19 @@ class Instantiation(Numbers):
             short = node.name.rsplit(".", 1)[-1]
             if path not in {node.name, short, f"{local}.{short}"}:
                 continue
+            hit = hit or isinstance(by, (typed.ByContract, typed.NodeSymbol))
             if isinstance(by, typed.ByContract):
-                hit = True
                 name = f"{placed.name}.{short}"
                 placed.by_contract[node.name] = ContractStandIn(name, "node", "node", (), span)
             elif isinstance(by, typed.NodeSymbol):
-                hit = True
-                self._same_outputs(node, by, span)
+                self._require_same_outputs(node, by, span)
                 placed.replaced[node.name] = by
                 check_messages(module, by, span, self.diagnostics)
         if isinstance(by, typed.NodeSymbol):
-            self._still_two(placed, span)
+            self._require_two_controllers(placed, span)
         return hit
 
-    def _whole(self, placed: PlacedInstance, by: Replacement, span: Span) -> bool:
+    def _replace_module(self, placed: PlacedInstance, by: Replacement, span: Span) -> bool:
         """Puts a node, or stand-ins by contract, in the place of a module and all below it."""
         module = placed.symbol
         assert isinstance(module, typed.ModuleSymbol)
@@ -273,7 +280,7 @@ class Instantiation(Numbers):
         at = self.placed.index(placed)
         self.placed = [p for p in self.placed if p not in tower]
         if isinstance(by, typed.NodeSymbol):
-            self._same_outputs(module, by, span)
+            self._require_same_outputs(module, by, span)
             self.put_in[placed.name] = span
             self.placed.insert(
                 at,
@@ -282,10 +289,10 @@ class Instantiation(Numbers):
                 ),
             )
         else:
-            self.placed[at:at] = self._stand_ins(tower, span)
+            self.placed[at:at] = self._make_stand_ins(tower, span)
         return True
 
-    def _stand_ins(self, tower: list[PlacedInstance], span: Span) -> list[PlacedInstance]:
+    def _make_stand_ins(self, tower: list[PlacedInstance], span: Span) -> list[PlacedInstance]:
         """A stand-in for each controller of modules that stand above each other."""
         stand_ins: list[PlacedInstance] = []
         clauses: tuple[typed.ClauseSymbol, ...] = ()
@@ -298,24 +305,25 @@ class Instantiation(Numbers):
             for node, name, role in zip(controllers, names, ROLES, strict=True):
                 if p.below is not None and node is controllers[0]:
                     continue  # that is a controller of the module below
-                by = ContractStandIn(tower[0].name, "module", role, clauses, span)
                 made = PlacedInstance(name, node, p.prefix, p.wires, p.span, p.params)
-                made.by_contract[node.name] = by
+                made.by_contract[node.name] = ContractStandIn(
+                    tower[0].name, "module", role, clauses, span
+                )
                 stand_ins.append(made)
         return stand_ins
 
-    def _replaceable(self, kind: type) -> list[str]:
+    def _names_of_replaceable(self, kind: type) -> list[str]:
         """Full names of the plants, or of the nodes, those of modules included."""
         names = []
         for placed in self.placed:
             if isinstance(placed.symbol, kind):
                 names.append(placed.name)
             elif kind is typed.NodeSymbol and isinstance(placed.symbol, typed.ModuleSymbol):
-                own = placed.symbol.own
-                names += [f"{placed.name}.{n.name.rpartition('.')[2]}" for n in own]
+                short = (n.name.rpartition(".")[2] for n in placed.symbol.own)
+                names += [f"{placed.name}.{name}" for name in short]
         return names
 
-    def _same_outputs(self, old: object, new: object, span: Span) -> None:
+    def _require_same_outputs(self, old: object, new: object, span: Span) -> None:
         def outputs(s: object) -> set[typed.TopicSymbol]:
             if isinstance(s, (typed.NodeSymbol, typed.ModuleSymbol)):
                 return set(s.publishes if isinstance(s, typed.NodeSymbol) else s.sc.publishes)
@@ -341,18 +349,17 @@ class Instantiation(Numbers):
         """The expressions of the properties of a part."""
         return expressions_of(part.system.properties)
 
-    def _same_truth(self, placed: PlacedInstance, by: object, span: Span) -> None:
+    def _require_same_states(self, placed: PlacedInstance, by: object, span: Span) -> None:
         """Reports M014 if a property reads a state that the replacement does not have."""
         if not isinstance(by, typed.PlantSymbol):
             return
-        reads = [
-            (node, part.prefix + node.instance)
+        for node in (
+            node
             for part in self.parts
             for node in nodes(self.conditions(part))
-            if isinstance(node, typed.TruthRead)
-        ]
-        for node, name in reads:
-            if name == placed.name and node.type != by.truth:
+            if isinstance(node, typed.TruthRead) and part.prefix + node.instance == placed.name
+        ):
+            if node.type != by.truth:
                 self.diagnostics.error(
                     "M014",
                     f"`{by.name}` has other states than `{placed.symbol.name}`",
@@ -362,7 +369,7 @@ class Instantiation(Numbers):
                 )
                 return
 
-    def _still_two(self, placed: PlacedInstance, span: Span) -> None:
+    def _require_two_controllers(self, placed: PlacedInstance, span: Span) -> None:
         """Reports M002 if AC and SC are one node after a replacement."""
         ac, sc = placed.controllers()
         module = placed.symbol
@@ -379,32 +386,32 @@ class Instantiation(Numbers):
     def key(self, topic: typed.TopicSymbol, prefix: str, wires: list[Wires]) -> TopicKey:
         """The topic that a symbol means at a place in the flat system: its home and itself."""
         if topic in self.program.stand_ins:
-            return self._followed([*filter(None, prefix.split("."))], topic)
+            return self._home_of([*filter(None, prefix.split("."))], topic)
         for table in wires:
             if topic in table:
                 return table[topic]
         return prefix, topic
 
-    def _followed(self, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
+    def _home_of(self, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
         """Follows a topic, as the system at `path` names it, along all wires to its home.
 
         Wires may lead from instance to instance; it reports M021 if they lead in a circle.
         """
         seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span] = {}
         while True:
-            path, topic = self._below(path, topic)
+            path, topic = self._in_sub_system(path, topic)
             *outer, last = path or [""]
             instance = self._system_at(outer).by_name.get(last) if path else None
             if instance is None or topic not in instance.renames:
                 return "".join(f"{p}." for p in path), topic
             place = tuple(path), topic
             if place in seen:
-                self._in_a_circle(seen)
+                self._report_circle(seen)
                 return "", topic
             seen[place] = instance.rename_spans[topic]
             path, topic = outer, instance.renames[topic]
 
-    def _below(
+    def _in_sub_system(
         self, path: list[str], topic: typed.TopicSymbol
     ) -> tuple[list[str], typed.TopicSymbol]:
         """The path and the topic of a sub-system that a mentioned topic's symbol stands for."""
@@ -421,7 +428,7 @@ class Instantiation(Numbers):
             system = what
         return system
 
-    def _in_a_circle(self, seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span]) -> None:
+    def _report_circle(self, seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span]) -> None:
         names = [".".join((*path, topic.name)) for (path, topic) in seen]
         spans = list(seen.values())
         first = min(spans, key=lambda span: span.start)
@@ -440,9 +447,9 @@ class Instantiation(Numbers):
 def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
     """Full names of the controllers of a module: `M.Fast`, or `M.ac.Fast` where that is taken."""
     short = [n.name.rpartition(".")[2] for n in (ac, sc)]
-    alike = short[0] == short[1]
     roles = [
-        f"{role}.{s}" if alike or s == "dm" else s for role, s in zip(ROLES, short, strict=True)
+        f"{role}.{name}" if short[0] == short[1] or name == "dm" else name
+        for role, name in zip(ROLES, short, strict=True)
     ]
     return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
 

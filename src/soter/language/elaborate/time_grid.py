@@ -20,14 +20,9 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from soter.language.elaborate.distinguished import (
-    FINEST,
-    ReadClocks,
-    releases,
-    together,
-)
+from soter.language.elaborate.distinguished import FINEST, ReadClocks, releases, together
 from soter.language.model import typed
 from soter.language.model.tree_walk import children, nodes
 from soter.language.model.types import DurationType, IntType
@@ -38,19 +33,34 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Scope, System
 
-    Text = tuple["_TimeReader", list[typed.TypedExpr | None], list[tuple[typed.TypedStmt, ...]]]
+    CodeToRead = tuple[
+        "_TimeReader", list[typed.TypedExpr | None], list[tuple[typed.TypedStmt, ...]]
+    ]
+    """A reader, and the expressions and bodies that share its locals."""
 
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 PASSES = 8
-"""Most passes over a text; locals that hand on clocks in longer chains are open."""
+"""Most passes over the code of a reader; locals that hand on clocks in longer chains are open."""
 OFFSETS = 16
 """Most different constants that may be added to a clock in a local; with more it is open."""
 MANY = 2
 """From this number on, times in one sum are too many."""
 
-Form = tuple[int, int, int]
-"""A clock's terms: net count of the step's own time, other times added, other times taken off."""
-CONSTANT: Form = (0, 0, 0)
+
+class ClockTerms(NamedTuple):
+    """How often a clock adds or takes off a time; counts are cut to `MANY` (`_cut_terms`).
+
+    `now`: the net count of the time of the step that computes the clock, below 0 where it is taken
+    off more often. `added`, `taken_off`: how often it adds and takes off any other time: that of an
+    earlier step, kept in a local, or of a measurement. So `age(t)` is (1, 0, 1).
+    """
+
+    now: int
+    added: int
+    taken_off: int
+
+
+CONSTANT = ClockTerms(0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +87,7 @@ def times_read(system: System) -> TimesRead:
     thresholds = _ages_judged(system)
     opened: list[Span] = []
     watched: list[ReadClocks] = []
-    for reader, expressions, bodies in _texts(system):
+    for reader, expressions, bodies in _all_code(system):
         reader.run(expressions, bodies)
         thresholds |= reader.thresholds
         opened += reader.open
@@ -122,26 +132,27 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
         return plan.quantum_ns
     read = read or times_read(system)
     thresholds = (*read.thresholds_ns, *read.deadlines_ns)
-    times = [t for c in system.components for t in (c.period_ns, c.phase_ns)]
-    times += [d.every_ns for d in system.inputs]
-    times += [plan.skew_ns, *thresholds]
-    times += [t for f in plan.faults for t in (f.by_ns, f.least_ns)]
+    times = [
+        *(t for c in system.components for t in (c.period_ns, c.phase_ns)),
+        *(d.every_ns for d in system.inputs),
+        *(plan.skew_ns, *thresholds),
+        *(t for f in plan.faults for t in (f.by_ns, f.least_ns)),
+    ]
     quantum = math.gcd(*times) or 1
-    apart = itertools.pairwise(sorted({0, *thresholds}))
-    near = any(b - a <= quantum for a, b in apart)
+    near = any(b - a <= quantum for a, b in itertools.pairwise(sorted({0, *thresholds})))
     parts = read.together if read.together <= FINEST else 1
-    return quantum // _parts(quantum, max(parts, 2 if near else 1))
+    return quantum // _least_divisor(quantum, max(parts, 2 if near else 1))
 
 
-def _parts(n: int, least: int) -> int:
+def _least_divisor(n: int, least: int) -> int:
     """The least number that divides n and is at least `least`; n where there is none."""
     divisors = [k for k in range(1, math.isqrt(n) + 1) if n % k == 0]
     return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
 
 
-def _texts(system: System) -> Iterator[Text]:
-    """Yields all code that runs: expressions and bodies that share locals, with their reader."""
-    yield from _texts_of_components(system)
+def _all_code(system: System) -> Iterator[CodeToRead]:
+    """Yields all code that runs, of components, decision modules and properties."""
+    yield from _code_of_components(system)
     for m in system.modules:
         decides = ReadClocks(component=m.dm)
         if m.forced is None:
@@ -154,13 +165,13 @@ def _texts(system: System) -> Iterator[Text]:
     assert system.test is not None
     for t in system.test.timed:
         ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
-        every = sum(releases(system, c.index) for c in system.components)
-        looks = every if ages else 2 if t.kind == "leadsto" else 1
-        watched = ReadClocks(looks=looks, deadline=t.kind)
-        yield _TimeReader(t.scope, watched=watched), [t.premise, t.condition], []
+        every = (releases(system, c.index) for c in system.components)
+        looks = sum(every) if ages else 2 if t.kind == "leadsto" else 1
+        reader = _TimeReader(t.scope, watched=ReadClocks(looks=looks, deadline=t.kind))
+        yield reader, [t.premise, t.condition], []
 
 
-def _texts_of_components(system: System) -> Iterator[Text]:
+def _code_of_components(system: System) -> Iterator[CodeToRead]:
     for c in system.components:
         reader = _TimeReader(c.scope, c.period_ns, ReadClocks(component=c.index))
         if c.node is not None:
@@ -171,7 +182,7 @@ def _texts_of_components(system: System) -> Iterator[Text]:
                 if value is not None
             )
             reader.offsets |= {v: {0.0} for v in n.locals}
-            reader.forms |= {v: {CONSTANT} for v in n.locals}
+            reader.terms |= {v: {CONSTANT} for v in n.locals}
             contracts = [*n.assumes, *n.guarantees, *n.failsafe.values()]
             yield reader, [*contracts], [first, n.takeover or (), n.step]
         elif c.plant is not None:
@@ -194,8 +205,8 @@ class _TimeReader:
         """Locals that also get a value which is neither a clock nor a constant."""
         self.offsets: dict[typed.Variable, set[float]] = {}
         """Local -> the constants put into it, or added to clocks in it, in seconds."""
-        self.forms: dict[typed.Variable, set[Form]] = {}
-        """Local -> forms of clocks put into it, the time of that step counted as an other one."""
+        self.terms: dict[typed.Variable, set[ClockTerms]] = {}
+        """Local -> terms of clocks put into it, the time of that step counted as an other one."""
         self.thresholds: set[int] = set()
         self.open: list[Span] = []
 
@@ -207,46 +218,47 @@ class _TimeReader:
         """Reads all of it again until no more locals turn out to be clocks."""
         every = [e for e in expressions if e is not None]
         for _ in range(PASSES):
-            before = self._known()
+            before = self._counts()
             for known in (self.thresholds, self.others, self.open):
                 known.clear()
             for body in bodies:
-                self._body(body)
+                self._read_body(body)
             for e in every:
-                self._plain(e)
-            if self._known() == before:
+                self._read_as_value(e)
+            if self._counts() == before:
                 return
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
 
-    def _known(self) -> tuple[int, int, int]:
+    def _counts(self) -> tuple[int, int, int]:
+        """How many clocks, constants and terms of locals are known: they only ever rise."""
         offsets = sum(map(len, self.offsets.values()))
-        return len(self.clocks), offsets, sum(map(len, self.forms.values()))
+        return len(self.clocks), offsets, sum(map(len, self.terms.values()))
 
     # ------------------------------------------------------------ statements
 
-    def _body(self, body: Sequence[typed.TypedStmt]) -> None:
+    def _read_body(self, body: Sequence[typed.TypedStmt]) -> None:
         for s in body:
-            self._statement(s)
+            self._read_statement(s)
 
-    def _statement(self, s: typed.TypedStmt) -> None:
+    def _read_statement(self, s: typed.TypedStmt) -> None:
         if isinstance(s, typed.TypedDeclare):
-            self._put(s.variable, s.value)
+            self._put_into_local(s.variable, s.value)
         elif isinstance(s, typed.TypedAssign) and not s.place.path:
-            self._put(s.place.variable, s.value)
+            self._put_into_local(s.place.variable, s.value)
         elif isinstance(s, typed.TypedIf):
             for condition, body in s.arms:
-                self._plain(condition)
-                self._body(body)
-            self._body(s.otherwise)
+                self._read_as_value(condition)
+                self._read_body(body)
+            self._read_body(s.otherwise)
         elif isinstance(s, (typed.ForRange, typed.ForEach)):
             if isinstance(s, typed.ForEach):
-                self._plain(s.sequence)
-            self._body(s.body)
+                self._read_as_value(s.sequence)
+            self._read_body(s.body)
         else:
             for part in children(s):
-                self._parts(part)
+                self._read_within(part)
 
-    def _put(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+    def _put_into_local(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         if self._is_clock(value):
             self.clocks.add(variable)
             if variable in self.others:
@@ -260,27 +272,28 @@ class _TimeReader:
                 self.open.append(value.span)
 
     def _add_offsets(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
-        """Adds the constants and the forms of `value` to those of a local."""
-        self.forms.setdefault(variable, set()).update(
-            _form(0, plus + max(now, 0), minus + max(-now, 0))
-            for now, plus, minus in self._forms(value)
+        """Adds the constants and the terms of `value` to those of a local."""
+        self.terms.setdefault(variable, set()).update(
+            _cut_terms(0, t.added + max(t.now, 0), t.taken_off + max(-t.now, 0))
+            for t in self._terms(value)
         )
         known = self.offsets.setdefault(variable, set())
         if len(known) < OFFSETS:
-            known |= self._offset(value)
+            known |= self._added_constants(value)
         else:
             self.open.append(value.span)
 
-    def _parts(self, part: object) -> None:
+    def _read_within(self, part: object) -> None:
+        """Reads all expressions of a part of a statement or of an expression."""
         if isinstance(part, typed.TypedExpr):
-            self._plain(part)
+            self._read_as_value(part)
         else:
             for inner in children(part):
-                self._parts(inner)
+                self._read_within(inner)
 
     # ------------------------------------------------------------ expressions
 
-    def _plain(self, e: typed.TypedExpr) -> None:
+    def _read_as_value(self, e: typed.TypedExpr) -> None:
         """Reads an expression whose value matters: a clock is open here."""
         if self._is_clock(e):
             self.open.append(e.span)
@@ -301,16 +314,16 @@ class _TimeReader:
             self.watched.kept |= kept and e.variable.kind == "local"
             return kept
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", *COMPARISONS}:
-            clocks = self._which(e, e.left, e.right)
-            return any(clocks) and self._combined(e, both=all(clocks))
+            clocks = self._clocks_of_two(e, e.left, e.right)
+            return any(clocks) and self._note_combination(e, both=all(clocks))
         if isinstance(e, typed.Conditional):
-            self._plain(e.condition)
-            return any(self._which(e, e.then, e.otherwise))
+            self._read_as_value(e.condition)
+            return any(self._clocks_of_two(e, e.then, e.otherwise))
         for part in children(e):
-            self._parts(part)
+            self._read_within(part)
         return False
 
-    def _which(
+    def _clocks_of_two(
         self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
     ) -> list[bool]:
         """Which of two parts are clocks; `e` is open if the other one is no constant either."""
@@ -320,10 +333,10 @@ class _TimeReader:
             self.open.append(e.span)
         return clocks
 
-    def _combined(self, e: typed.TypedBinary, *, both: bool) -> bool:
+    def _note_combination(self, e: typed.TypedBinary, *, both: bool) -> bool:
         """Notes thresholds of a sum, difference or comparison of clocks; False for the last."""
         self.watched.crossed |= both
-        left, right = self._offset(e.left), self._offset(e.right)
+        left, right = self._added_constants(e.left), self._added_constants(e.right)
         if e.op in COMPARISONS:
             self.watched.compared.append(e.span)
             for a, b in itertools.product(left, right):
@@ -339,40 +352,41 @@ class _TimeReader:
         if math.isfinite(seconds):
             self.thresholds.add(round(abs(seconds) * 1e9))
 
-    def _offset(self, e: typed.TypedExpr) -> set[float]:
+    def _added_constants(self, e: typed.TypedExpr) -> set[float]:
         """The constants that a clock may have added, or the constant itself, in seconds."""
         if isinstance(e, typed.Conditional):
-            return self._offset(e.then) | self._offset(e.otherwise)
+            return self._added_constants(e.then) | self._added_constants(e.otherwise)
         if isinstance(e, typed.VarRead):
             return self.offsets.get(e.variable, set()) or {0.0}
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-"}:
             sign = 1.0 if e.op == "+" else -1.0
-            pairs = itertools.product(self._offset(e.left), self._offset(e.right))
+            pairs = itertools.product(self._added_constants(e.left), self._added_constants(e.right))
             off = sorted({a + sign * b for a, b in pairs})
             if len(off) > OFFSETS:
                 self.open.append(e.span)
             return set(off[:OFFSETS])
         return {self._constant(e) or 0.0}
 
-    def _forms(self, e: typed.TypedExpr) -> set[Form]:
-        """The forms that an expression may have, CONSTANT for one that is no clock."""
+    def _terms(self, e: typed.TypedExpr) -> set[ClockTerms]:
+        """The terms that an expression may have, CONSTANT for one that is no clock."""
         if isinstance(e, typed.TimeRead):
-            return {(1, 0, 0)}
+            return {ClockTerms(now=1, added=0, taken_off=0)}
         if isinstance(e, typed.AgeRead):
-            return {(1, 0, 1)}
+            return {ClockTerms(now=1, added=0, taken_off=1)}
         if isinstance(e, typed.VarRead):
-            return self.forms.get(e.variable, {CONSTANT})
+            return self.terms.get(e.variable, {CONSTANT})
         if isinstance(e, typed.Conditional):
-            return self._forms(e.then) | self._forms(e.otherwise)
+            return self._terms(e.then) | self._terms(e.otherwise)
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-"}:
             return self._sums(e.left, e.right, 1 if e.op == "+" else -1)
         return {CONSTANT}
 
-    def _sums(self, left: typed.TypedExpr, right: typed.TypedExpr, sign: int) -> set[Form]:
-        sums: set[Form] = set()
-        for a, b in itertools.product(self._forms(left), self._forms(right)):
-            plus, minus = b[1:] if sign > 0 else (b[2], b[1])
-            sums.add(_form(a[0] + sign * b[0], a[1] + plus, a[2] + minus))
+    def _sums(self, left: typed.TypedExpr, right: typed.TypedExpr, sign: int) -> set[ClockTerms]:
+        """The terms of left + sign * right, `sign` being 1 or -1."""
+        sums: set[ClockTerms] = set()
+        for a, b in itertools.product(self._terms(left), self._terms(right)):
+            added, off = (b.added, b.taken_off) if sign > 0 else (b.taken_off, b.added)
+            sums.add(_cut_terms(a.now + sign * b.now, a.added + added, a.taken_off + off))
         return sums
 
     def _constant(self, e: typed.TypedExpr) -> float | None:
@@ -390,10 +404,10 @@ class _TimeReader:
             value = self._constant(e.operand)
             return None if value is None else -value
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", "*", "/"}:
-            return self._folded(e)
+            return self._computed_constant(e)
         return None
 
-    def _folded(self, e: typed.TypedBinary) -> float | None:
+    def _computed_constant(self, e: typed.TypedBinary) -> float | None:
         left, right = self._constant(e.left), self._constant(e.right)
         if left is None or right is None:
             return None
@@ -413,12 +427,11 @@ def _quotient(e: typed.TypedBinary, left: float, right: float) -> float:
     return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right
 
 
-def _form(now: int, plus: int, minus: int) -> Form:
-    """A form whose counts are cut to `MANY`, so that there are few different ones."""
-    return max(-MANY, min(now, MANY)), min(plus, MANY), min(minus, MANY)
+def _cut_terms(now: int, added: int, taken_off: int) -> ClockTerms:
+    """Terms whose counts are cut to `MANY`, so that there are few different ones."""
+    return ClockTerms(max(-MANY, min(now, MANY)), min(added, MANY), min(taken_off, MANY))
 
 
-def _is_sum(form: Form) -> bool:
-    """Whether a form has more than one time added, or more than one taken off."""
-    now, plus, minus = form
-    return plus + max(now, 0) >= MANY or minus + max(-now, 0) >= MANY
+def _is_sum(terms: ClockTerms) -> bool:
+    """Whether more than one time is added, or more than one taken off."""
+    return terms.added + max(terms.now, 0) >= MANY or terms.taken_off + max(-terms.now, 0) >= MANY

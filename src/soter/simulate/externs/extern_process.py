@@ -1,10 +1,11 @@
 """An extern node in Python, in a process of its own: in virtual time, or beside a run in real time.
 
 Purpose: for `soter run`, a `ProcessExtern` asks a child process for every step. The child
-(`ServedExtern`) loads the user's code, calls it and converts its answer to text of limited length,
-which is checked here: so whatever happens in it is a step fault and nothing else. It is started
-again, `RESTARTS` times. For a run in real time `simulate/real_time.py` starts this file as a module
-with the path of a spec, which `write_spec` has written: it answers until the driver is gone.
+(`VirtualTimeResponder`) loads the user's code, calls it and converts its answer to text of limited
+length, which is checked here: so whatever happens in it is a step fault and nothing else. It is
+started again, `RESTARTS` times. For a run in real time `simulate/real_time.py` starts this file as
+a module with the path of a spec, which `write_spec` has written: `main` answers with a
+`RealTimeResponder` until the driver is gone.
 Non-goals: being on time or right: driver and gate see to that; extern plants and functions, which
 stay in the process of the engine.
 """
@@ -86,8 +87,8 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
     path.write_bytes(pickle.dumps(spec))
 
 
-class ExternServer:
-    """Serves one node: loads its code and answers requests."""
+class RealTimeResponder:
+    """A node beside a run in real time: a request and its answer are bytes of the exchange."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -139,7 +140,7 @@ def main(path: str) -> int:
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
     channel = Channel(spec.exchange.number, spec.exchange.sizes)
     try:
-        server = ExternServer(spec)
+        server = RealTimeResponder(spec)
     except SoterError as error:
         return _report_failure(spec, "; ".join(d.message for d in error.diagnostics))
     except Exception as error:  # noqa: BLE001 - of the person's `reset`
@@ -220,7 +221,7 @@ class ProcessExtern:
 
     def _start(self) -> Child:
         shapes, load, name = self._shapes, self._load, self._name
-        child = Child(lambda: ServedExtern(name, load, shapes).answer)
+        child = Child(lambda: VirtualTimeResponder(name, load, shapes).answer)
         try:
             said = self._ask(child, b"l", None)
         except GoneError as error:
@@ -322,8 +323,8 @@ def _checked_parts(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at 
 # ---------------------------------------------------------------- the child
 
 
-class ServedExtern:
-    """What runs in the child: it answers questions by calling the user's object."""
+class VirtualTimeResponder:
+    """A node in the child of a `ProcessExtern`: a question has a letter, its answer is JSON."""
 
     def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
         self._name, self._load, self._shapes = name, load, shapes

@@ -1,14 +1,18 @@
-"""Where control begins: the start, hand-backs and hand-overs, and an SC that reads defaults.
+"""Where SC begins: where it gets control with the state in R(h), and what it does on defaults.
 
-Purpose: `check_start` checks that initial states lie in R(h_0); `check_hand_back`, for a module
-below another one, that this one gives control back only in R(H) (docs/proof-modules.md, "Towers").
-`why_not_entered` checks the set part of a hand-over (docs/proof-sets.md): where `enters` holds of
-an estimate the state lies in R(H), on cells and outside the grid. `fault_on_defaults` runs SC's
-steps before all that it reads shows a state. Their outputs are in U, the declared sets, so R(h_0)
-covers them; but a step that faults latches SC, and then it never publishes again. Symbols:
-`verify/grid/sets.py`.
-Non-goals: that a node changes a view in no other step (`induction/handover.py`); H, which covers
-the time until SC's first output after a hand-back (`verify/problem/schedule.py`).
+K, the core: states from which SC keeps `safe` for ever. R(t): states from which no command of U,
+the declared sets of what drives plants, leads out of K within t. h_0: the time by which an output
+of SC has acted, counted from the start. H, the look-ahead: how long a state may move on before
+SC's first output acts, once control is given back (both: `verify/problem/schedule.py`).
+
+Purpose: the claim `start`, in two parts. *Control*: `check_start` checks that initial states lie in
+R(h_0); `check_hand_back`, for a module below another one, that this one gives control back only in
+R(H) (docs/proof-modules.md, "Towers"). `why_not_entered` checks the set part of a hand-over
+(docs/proof-sets.md): where `enters` holds of an estimate the state lies in R(H), on cells and
+outside the grid. *Defaults*: `fault_on_defaults` runs SC's steps before all that it reads shows a
+state. Their outputs are in U, so R(h_0) covers them; but a step that faults latches SC, and then it
+never publishes again.
+Non-goals: that a node changes a view in no other step (`induction/handover.py`).
 """
 
 from __future__ import annotations
@@ -40,153 +44,35 @@ if TYPE_CHECKING:
 
 
 STEPS_MAX = 10_000
-
-
-def fault_on_defaults(problem: Problem) -> str:
-    """Why SC may fault on defaults, in words; "": it does not."""
-    schedule = problem.times.schedule
-    steps = schedule.defaults_read
-    if not steps:
-        return ""
-    system, sc = _without_plants(problem)
-    component = system.components[sc]
-    assert component.node is not None
-    modes_read = {} if problem.modes is None else problem.modes.topics
-    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in modes_read]
-    topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
-    if steps > STEPS_MAX:
-        return "SC reads defaults for too long to try them all"
-    if not _published_together(problem, {system.topics[t].name for t in topics}):
-        return "SC may read the default of one topic beside a value of another"
-    read_by_dm = {p.topic for p in schedule.read_by_dm}
-    if component.node.locals or component.node.takeover is not None:  # it keeps something
-        if modes:
-            return "SC steps on defaults in any mode of others, with what it keeps: not followed"
-        if any(p.topic not in read_by_dm for p in schedule.read_by_sc):
-            return "SC may lose control and take it over, with what it keeps, before it has read"
-    return _first_fault(system, component, steps, modes)
-
-
-def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
-    """The first fault in SC's first steps, in words; "": none."""
-    dummies = {c.name: _no_outputs for c in system.components if c.extern}
-    interpreter = Interpreter(system, 0, dummies)
-    c = interpreter.initial()
-    for k in range(steps):
-        at = sc.phase_ns + k * sc.period_ns
-        for seen in _in_every_mode(replace(c, ct=at, FN=(sc.index,)), modes):
-            c, outcome = ac_or_sc_step(interpreter.machine, seen, sc.index)
-            if outcome.fault is not None:
-                return f"SC faults on the defaults that it reads at first: {outcome.fault}"
-    return ""
-
-
-def _published_together(problem: Problem, topics: set[str]) -> bool:
-    """Whether SC at any time reads defaults of all of these topics, or of none."""
-    schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
-    at_once = len({p.publisher for p in paths}) == 1
-    if not any(p.nodes for p in paths) and not schedule.dropout:
-        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
-    with_them = {t for t, node in problem.beside.items() if node == paths[0].publisher}
-    return at_once and topics <= {p.topic for p in paths} | with_them
-
-
-def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
-    """The configuration with every combination of other modules' modes."""
-    for combination in product((SC, AC), repeat=len(modes)):
-        by = dict(zip(modes, combination, strict=True))
-        yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))
-
-
-def _no_outputs(_: object) -> dict[str, object]:
-    return {}
-
-
-def _without_plants(problem: Problem) -> tuple[System, int]:
-    """The module's system without plants, so that nobody publishes what SC reads."""
-    system = derived_systems.module_alone(problem.system, problem.module)
-    system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
-    return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
-
-
+"""The most steps of SC on defaults that are run; with more of them nothing is shown."""
 ENTERS = "enters"
+"""The name of that predicate in the compiled enclosures."""
 MAY_HOLD = 2
-
-
-def why_not_entered(case: Case) -> str:
-    """Why it is not shown that `enters` implies R(H), in words; "": it is shown."""
-    problem, library = case.problem, case.forms.library
-    if library.symbol(ENTERS) == library.ffi.NULL:
-        return "what it says cannot be enclosed"
-    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
-        return "there is no R(H)"
-    if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
-        return "not every state is on an axis"
-    reach = ranges_of_entry(problem)
-    for s, range_ in enumerate(reach):
-        if range_ is None:
-            return f"nothing that it reads bounds {problem.quantities.states[s].name}"
-    for where, box in _boxes_outside_grid(case, np.array(reach, dtype=np.float64)):
-        if case.forms.truth(ENTERS, box) & MAY_HOLD:
-            return f"it may hold where {where}, outside the grid"
-    reasons = [proof.why_not_entered(case) for proof in case.proofs]
-    return next(filter(None, reasons), "")
-
-
-def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
-    """The range of each state where `enters` is judged, by the sets of the topics that it reads.
-
-    None where none of them shows the state. Below another module every topic counts: a plant stops
-    rather than publish anything outside its set.
-    """
-    scope = problem.module.scope.topics
-    read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
-    ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
-    for (topic, leaf), state in problem.state_of_leaf.items():
-        bounds = problem.system.topics[topic].bounds[leaf]
-        if (topic not in read and not problem.above) or bounds is None:
-            continue
-        error = _measurement_error(problem, topic, leaf)
-        error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
-        ranges[state] = (bounds.low - error, bounds.high + error)
-    return ranges
-
-
-def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
-    """The largest error of what is published on a leaf of a topic."""
-    path = list(leaves(problem.system.topics[topic].type))[leaf][0]
-    every = zip(problem.quantities.errors, problem.errors, strict=True)
-    return sum(max(-r.low, r.high) for e, r in every if (e.owner, e.path) == (topic, path))
-
-
-def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
-    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, with a text each.
-
-    `reach`: the range of each state, of shape (states, 2).
-    """
-    for axis in (a for proof in case.proofs for a in proof.group.axes):
-        s, first, last = axis.state, axis.edges[0], axis.edges[-1]
-        for where, low, high in (
-            (f"{axis.name} is below {first!r}", reach[s, 0], first),
-            (f"{axis.name} is above {last!r}", last, reach[s, 1]),
-        ):
-            if low <= high:
-                box = np.array(case.forms.whole)
-                box[: len(reach)] = reach
-                box[s] = low, high
-                yield where, box
-
-
+"""The bit of `CompiledEnclosures.truth` for a predicate that may be true somewhere in a box."""
 NARROWER = "a `safer` above that gives control back at fewer states, or a wider grid"
 SETS = "declare the sets of what plants drive, and let SC answer all of them"
+"""Hints for a failure of a hand-back."""
+
+# ---------------------------------------------------------------- control at the start
 
 
-def _fails_on_defaults(case: Case) -> bool:
-    """Whether SC may fault on defaults; then a failure of `start` is entered."""
-    why = fault_on_defaults(case.problem)
-    if why:
-        case.fail("start", why, hint="let SC step only after what it reads was published: `phase`")
-    return bool(why)
+def check_start(case: Case) -> None:
+    """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted.
+
+    Below another module, which has control first, it checks the states where that gives it back.
+    """
+    if case.problem.above:
+        check_hand_back(case)
+        return
+    if not case.problem.starts_with(case.parameter):
+        return
+    _fails_on_defaults(case)
+    until_ns = case.problem.in_horizon(case.problem.times.start)
+    for proof in case.proofs:
+        proof.start(case, until_ns)
+
+
+# ---------------------------------------------------------------- control by a hand-back
 
 
 def check_hand_back(case: Case) -> None:
@@ -226,22 +112,152 @@ def weaken_if_below(problem: Problem, finding: Finding) -> None:
 
 def notes_on_module_below(problem: Problem) -> list[str]:
     """A note for a module above another one: how little is assumed of that one."""
-    text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
-    text += "but that what they publish lies in the declared sets, which each step checks"
-    return [text.format(name) for name in problem.below[:1]]
+    return [
+        f"{name} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
+        "but that what they publish lies in the declared sets, which each step checks"
+        for name in problem.below[:1]
+    ]
 
 
-def check_start(case: Case) -> None:
-    """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted.
+def why_not_entered(case: Case) -> str:
+    """Why it is not shown that `enters` implies R(H), in words; "": it is shown."""
+    problem, library = case.problem, case.forms.library
+    if library.symbol(ENTERS) == library.ffi.NULL:
+        return "what it says cannot be enclosed"
+    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
+        return "there is no R(H)"
+    if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
+        return "not every state is on an axis"
+    reach = ranges_of_entry(problem)
+    for s, range_ in enumerate(reach):
+        if range_ is None:
+            return f"nothing that it reads bounds {problem.quantities.states[s].name}"
+    for where, box in _boxes_outside_grid(case, np.array(reach, dtype=np.float64)):
+        if case.forms.truth(ENTERS, box) & MAY_HOLD:
+            return f"it may hold where {where}, outside the grid"
+    return next(filter(None, [proof.why_not_entered(case) for proof in case.proofs]), "")
 
-    Below another module, which has control first, it checks the states where that gives it back.
+
+def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
+    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, with a text each.
+
+    `reach`: the range of each state, of shape (states, 2).
     """
-    if case.problem.above:
-        check_hand_back(case)
-        return
-    if not case.problem.starts_with(case.parameter):
-        return
-    _fails_on_defaults(case)
-    until_ns = case.problem.in_horizon(case.problem.times.start)
-    for proof in case.proofs:
-        proof.start(case, until_ns)
+    for axis in (a for proof in case.proofs for a in proof.group.axes):
+        s, first, last = axis.state, axis.edges[0], axis.edges[-1]
+        for where, low, high in (
+            (f"{axis.name} is below {first!r}", reach[s, 0], first),
+            (f"{axis.name} is above {last!r}", last, reach[s, 1]),
+        ):
+            if low <= high:
+                box = np.array(case.forms.whole)
+                box[: len(reach)] = reach
+                box[s] = low, high
+                yield where, box
+
+
+def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
+    """The range of each state where `enters` is judged, by the sets of the topics that it reads.
+
+    None where none of them shows the state. Below another module every topic counts: a plant stops
+    rather than publish anything outside its set.
+    """
+    scope = problem.module.scope.topics
+    read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
+    ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
+    for (topic, leaf), state in problem.state_of_leaf.items():
+        bounds = problem.system.topics[topic].bounds[leaf]
+        if (topic not in read and not problem.above) or bounds is None:
+            continue
+        error = _measurement_error(problem, topic, leaf)
+        error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
+        ranges[state] = (bounds.low - error, bounds.high + error)
+    return ranges
+
+
+def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
+    """The largest error of what is published on a leaf of a topic."""
+    path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+    return sum(
+        max(-range_.low, range_.high)
+        for error, range_ in zip(problem.quantities.errors, problem.errors, strict=True)
+        if (error.owner, error.path) == (topic, path)
+    )
+
+
+# ---------------------------------------------------------------- SC on defaults
+
+
+def _fails_on_defaults(case: Case) -> bool:
+    """Whether SC may fault on defaults; then a failure of `start` is entered."""
+    why = fault_on_defaults(case.problem)
+    if why:
+        case.fail("start", why, hint="let SC step only after what it reads was published: `phase`")
+    return bool(why)
+
+
+def fault_on_defaults(problem: Problem) -> str:
+    """Why SC may fault on defaults, in words; "": it does not."""
+    schedule = problem.times.schedule
+    steps = schedule.defaults_read
+    if not steps:
+        return ""
+    system, sc = _without_plants(problem)
+    component = system.components[sc]
+    assert component.node is not None
+    modes_read = {} if problem.modes is None else problem.modes.topics
+    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in modes_read]
+    topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
+    if steps > STEPS_MAX:
+        return "SC reads defaults for too long to try them all"
+    if not _published_together(problem, {system.topics[t].name for t in topics}):
+        return "SC may read the default of one topic beside a value of another"
+    read_by_dm = {p.topic for p in schedule.read_by_dm}
+    if component.node.locals or component.node.takeover is not None:  # it keeps something
+        if modes:
+            return "SC steps on defaults in any mode of others, with what it keeps: not followed"
+        if any(p.topic not in read_by_dm for p in schedule.read_by_sc):
+            return "SC may lose control and take it over, with what it keeps, before it has read"
+    return _first_fault(system, component, steps, modes)
+
+
+def _published_together(problem: Problem, topics: set[str]) -> bool:
+    """Whether SC at any time reads defaults of all of these topics, or of none."""
+    schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
+    at_once = len({p.publisher for p in paths}) == 1
+    if not any(p.nodes for p in paths) and not schedule.dropout:
+        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
+    with_them = {t for t, node in problem.beside.items() if node == paths[0].publisher}
+    return at_once and topics <= {p.topic for p in paths} | with_them
+
+
+def _without_plants(problem: Problem) -> tuple[System, int]:
+    """The module's system without plants, so that nobody publishes what SC reads."""
+    system = derived_systems.module_alone(problem.system, problem.module)
+    system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
+    return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
+
+
+def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
+    """The first fault in SC's first steps, in words; "": none."""
+    dummies = {c.name: _no_outputs for c in system.components if c.extern}
+    interpreter = Interpreter(system, 0, dummies)
+    c = interpreter.initial()
+    for k in range(steps):
+        at = sc.phase_ns + k * sc.period_ns
+        for seen in _in_every_mode(replace(c, ct=at, FN=(sc.index,)), modes):
+            c, outcome = ac_or_sc_step(interpreter.machine, seen, sc.index)
+            if outcome.fault is not None:
+                return f"SC faults on the defaults that it reads at first: {outcome.fault}"
+    return ""
+
+
+def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
+    """The configuration with every combination of other modules' modes."""
+    for combination in product((SC, AC), repeat=len(modes)):
+        by = dict(zip(modes, combination, strict=True))
+        yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))
+
+
+def _no_outputs(_: object) -> dict[str, object]:
+    return {}

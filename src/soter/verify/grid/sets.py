@@ -19,8 +19,8 @@ import numpy as np
 
 from soter.diagnostics.current_phase import share_done
 from soter.verify.enclose.scheme_error import NS
-from soter.verify.grid.grid_problem import GridInputs, of_problem
-from soter.verify.grid.group_model import AXIS_MAX, GridModel, UnboundedError
+from soter.verify.grid.grid_problem import of_problem
+from soter.verify.grid.group_model import GridModel, UnboundedError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,15 +31,6 @@ if TYPE_CHECKING:
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_model import Ints
     from soter.verify.problem.problem import Group, Problem
-
-__all__ = [
-    "AXIS_MAX",
-    "Core",
-    "GridGroup",
-    "GridInputs",
-    "UnboundedError",
-    "of_problem",
-]
 
 SLICE_S = 0.1
 """How long the engine works between two looks at the stop flag."""
@@ -83,7 +74,11 @@ class Core:
 
 
 class GridGroup(GridModel):
-    """The engine for one group of states: it computes sets on the group's grid."""
+    """The engine for one group of states: it computes sets on the group's grid.
+
+    `GridModel` has the group's description in C (`c`) and gives the engine its memory: `pointer` to
+    an array, `bits` of a set, the memory of its `rounds`; it works cell by cell in `tiles`.
+    """
 
     _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
 
@@ -101,9 +96,9 @@ class GridGroup(GridModel):
         ends = {a.state for a in group.axes if a.open}
         endless = {a.state for a in group.axes if a.unbounded}
         around = {a.state for a in group.axes if a.wraps}
-        told = of_problem(problem, parameters)
+        inputs = of_problem(problem, parameters)
         options |= {"open_ends": ends, "unbounded": endless, "wraps": around}
-        return cls(library, told, axes, **options)
+        return cls(library, inputs, axes, **options)
 
     # ------------------------------------------------------------ predicates
 
@@ -216,7 +211,7 @@ class GridGroup(GridModel):
         kept = np.zeros(self.shape, dtype=np.bool_) if resting is None else resting
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
-        return self._core_by_engine(
+        return self._run_core_engine(
             allowed, members, kept, longest=longest, patience=patience, vain_max=most, holds=holds
         )
 
@@ -241,7 +236,7 @@ class GridGroup(GridModel):
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
-    def _core_by_engine(
+    def _run_core_engine(
         self,
         allowed: Bools,
         members: Bools,
@@ -255,14 +250,14 @@ class GridGroup(GridModel):
         """K as `core` says, by the engine; `vain_max`: that many cells in vain, 0: no limit."""
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
-        bits, of_members, without_chain = map(self.bits, (allowed, members, resting))
+        allowed_bits, member_bits, resting_bits = map(self.bits, (allowed, members, resting))
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
         witness = np.empty(self.shape, dtype=np.uint8)
         w = ffi.new("soter_reach_work *")
-        rounds = self.rounds(w.r)
-        w.allowed = self.pointer(bits, "uint64_t *")
-        w.members = self.pointer(of_members, "uint64_t *")
-        w.resting = self.pointer(without_chain, "uint64_t *")
+        memory_of_rounds = self.rounds(w.r)  # the engine has pointers into it
+        w.allowed = self.pointer(allowed_bits, "uint64_t *")
+        w.members = self.pointer(member_bits, "uint64_t *")
+        w.resting = self.pointer(resting_bits, "uint64_t *")
         w.witness = self.pointer(witness, "uint8_t *")
         if self._scratch is None:  # kept for the next time: fresh pages cost more than the work
             self._scratch = (
@@ -287,7 +282,7 @@ class GridGroup(GridModel):
         if spent:
             witness[...] = 0
         witness[resting] = RESTS
-        del rounds
+        del memory_of_rounds
         return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
     # ------------------------------------------------------------ tubes under all of U
