@@ -379,7 +379,9 @@ def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path)
     assert jumps[0].why == "nothing is claimed with which R(H) is confirmed"
 
 
-@pytest.mark.parametrize("where", ["handovers.not_entered", "induction.handover_jumps.why_not"])
+@pytest.mark.parametrize(
+    "where", ["handovers.why_not_entered", "induction.handover_jumps.why_not_shown"]
+)
 def test_what_goes_wrong_confirms_nothing(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
