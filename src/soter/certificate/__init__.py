@@ -1,10 +1,16 @@
 """The independent checker of certificates; imports `language/` and below, nothing of `verify/`.
 
-`folder.py` reads the folder; `reading/` reads the problem and its times off the program; `terms/`
-has expressions over Arb balls, `cell_predicates.py` predicates on sets of cells. `rechecker.py`
-asks claim by claim; `grid/`, `polytope/`, `induction/` and `tubes/` are the methods by which claims
-are shown, `proof_methods.py` is their table. What is not understood is not confirmed.
-docs/recheck.md says which files each certificate of grids goes through, and which are of an extra.
+In reading order:
+- `folder.py` reads the folder, and the program in it; `rechecker.py` asks claim by claim.
+- `reading/` reads the problem and its times off the program; `terms/` has its expressions over Arb.
+- `case_check.py` asks the claims of one combination of parameter values, group by group;
+  `groups.py` is what it may ask of a group, `proof_methods.py` the table of methods.
+- `cell_sets.py`, `cell_predicates.py`: sets of cells, and on which of them a predicate holds.
+- `grid/`, `polytope/`, `induction/`, `tubes/`: the methods by which claims are shown.
+- Extras: `handovers.py` (jumps of a view's state), `failsafe_law.py` (the law in the place of SC).
+- `scope.py`: what a verdict is about and rests on; `vacuous_proofs.py`: whether it says anything;
+  `report.py`: the verdicts and errors; `flight_check.py`: verdicts in the log of a flight.
+What is not understood is not confirmed. docs/recheck.md says what each certificate goes through.
 
 Sets, as docs/proof-sets.md has them. C: where `safe` holds. K, in C: SC keeps it. R(H): no command
 leads out of K within H. S_0: estimates of states in R(H) only; S_k: of states in G_k only, whose
