@@ -49,7 +49,6 @@ CPU_S = 240
 """And with it: a busy machine kills none."""
 WALL_S = 1800.0
 """And may wait as long: a mutant that waits for ever is killed, too."""
-PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 PARTS = ("src", "tests", "bench", "examples", "docs", "pyproject.toml", "README.md", "Makefile")
 OTHER = {
     "<": "<=",
@@ -134,13 +133,22 @@ def common(before: Path) -> list[tuple[Mutant, Mutant]]:
 
 
 def copy_of(source: Path, tree: Path) -> None:
-    """Copies what tests need of a checkout."""
+    """Copies what tests need of a checkout; its packages and their metadata stay where they are."""
     tree.mkdir(parents=True)
+    if (source / ".venv").is_dir():
+        (tree / ".venv").symlink_to(source / ".venv")
     for part in PARTS:
         if (source / part).is_dir():
             shutil.copytree(source / part, tree / part)
         else:
             shutil.copy(source / part, tree / part)
+
+
+def pytest_of(tree: Path) -> tuple[str, ...]:
+    """The command of the copy's own Python: tests ask for the metadata of its distribution."""
+    own = tree / ".venv" / "bin" / "python"
+    python = str(own) if own.exists() else sys.executable
+    return python, "-m", "pytest", "-q", "-p", "no:cacheprovider"
 
 
 class Tests:
@@ -151,7 +159,7 @@ class Tests:
         folder.mkdir(parents=True, exist_ok=True)
         if not any(folder.iterdir()):
             env = {"REACHED": str(folder.resolve()), "PYTHONPATH": f"{tree / 'src'}:{HERE}"}
-            command = [*PYTEST, "-n", str(os.cpu_count()), "-p", "reached_statements"]
+            command = [*pytest_of(tree), "-n", str(os.cpu_count()), "-p", "reached_statements"]
             subprocess.run(command, cwd=tree, env=os.environ | env, check=False)
         self.offsets, tests = reached_statements.read(folder)
         self.seconds = {name: seconds for name, (seconds, _) in tests.items()}
@@ -167,15 +175,9 @@ class Tests:
         """
         text = (self.tree / "src" / "soter" / mutant.file).read_text(encoding="utf-8")
         number = text.split("\n").index(mutant.line) + 1
-        tree, offset = ast.parse(text), self.offsets[mutant.file]
-        statements = [
-            inner
-            for node in ast.walk(tree)
-            if isinstance(node, ast.FunctionDef)
-            for inner in ast.walk(node)
-            if isinstance(inner, ast.stmt) and inner is not node
-        ]
-        around = [s.lineno for s in statements if s.lineno <= number <= (s.end_lineno or 0)]
+        offset = self.offsets[mutant.file]
+        every = reached_statements.statements(ast.parse(text))
+        around = [s.lineno for s in every if s.lineno <= number <= (s.end_lineno or 0)]
         lines = [max(around)] if around else range(1, len(text.split("\n")))
         reach = {name: None for line in lines for name in self.of_line.get(offset + line, ())}
         room = f"tests/unit/{mutant.file.split('/')[0]}/"
@@ -194,7 +196,7 @@ def failing(tree: Path, tests: Sequence[str]) -> str | None:
         named.flush()
         try:
             done = subprocess.run(
-                [*PYTEST, "-x", "-n", "0", f"@{named.name}"],
+                [*pytest_of(tree), "-x", "-n", "0", f"@{named.name}"],
                 cwd=tree,
                 env={**os.environ, "PYTHONPATH": str(tree / "src")},
                 capture_output=True,

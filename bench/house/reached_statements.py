@@ -1,21 +1,24 @@
 """A plugin of pytest that notes which statements of `src/soter` each test reaches.
 
     REACHED=FOLDER PYTHONPATH=bench/house python -m pytest -p reached_statements ...
+    python bench/house/reached_statements.py FOLDER
 
 Purpose: every statement of a function of Soter is compiled with a mark before it; after each test
-the marks that it left are noted. At the end each process writes one file into `FOLDER`; `read`
-gives what all of them hold.
+that passes the marks that it left are noted. At the end each process writes one file into `FOLDER`;
+`read` gives what all of them hold, and run as a command it prints the share of each room.
 Non-goals: statements that run as a module is imported, and what other processes reach.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import builtins
 import importlib.machinery
 import os
 import pickle
 import re
+import sys
 from array import array
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,15 +43,26 @@ def offsets(soter: Path) -> dict[str, int]:
     return {**given, "": at}
 
 
+def statements(tree: ast.Module) -> list[ast.stmt]:
+    """The statements inside functions, docstrings aside."""
+    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    every = {id(n): n for f in functions for n in ast.walk(f) if n is not f}
+    return [n for n in every.values() if isinstance(n, ast.stmt) and not is_text(n)]
+
+
+def is_text(node: ast.stmt) -> bool:
+    """A docstring, which nothing runs and before which no mark may stand."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
 def marked(text: str, offset: int) -> ast.Module:
     """A module in which each statement of a function first sets the mark of its line."""
     tree = ast.parse(text)
 
     def mark(body: list[ast.stmt]) -> list[ast.stmt]:
         new: list[ast.stmt] = []
-        for k, statement in enumerate(body):
-            first = statement.value if k == 0 and isinstance(statement, ast.Expr) else None
-            if not isinstance(first, ast.Constant):  # a docstring stays the first
+        for statement in body:
+            if not is_text(statement):
                 one = ast.parse(f"{MARKS}[{offset + statement.lineno}] = 1").body[0]
                 for node in ast.walk(one):
                     ast.copy_location(node, statement)
@@ -124,3 +138,25 @@ def read(folder: Path) -> tuple[dict[str, int], dict[str, tuple[float, array[int
         where, found = pickle.loads(path.read_bytes())  # noqa: S301 - written by this run
         tests |= found
     return where, tests
+
+
+def main() -> int:
+    """Print how many of the statements of each room's functions the tests of a run reach."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    where, tests = read(parser.parse_args().folder)
+    reached = {mark for _, marks in tests.values() for mark in marks}
+    rooms: dict[str, list[bool]] = {}
+    for name, offset in where.items():
+        path = SOTER / name
+        lines = {s.lineno for s in statements(ast.parse(path.read_text()))} if name else set()
+        room = name.split("/")[0] if "/" in name else "soter"
+        rooms.setdefault(room, []).extend(offset + line in reached for line in lines)
+    for room, found in sorted(rooms.items()):
+        if found:
+            print(f"{room:14} {sum(found) / len(found):6.1%} of {len(found):6,}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

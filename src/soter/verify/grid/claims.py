@@ -232,7 +232,7 @@ class GridProof(GroupProof):
 
     @property
     def stuck(self) -> float:
-        """The volume_share of K's cells from which no way to Q was found."""
+        """The share of K's cells from which no way to Q was found."""
         core, rank = self.found.core > 0, self.found.rank
         if rank is None:
             return 0.0
@@ -302,7 +302,7 @@ class GridProof(GroupProof):
 
     @property
     def core_share(self) -> float | None:
-        """The volume_share of C's volume that K has; 0 where C is empty."""
+        """The share of C's volume that K has; 0 where C is empty."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         whole = volume_share(part.allowed, edges)
         return volume_share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0

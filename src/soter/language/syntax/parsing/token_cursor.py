@@ -180,23 +180,6 @@ class Cursor:
         where the text there is a phrase of another language, which is told in its place;
         TooManyErrorsError beyond `ERRORS_MAX`.
         """
-        self._tell_once(code, message, span, label, also=also, notes=notes, helps=helps)
-        self.i += skip
-        if not once:
-            self.quiet = -1
-
-    def _tell_once(
-        self,
-        code: Code,
-        message: str,
-        span: Span | None,
-        label: str,
-        *,
-        also: tuple[tuple[Span, str], ...],
-        notes: tuple[str, ...],
-        helps: tuple[Help, ...],
-    ) -> None:
-        """Add the error to `problems`, unless one was told at the token of the cursor before."""
         i = self.i
         silent = (
             i == self.quiet
@@ -204,22 +187,23 @@ class Cursor:
             or (self.kinds[i] == EOF and self.tokens.truncated)
         )
         self.quiet = i
-        if silent:
-            return
-        if len(self.problems) >= ERRORS_MAX:
-            raise TooManyErrorsError
-        if span is None:
-            span = self.token_span(i)
-        self._another_language(span)
-        elsewhere = self._elsewhere(code, notes, helps)
-        if elsewhere is not None:
-            self.problems.append(elsewhere)
-            return
-        if code in _REPAIRED and not helps:
-            fix = self._repaired(code, message)
-            helps = () if fix is None else (fix,)
-        labels = tuple(Label(s, t) for s, t in also)
-        self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
+        if not silent:
+            if len(self.problems) >= ERRORS_MAX:
+                raise TooManyErrorsError
+            if span is None:
+                span = self.token_span(i)
+            self._another_language(span)
+            told = self._elsewhere(code, notes, helps)
+            if told is None:
+                if code in _REPAIRED and not helps:
+                    fix = self._repaired(code, message)
+                    helps = () if fix is None else (fix,)
+                labels = tuple(Label(s, t) for s, t in also)
+                told = made(code, message, Label(span, label), labels, notes, helps)
+            self.problems.append(told)
+        self.i += skip
+        if not once:
+            self.quiet = -1
 
     def _another_language(self, span: Span) -> None:
         """Panic behind a phrase of another language, if one covers `span`, once it is told."""
