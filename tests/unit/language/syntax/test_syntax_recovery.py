@@ -341,6 +341,13 @@ def test_alias_of_a_broken_import_is_guessed_from_the_file(parsed: Parsed) -> No
     assert file.broken == {"iris"}
 
 
+def test_a_word_that_is_no_beginning_is_also_no_declaration(parsed: Parsed) -> None:
+    """Two mistakes at one token, where the first one lets the next be told."""
+    _, problems = parsed("node2 1;\nconst X: float = 1.0;\n")
+    at = [(p.code, p.primary and p.primary.span.start) for p in problems]
+    assert at == [("S001", 0), ("S009", 0)]
+
+
 def test_import_after_a_declaration_is_reported_and_kept(parsed: Parsed) -> None:
     file, problems = parsed('soter 1; const X: float = 1.0; import "a.soter" as a;')
     assert [p.code for p in problems] == ["S003"]
