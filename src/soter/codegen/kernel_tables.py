@@ -37,14 +37,7 @@ def init(frame: Frame, name: str) -> c.FunctionDef:
     for topic in frame.system.topics:
         body += _initial(frame, frame.topic(topic.index), topic.type, topic.default)
     for component in frame.system.components:
-        variables = (
-            component.node.locals
-            if component.node
-            else component.plant.states
-            if component.plant
-            else ()
-        )
-        for i, v in enumerate(variables):
+        for i, v in enumerate(component.variables):
             target = frame.member(component.index, v.name)
             interval = component.initial_range[i] if component.initial_range else None
             if interval is None:

@@ -416,10 +416,7 @@ def state_layout(system: System) -> StateLayout:
     groups: list[StructGroup] = []
     of: list[tuple[str, int, Sequence[Topic | Variable]]] = [
         ("topics", -1, system.topics),
-        *(
-            (c.name, c.index, c.node.locals if c.node else c.plant.states if c.plant else ())
-            for c in system.components
-        ),
+        *((c.name, c.index, c.variables) for c in system.components),
     ]
     for name, owner, variables in of:
         if variables or owner < 0:

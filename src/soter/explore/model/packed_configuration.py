@@ -318,17 +318,7 @@ class ConfigurationEmitter:
 
     def _pack_variables(self, p: Packing, component: Component) -> None:
         """Packs a component's locals and plant states."""
-        symbol = component.node or component.plant
-        if symbol is None:
-            return
-        variables = (
-            component.node.locals
-            if component.node
-            else component.plant.states
-            if component.plant
-            else ()
-        )
-        for number, variable in enumerate(variables):
+        for number, variable in enumerate(component.variables):
             p.label = ("cell", component.index, variable.name)
             known = component.initial_range[number] if component.initial_range else None
             start = [] if known is not None else [component.initial[number]]

@@ -340,11 +340,10 @@ def _is_apart(x: Component) -> bool:
 
 def _own_swaps(x: Component) -> Iterator[dict[str, str]]:
     """Ways to swap a component's locals or states in pairs, with equal types and first values."""
-    variables = x.node.locals if x.node else x.plant.states if x.plant else ()
-    if len(x.initial) != len(variables):
+    if len(x.initial) != len(x.variables):
         return iter(())
     kinds: dict[Hashable, list[str]] = {}
-    for i, v in enumerate(variables):
+    for i, v in enumerate(x.variables):
         span = x.initial_range[i] if x.initial_range else None
         kinds.setdefault((v.type, exact(x.initial[i]), span), []).append(v.name)
     pairings = _pairings([some for some in kinds.values() if len(some) > 1])

@@ -196,6 +196,11 @@ class Component:
         return self.plant is None and (self.inline or not self.extern)
 
     @property
+    def variables(self) -> tuple[Variable, ...]:
+        """What it keeps from one step to the next: a node's locals, a plant's states."""
+        return self.node.locals if self.node else self.plant.states if self.plant else ()
+
+    @property
     def published(self) -> list[TopicSymbol]:
         """The topics that it publishes or drives, as symbols of its declaration."""
         if self.plant is not None:
