@@ -276,6 +276,7 @@ def test_a_table_that_permits_too_much_is_rejected(
     assert not soter.recheck(tmp_path / "cert").accepted
 
 
+@pytest.mark.whole
 def test_of_a_map_the_command_of_the_instant_is_moved(tmp_path: Path) -> None:
     path = tmp_path / "steps.soter"
     text = STEPS.replace("sin(5.0 * time)", "1.0").replace("shield 4;", "shield 4 toward sc;")

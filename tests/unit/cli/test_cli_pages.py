@@ -171,6 +171,7 @@ def test_a_page_of_the_rechecker_has_all_that_it_says(
     assert refused.document["reason"] in words
 
 
+@pytest.mark.whole
 def test_no_page_is_written_into_a_certificate(soter: Soter, here: Path, certificate: Path) -> None:
     for path in ("proof/r.html", "./proof/sets/../r.html"):
         assert soter("recheck", "proof", "--report", path, "--json").codes == ["U001"]

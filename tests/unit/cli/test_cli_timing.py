@@ -148,6 +148,7 @@ def test_programs_without_execution_times_say_nothing_of_threads(soter: Soter) -
     assert "thread" not in soter("check", "timed.soter").out
 
 
+@pytest.mark.whole
 def test_measured_times_are_printed_written_and_taken_by_check(soter: Soter) -> None:
     write(re.sub(r" *(wcet|jitter) [0-9a-z]+;[^\n]*\n", "", EXAMPLE))
     done = soter("measure", "timed.soter", "--samples", "40")

@@ -210,6 +210,7 @@ def test_a_factor_that_is_none_is_refused(factor: str) -> None:
     assert caught.value.diagnostics[0].code == "U001"
 
 
+@pytest.mark.whole
 def test_without_an_image_nothing_is_measured_on_a_board(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("soter.targets.cortex_m_package.missing_tools", lambda _: "no tools")
     with pytest.raises(SoterError) as caught:

@@ -171,6 +171,7 @@ def test_what_is_wrong_is_not_proved_with_a_latch(tmp_path: Path, what: str, ret
     assert module.findings[claim].verdict != "proved"
 
 
+@pytest.mark.whole
 def test_nobody_who_acknowledges_is_no_counterexample_of_the_way_back(tmp_path: Path) -> None:
     """A run in which nothing was pressed refutes nothing; one in which `safer` never holds does."""
     quiet = CART.replace(" input button every 100ms;", "")

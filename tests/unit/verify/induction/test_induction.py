@@ -456,6 +456,7 @@ def test_without_progress_nothing_says_that_ac_gets_control_back(
     assert findings["P2b"].verdict == expected
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "changes",
     [
