@@ -26,8 +26,8 @@ Record fall_back near (alpha H : R) x u act al out (t0 b : R) : Prop := {
   fb_last : forall k, (forall i, act k i <= al k) /\ exists i, act k i = al k;
   fb_inputs : within P (inputs P) u 0 b;
   fb_commands : forall k i t, act k i <= t < act (S k) i -> 0 <= t < b -> u t i = out k i;
-  fb_reads : forall k, (exists i, act k i < b) -> exists q y, 0 <= q /\ al k - d <= q /\
-    (forall i, q <= act k i) /\ reads_as P (x q) y /\ answers y (out k);
+  fb_reads : forall k, (exists i, act k i < b) -> exists y, answers y (out k) /\ forall p, exists q,
+    0 <= q /\ al k - d <= q /\ (forall i, q <= act k i) /\ shows P p (x q) y;
   fb_flow : flow P x u 0 b }.
 
 (* (Q, M) is a rest pair. *)
@@ -109,8 +109,8 @@ Qed.
 (* What may act: of each component what SC answers to a read of Y, or of a state from which Y is reached within d. *)
 Definition reaches (Y : state P -> Prop) z := exists x u b, 0 <= b <= d /\ x 0 = z /\ within P (inputs P) u 0 b /\
   flow P x u 0 b /\ (forall t, 0 <= t <= b -> shown (x t)) /\ Y (x b).
-Definition answered (Y : state P -> Prop) i v := exists z y o,
-  (Y z \/ reaches Y z) /\ reads_as P z y /\ answers y o /\ v = o i.
+Definition answered (Y : state P -> Prop) i v := exists y o, answers y o /\ v = o i /\
+  forall p, exists z, (Y z \/ reaches Y z) /\ shows P p z y.
 
 (* The second rule: z + V falls while the state is in Y, so z rises by V at most. *)
 Definition falls (Y : state P -> Prop) (z V : state P -> R) := forall x u a b, a <= b -> flow P x u a b ->
@@ -141,17 +141,18 @@ Proof. intros Y z V Falls Pos x u act al out t0 b R InY t Ht. specialize (Pos _ 
     pose proof (last_window P answers delta j d _ x u act al out t0 b k R) as Wk.
     assert (O : al 0%nat <= al k).
     { destruct k; [lra |]. rewrite S_INR in Wk. pose proof (pos_INR k). simpl in W0. nra. }
-    destruct (run_reads _ _ _ _ _ _ _ _ _ _ _ _ _ R k) as (q & y & Q0 & Q1 & Q2 & Q3 & Q4); [exists i; lra |].
-    specialize (Q2 i). exists (x q), y, (out k). repeat split; auto.
-    + destruct (Rle_or_lt (al 0%nat) q) as [L | L]; [left; apply InY; lra | right].
+    destruct (run_reads _ _ _ _ _ _ _ _ _ _ _ _ _ R k) as (y & Ans & Rd); [exists i; lra |].
+    exists y, (out k). split; [exact Ans | split].
+    { apply (run_commands _ _ _ _ _ _ _ _ _ _ _ _ _ R); lra. }
+    intros p. destruct (Rd p) as (q & Q0 & Q1 & Q2 & Q3). specialize (Q2 i). exists (x q). split; auto.
+    { destruct (Rle_or_lt (al 0%nat) q) as [L | L]; [left; apply InY; lra | right].
       exists (fun r => x (r + q)), (fun r => u (r + q)), (al 0%nat - q). repeat split; try lra.
       * f_equal; lra.
       * intros r i' Hr. apply (run_inputs _ _ _ _ _ _ _ _ _ _ _ _ _ R). lra.
       * replace 0 with (q - q) by lra. apply flow_moved. apply (flow_part P x u 0 b); try lra.
         apply (run_flow _ _ _ _ _ _ _ _ _ _ _ _ _ R).
       * intros r Hr. apply (run_before _ _ _ _ _ _ _ _ _ _ _ _ _ R); lra.
-      * replace (al 0%nat - q + q) with (al 0%nat) by lra. apply InY. lra.
-    + apply (run_commands _ _ _ _ _ _ _ _ _ _ _ _ _ R); lra.
+      * replace (al 0%nat - q + q) with (al 0%nat) by lra. apply InY. lra. }
 Qed.
 
 (* Both: a moving state that may go both ways counts twice, as z and as -z. *)
@@ -208,10 +209,12 @@ Hypothesis P1c : H_star T <= H.
 Definition alpha := Rmax (Delta T - dm_late T + L_min T) (H - delta T - window T).
 Notation good := (good P answers (delta T) (window T) (state_age T) Q M).
 
-(* What DM and SC read, and when it was so. SC's output m counts: all that it reads of plants was available. *)
-Variable dm_seen sc_seen : nat -> R. Variable estimate_of : nat -> estimate P. Variable map_of : nat -> map.
-Hypothesis sc_reads : forall m, counts ex m -> 0 <= sc_seen m /\
-  sc_start ex m - sc_age T <= sc_seen m <= sc_start ex m /\ exists y, reads_as P (x ex (sc_seen m)) y /\ answers y (out ex m).
+(* What DM and SC read, and when it was so: SC each topic at a time of its own. SC's output m counts: all that it reads of
+   plants was available. *)
+Variable dm_seen : nat -> R. Variable sc_seen : nat -> topic P -> R.
+Variable estimate_of : nat -> estimate P. Variable map_of : nat -> map.
+Hypothesis sc_reads : forall m, counts ex m -> exists y, answers y (out ex m) /\ forall p, 0 <= sc_seen m p /\
+  sc_start ex m - sc_age T <= sc_seen m p <= sc_start ex m /\ shows P p (x ex (sc_seen m p)) y.
 Hypothesis verdicts : forall k, says_ac ex k -> 0 <= dm_seen k /\
   dm_start ex k - age T <= dm_seen k <= dm_start ex k /\ reads_as P (x ex (dm_seen k)) (estimate_of k) /\
   good (fun z => reads_as P z (estimate_of k)) alpha H N_T (safe_with (map_of k)).
@@ -219,7 +222,7 @@ Hypothesis verdicts : forall k, says_ac ex k -> 0 <= dm_seen k /\
 Variable ends : R.
 (* SC sees plants only by what the check reads, and who starts later reads no older state. *)
 Hypothesis reads_go_on : forall k m, says_ac ex k -> dm_start ex k <= sc_start ex m -> sc_out ex m < ends ->
-  counts ex m /\ dm_seen k <= sc_seen m.
+  counts ex m /\ forall p, dm_seen k <= sc_seen m p.
 
 Lemma alpha_in : 0 <= Delta T - dm_late T + L_min T /\ 0 <= alpha <= H.
 Proof. pose proof (not_negative T TH). pose proof (periods T TH). pose proof (window_pos T TH). pose proof (no_overlap T TH).
@@ -247,7 +250,7 @@ Qed.
 
 (* An execution from s on is a fall-back run: nothing but U acts until b, or SC is complete at m, and alone from there. *)
 Definition alone_from s a h b := exists m, s + a <= complete ex m <= s + h /\ complete ex m <= b /\
-  (forall n, (m <= n)%nat -> sc_out ex n < b -> counts ex n /\ s <= sc_seen n) /\
+  (forall n, (m <= n)%nat -> sc_out ex n < b -> counts ex n /\ forall p, s <= sc_seen n p) /\
   forall t, sc_out ex m <= t < b -> ~ ac_mode ex t.
 Lemma is_fall_back : forall (near : state P -> Prop) s a h b, 0 <= s <= b -> near (x ex s) -> a <= h ->
   b <= s + h \/ alone_from s a h b ->
@@ -276,11 +279,12 @@ Proof. intros near s a h b Sb Nr Ah Cases.
     + intros k. destruct (La k) as [L1 [i L2]]. split; [intros i'; specialize (L1 i'); lra | exists i; lra].
     + intros k i t Ht Hb. apply (Cm k i (t + s)); lra.
     + intros k [i0 Hi0]. pose proof (sc_acts ex (m + k)%nat i0). pose proof (not_negative T TH).
-      destruct (Cn (m + k)%nat ltac:(lia) ltac:(lra)) as [Ct Ss]. destruct (sc_reads _ Ct) as (S0 & S1 & y & S2 & S3). exists (sc_seen (m + k)%nat - s), y.
+      destruct (Cn (m + k)%nat ltac:(lia) ltac:(lra)) as [Ct Ss]. destruct (sc_reads _ Ct) as (y & Ans & Rd).
+      exists y. split; auto. intros p. destruct (Rd p) as (S0 & S1 & S2). specialize (Ss p). exists (sc_seen (m + k)%nat p - s).
       pose proof (sc_window P T answers ex TH (m + k)%nat). pose proof (sc_publishes ex (m + k)%nat).
-      unfold state_age. repeat split; auto; [lra | lra | |].
+      unfold state_age. repeat split; [lra | lra | |].
       * intros i. pose proof (sc_acts ex (m + k)%nat i). lra.
-      * replace (sc_seen (m + k)%nat - s + s) with (sc_seen (m + k)%nat) by lra. exact S2.
+      * replace (sc_seen (m + k)%nat p - s + s) with (sc_seen (m + k)%nat p) by lra. exact S2.
 Qed.
 
 (* So where it is good it stays safe, and comes to rest if it is given the time. *)
@@ -391,7 +395,7 @@ Proof. intros b No Hends t Ht. pose proof (first_in_time P T answers ex TH m0 q 
   repeat split; try lra.
   - unfold alpha_0, Rmax. destruct Rle_dec; lra.
   - apply counts_from; [lia | lra].
-  - apply sc_reads, counts_from; [lia | lra].
+  - intros p. edestruct sc_reads as (y & _ & Rd); [| apply (Rd p)]. apply counts_from; [lia | lra].
   - intros t' Ht' (k & Hk & Ack & _). apply (No k); auto. lra.
 Qed.
 
@@ -427,7 +431,7 @@ Hypothesis judged : forall i e a v, emitted ex i e a v -> 0 <= e -> ac_mode ex e
 Hypothesis finitely_many : forall t, (exists i e a v, emitted ex i e a v /\ e < t) ->
   exists i e a v, emitted ex i e a v /\ e < t /\ forall i' e' a' v', emitted ex i' e' a' v' -> e' < t -> e' <= e.
 Hypothesis judges_read_first : forall s now m, judgement s now -> now <= sc_start ex m -> sc_out ex m < ends ->
-  counts ex m /\ s <= sc_seen m.
+  counts ex m /\ forall p, s <= sc_seen m p.
 Theorem gated_safe : forall t, 0 <= t <= ends -> C (x ex t).
 Proof. intros t [T0 Te]. destruct (verdicts_go_on P T answers ex TH t) as [n' Hn'].
   destruct (least (fun n => t <= dm_out ex n) n' Hn') as (n & Hn & Least).

@@ -11,8 +11,8 @@ Definition rate (x : R -> R) (u : R -> unit -> R) a b := forall s t lo hi, a <= 
   (forall r, s <= r < t -> lo <= u r tt <= hi) -> (lo - 1/10) * (t - s) <= x t - x s <= (hi + 1/10) * (t - s).
 
 Definition integrator : plant.
-Proof. refine {| state := R; component := unit; value := R; estimate := R; flow := rate;
-    inputs := fun _ v => -1 <= v <= 1; reads_as := fun z y => -2 <= y - z <= 2 |}; unfold rate.
+Proof. refine {| state := R; component := unit; value := R; estimate := R; topic := unit; flow := rate;
+    inputs := fun _ v => -1 <= v <= 1; shows := fun _ z y => -2 <= y - z <= 2 |}; unfold rate.
   - intros x y u v a b Ex Eu F s t lo hi S1 S2 Hu. rewrite <- !Ex by lra. apply F; auto.
     intros r Hr. rewrite Eu by lra. auto.
   - intros x u a b d F s t lo hi S1 S2 Hu. replace (t - s) with (t + d - (s + d)) by lra. apply F; try lra.
@@ -84,7 +84,8 @@ Proof. intros C x u act al out t0 b d H Hd H0.
     (al 0%nat + 16 <= t -> ball (Rmax 80 (d - 14)) (x t))).
   { intros t Ht. assert (Tb : t <= b /\ t <= al 1%nat) by (unfold Rmin in Ht; destruct Rle_dec; lra).
     destruct (Req_dec t (al 0%nat)) as [-> | Ne]; [split; auto; lra |].
-    destruct (Rd 0%nat) as (s & y & S0 & S1 & S2 & S3 & S4); [exists tt; lra |]. specialize (S2 tt).
+    destruct (Rd 0%nat) as (y & S4 & Rp); [exists tt; lra |]. destruct (Rp tt) as (s & S0 & S1 & S2 & S3).
+    specialize (S2 tt).
     assert (Rate := F (al 0%nat) t (law y) (law y) ltac:(lra) ltac:(lra)).
     assert (Back := moves_by x u 0 b s (al 0%nat) F U ltac:(lra) ltac:(lra)).
     destruct Rate as [R1 R2]; [intros q Hq; rewrite (Cm 0%nat tt q), S4 by lra; lra |].
@@ -160,8 +161,8 @@ Proof. refine {| x := (X : R -> state integrator); u := fun t _ => commands t; d
   all: try (intros; times; fail).
   - intros k m Q. times. destruct (below k m); lra.
   - intros m. split; [intros _; apply Rle_refl | exists tt; reflexivity].
-  - intros m _. exists (20 * INR m + 4), (X (20 * INR m + 4) + 2). pose proof (pos_INR m). simpl.
-    repeat split; try lra.
+  - intros m _. exists (X (20 * INR m + 4) + 2). split; [reflexivity | intros p]. exists (20 * INR m + 4).
+    pose proof (pos_INR m). simpl. repeat split; lra.
   - intros m i No. right. exists m. rewrite <- alone; auto.
   - intros i e a v [(-> & -> & ->) | (m & -> & -> & ->)] E0 No; [lra |]. exists m. rewrite alone; auto.
   - intros i e a v [(-> & -> & ->) | (m & -> & -> & ->)]; simpl; split; try lra; cases.
@@ -188,7 +189,7 @@ Proof. intros k. unfold safer, ttf, seen, ball. split; [intros [-> | Q] | split;
 Qed.
 
 Lemma room : forall z y, reads_as integrator z y -> ball 163 y -> look_ahead integrator (ball 200) 31 z.
-Proof. intros z y Rd Hy. apply look. unfold ball in *. simpl in Rd. lra. Qed.
+Proof. intros z y Rd Hy. apply look. unfold ball in *. specialize (Rd tt). simpl in Rd. lra. Qed.
 Lemma seen_room : forall k, ac k -> ball 163 (seen k).
 Proof. unfold ac, ball, seen. intros k [[Q Q'] | Q]; naturals; cases. Qed.
 Lemma first_dm : forall k, dm_release T k <= sc_release T 0 -> dm_release T k <= 0.
@@ -217,8 +218,8 @@ Proof. assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ba
     as (k & Ac & Hk).
   1, 2: solve [exact T_holds | exact K_core].
   - rewrite T_window, T_age. apply kept; [lra | |]; unfold ball, safer.
-    + intros z Hz y Rd. simpl in Rd. unfold ball. lra.
-    + intros z Hz. specialize (Hz z ltac:(simpl; lra)). unfold ball in Hz. simpl in *. lra.
+    + intros z Hz y Rd. specialize (Rd tt). simpl in Rd. unfold ball. lra.
+    + intros z Hz. specialize (Hz z ltac:(intros []; simpl; lra)). unfold ball in Hz. simpl in *. lra.
   - intros; exact I.
   - intros (k & Hk & Ac & Last). specialize (Last 9%nat ltac:(simpl; lra)). simpl in Hk.
     assert (k <= 9)%nat by (apply below; simpl; lra). change (ac k) in Ac. unfold ac in Ac. lia.
@@ -266,7 +267,7 @@ Theorem flight_gated : forall t, 0 <= t -> ball 220 (X t).
 Proof. apply (gate_safe integrator T answers flight T_holds judgement past silent published_judged
     in_turn 0 0) with (ball 200) 31; [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core |
     exact begins | rewrite T_H; lra | | intros; exact I].
-  intros s now [S B]. split; [lra |]. exists (X s + 2). split; [simpl; lra |].
+  intros s now [S B]. split; [lra |]. exists (X s + 2). split; [intros []; simpl; lra |].
   intros z Rd. apply gate_refuses_no_more, room with (X s + 2); auto.
 Qed.
 
@@ -278,7 +279,8 @@ Proof. apply box_rests with 1%nat; [lra | lra | lia | unfold ball; intros; lra |
   destruct R as [_ La Bg _ U Cm Rd F]. destruct (La 0%nat) as [_ [[] L0]]. destruct (La 1%nat) as [_ [[] L1]].
   split; intros t Ht Lt.
   - pose proof (moves_by x u 0 b (al 0%nat) t F U ltac:(lra) ltac:(lra)). unfold ball in *. lra.
-  - destruct (Rd 0%nat) as (s & y & S0 & S1 & S2 & S3 & S4); [exists tt; lra |]. specialize (S2 tt).
+  - destruct (Rd 0%nat) as (y & S4 & Rp); [exists tt; lra |]. destruct (Rp tt) as (s & S0 & S1 & S2 & S3).
+    specialize (S2 tt).
     destruct (F (al 0%nat) (al 0%nat + 16) (law y) (law y)) as [R1 R2]; [lra | lra | |].
     { intros q Hq. rewrite (Cm 0%nat tt q), S4 by lra. lra. }
     pose proof (moves_by x u 0 b s (al 0%nat) F U ltac:(lra) ltac:(lra)).
@@ -330,28 +332,28 @@ Qed.
 Definition safe_with (m : bool) := ball (if m then 210 else 220).
 Lemma maps_show : forall m z, safe_with m z -> ball 220 z.
 Proof. intros [] z; unfold safe_with, ball; lra. Qed.
-Definition sc_seen m := 20 * INR m + 4. Definition dm_seen k := 20 * INR k - 1.
+Definition sc_seen m (_ : unit) := 20 * INR m + 4. Definition dm_seen k := 20 * INR k - 1.
 Lemma T_alpha : alpha T 31 = 19. Proof. unfold alpha. rewrite T_window. times. Qed.
 Lemma rest_holds : rest_pair integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200) (ball 220).
 Proof. rewrite T_window, T_age. exact at_rest. Qed.
-Lemma sc_reads : forall m, counts flight m -> 0 <= sc_seen m /\
-  sc_start flight m - sc_age T <= sc_seen m <= sc_start flight m /\
-  exists y, reads_as integrator (X (sc_seen m)) y /\ answers y (out flight m).
-Proof. intros m _. unfold sc_seen. pose proof (pos_INR m). split; [lra | split; [simpl; lra |]].
-  exists (X (20 * INR m + 4) + 2). simpl. split; [lra | reflexivity].
+Lemma sc_reads : forall m, counts flight m -> exists y, answers y (out flight m) /\ forall p : topic integrator,
+  0 <= sc_seen m p /\ sc_start flight m - sc_age T <= sc_seen m p <= sc_start flight m /\
+  shows integrator p (X (sc_seen m p)) y.
+Proof. intros m _. exists (X (20 * INR m + 4) + 2). split; [reflexivity | intros p]. unfold sc_seen. pose proof (pos_INR m).
+  simpl. repeat split; lra.
 Qed.
 Lemma verdicts_good : forall k, says_ac flight k -> 0 <= dm_seen k /\
   dm_start flight k - age T <= dm_seen k <= dm_start flight k /\ reads_as integrator (X (dm_seen k)) (seen k) /\
   good integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200)
     (fun z => reads_as integrator z (seen k)) (alpha T 31) 31 9 (safe_with (Nat.even k)).
 Proof. intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
-  unfold dm_seen. rewrite T_alpha, T_window, T_age. split; [lra | split; [simpl; lra | split; [unfold seen; simpl; lra |]]].
+  unfold dm_seen. rewrite T_alpha, T_window, T_age. split; [lra | split; [simpl; lra | split; [intros []; unfold seen; simpl; lra |]]].
   apply sc_comes_to_rest; try lra; [| destruct (Nat.even k); lra].
-  intros z Rd. pose proof (seen_room k Ac). unfold ball in *. simpl in Rd. lra.
+  intros z Rd. pose proof (seen_room k Ac). unfold ball in *. specialize (Rd tt). simpl in Rd. lra.
 Qed.
 Lemma reads_go_on : forall ends k m, says_ac flight k -> dm_start flight k <= sc_start flight m ->
-  sc_out flight m < ends -> counts flight m /\ dm_seen k <= sc_seen m.
-Proof. intros ends k m _ Q _. simpl in *. unfold dm_seen, sc_seen. destruct (below k m); [lra |]. split; [exact I | lra]. Qed.
+  sc_out flight m < ends -> counts flight m /\ forall p, dm_seen k <= sc_seen m p.
+Proof. intros ends k m _ Q _. simpl in *. unfold dm_seen, sc_seen. destruct (below k m); [lra |]. split; [exact I | intros _; lra]. Qed.
 
 (* SC may have a memory: this one remembers what it said last. *)
 Definition in_U (v : R) := -1 <= v <= 1.
@@ -407,8 +409,8 @@ Proof. intros t T0. apply (gated_safe integrator T answers flight T_holds bool s
     maps_show rest_holds 31 9 ltac:(rewrite T_H; lra) sc_seen sc_reads t 0 0 true) with judgement; try lra;
     [intros; exact I | exact first_dm | exact starts_well | apply maps_show | | exact silent | exact published_judged |
      exact in_turn |].
-  - intros s now [S B]. split; [lra |]. exists (X s + 2), true. split; [simpl; lra | split; [apply maps_show |]].
+  - intros s now [S B]. split; [lra |]. exists (X s + 2), true. split; [intros []; simpl; lra | split; [apply maps_show |]].
     apply good_gated. rewrite T_window, T_age. apply sc_comes_to_rest; try lra.
-    intros z Rd. unfold ball in *. simpl in Rd. lra.
-  - intros s now m [S B] Hm _. split; [exact I |]. simpl in *. unfold sc_seen. lra.
+    intros z Rd. unfold ball in *. specialize (Rd tt). simpl in Rd. lra.
+  - intros s now m [S B] Hm _. split; [exact I | intros p]. simpl in *. unfold sc_seen. lra.
 Qed.

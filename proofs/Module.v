@@ -48,8 +48,8 @@ Record execution {P : plant} {T : times} {answers : estimate P -> (component P -
   sc_publishes : forall m, sc_start m <= sc_out m <= sc_start m + sc_response T;
   sc_acts : forall m i, sc_out m + L_min T <= acts m i <= sc_out m + L T;
   sc_complete : forall m, (forall i, acts m i <= complete m) /\ exists i, acts m i = complete m;
-  sc_answers : forall m, counts m -> exists s y, 0 <= s /\ sc_start m - sc_age T <= s <= sc_start m /\
-    reads_as P (x s) y /\ answers y (out m);
+  sc_answers : forall m, counts m -> exists y, answers y (out m) /\ forall p, exists s,
+    0 <= s /\ sc_start m - sc_age T <= s <= sc_start m /\ shows P p (x s) y;
   (* the gate: SC's outputs pass unless AC has control, and then nothing else does; all that passes is in U *)
   sc_passes : forall m i, ~ ac_mode (sc_out m) -> emitted i (sc_out m) (acts m i) (out m i);
   sc_alone : forall i e a v, emitted i e a v -> 0 <= e -> ~ ac_mode e ->
@@ -151,8 +151,9 @@ Proof. intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_
     + assert (acts (m + S k)%nat i <= acts n i); [| lra]. destruct (Nat.eq_dec n (m + S k)) as [-> |]; [lra |].
       left. apply (sc_in_order (m + S k) n i). lia.
   - intros k [i0 Hi0]. pose proof (sc_acts ex (m + k)%nat i0).
-    destruct (sc_answers ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; [lia | lra] |].
-    exists s, y. pose proof (sc_window (m + k)). pose proof (sc_publishes ex (m + k)).
+    destruct (sc_answers ex (m + k)%nat) as (y & Ans & Rd); [apply Hc; [lia | lra] |].
+    exists y. split; auto. intros p. destruct (Rd p) as (s & S0 & S1 & S2).
+    exists s. pose proof (sc_window (m + k)). pose proof (sc_publishes ex (m + k)).
     unfold state_age. repeat split; auto; [lra |]. intros i. pose proof (sc_acts ex (m + k) i). lra.
   - apply moves. lra.
 Qed.

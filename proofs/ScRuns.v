@@ -20,8 +20,8 @@ Record sc_run (x : R -> state P) (u : R -> component P -> value P) (act : nat ->
   run_before : forall t, 0 <= t -> all_act 0%nat - d <= t <= all_act 0%nat -> C (x t);
   run_inputs : within P (inputs P) u 0 b;
   run_commands : forall k i t, act k i <= t < act (S k) i -> 0 <= t < b -> u t i = out k i;
-  run_reads : forall k, (exists i, act k i < b) -> exists s y, 0 <= s /\ all_act k - d <= s /\
-    (forall i, s <= act k i) /\ reads_as P (x s) y /\ answers y (out k);
+  run_reads : forall k, (exists i, act k i < b) -> exists y, answers y (out k) /\ forall p, exists s,
+    0 <= s /\ all_act k - d <= s /\ (forall i, s <= act k i) /\ shows P p (x s) y;
   run_flow : flow P x u 0 b }.
 
 (* On every SC-run from K the state is in S from a_0 on. A core keeps the constraint. *)

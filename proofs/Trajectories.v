@@ -7,7 +7,7 @@ Open Scope R_scope.
 (* flow x u a b: on [a, b] the state is x under commands u (one value a component), for some disturbance. It depends on
    x on [a, b] and on u on [a, b), and not on the clock; trajectories are closed under taking parts and concatenation. *)
 Record plant := {
-  state : Type; component : Type; value : Type; estimate : Type;
+  state : Type; component : Type; value : Type; estimate : Type; topic : Type;
   flow : (R -> state) -> (R -> component -> value) -> R -> R -> Prop;
   flow_same : forall x y u v a b, (forall t, a <= t <= b -> x t = y t) ->
     (forall t, a <= t < b -> u t = v t) -> flow x u a b -> flow y v a b;
@@ -15,7 +15,10 @@ Record plant := {
   flow_part : forall x u a b c d, a <= c <= d -> d <= b -> flow x u a b -> flow x u c d;
   flow_joined : forall x u a b c, a <= b <= c -> flow x u a b -> flow x u b c -> flow x u a c;
   inputs : component -> value -> Prop;        (* U: the values of the gated topics *)
-  reads_as : state -> estimate -> Prop }.     (* reads_as x y: y = x + e for some error e in E *)
+  shows : topic -> state -> estimate -> Prop }. (* shows p x y: what y has of topic p is that of x, plus an error in E *)
+
+(* y = x + e for some error e in E: all topics show one state. *)
+Definition reads_as P z y := forall p, shows P p z y.
 
 Section Sets.
 Variable P : plant.

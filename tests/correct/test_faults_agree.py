@@ -25,12 +25,14 @@ if TYPE_CHECKING:
 PROGRAM = """soter 1;
 type Pose = { x: float, v: float, near: int in [0, 7], on: bool };
 topic pose: Pose in { x in [-40.0, 40.0], v in [-9.0, 9.0] } max_age 60ms;
+topic pace: float max_age 60ms;
 topic push: float in [-4.0, 4.0];
 topic extra: float[2] in [-2.0, 2.0];
 topic spoken: int in [0, 100];
 plant P period 5ms {
   reads push, extra;
   drives pose = { x: clamp(x, -40.0, 40.0), v: clamp(v, -9.0, 9.0), near: 3, on: x > 0.0 };
+  drives pace = v;
   state x: float = 0.0;
   state v: float = 0.0;
   disturbance wind: float in [-0.3, 0.3];
@@ -60,7 +62,7 @@ topic heard: int in [0, 4];
 rta M {
   ac Fast; sc Slow; period 50ms;
   safe abs(pose.x) < 12.0;
-  ttf abs(pose.x) > 5.0;
+  ttf abs(pose.x) + 0.1 * abs(pace) > 5.0;
   safer abs(pose.x) < 3.0;
 }
 system S {
@@ -73,7 +75,16 @@ system S {
 SECOND = 10**9
 CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
 TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
-VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
+VALUED = (
+    "M.Fast",
+    "M.Slow",
+    "M.Fast.push",
+    "Other.extra",
+    "Other.extra[1]",
+    "p.pose.x",
+    "p.pose",
+    "p.pace",
+)
 LASTING = ("M.Fast", "Other", "Ear")
 ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
 RANDOM_PROGRAMS = examples(5)

@@ -172,7 +172,7 @@ ROOMS = {
         "a file a strategy, a header a thing shared; no circles in it",
     ),
     "tests/generators": (77, "each makes one kind of input; nobody reads two of them at once"),
-    "tests/correct": (107, "a file a promise of the pages, found by its name"),
+    "tests/correct": (108, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
     "tests/unit/report": (20, "as above"),
     "tests/unit/simulate": (18, "as above"),

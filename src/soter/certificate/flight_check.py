@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
+from soter.certificate.flight_assumptions import LoggedAssumptions, declared_ns
 from soter.certificate.folder import program_of, read_certificate
 from soter.certificate.reading.symbolic_operations import scalar_leaves
 from soter.certificate.rechecker import failure_reason
@@ -44,8 +45,7 @@ from soter.certificate.report import (
 )
 from soter.certificate.tubes.check_rest import tube_of_entry
 from soter.diagnostics.current_phase import phase, share_done
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.language.check.constants_and_types import Calculator
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.types import FloatType, RecordType, has_list, leaf_name, leaves
 from soter.language.model.values import ValueShapeError, from_json
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
 
 
+LATENESS = ("late_ns", "done_ns")
 AGAINST = ("ttf", "stale")
 """Predicates that are false in every verdict "AC"."""
 
@@ -120,7 +121,7 @@ class _Verdicts:
 
     def __init__(self, module: Module) -> None:
         self.name, self.period, self.late = module.name, module.period_ns, module.late_ns
-        self.response = _response_ns(module)
+        self.response = declared_ns(module, module.symbol.verify.response_dm)
         self.next = 0
         """The release of which the verdict is still missing."""
         self.said: bool | None = None
@@ -137,11 +138,11 @@ class _Verdicts:
         """Doubts where a verdict contradicts those before it, the mode, or its own predicates."""
         before, after = (said[f"mode_{at}"] == "AC" for at in ("before", "after"))
         release = time_ns // self.period * self.period
+        began, ended = (time_ns - release + _lateness(said, at) for at in LATENESS)
         if release < self.next:
             yield "it is the second one of its period"
             return
         if before or after:  # the one before it counts until then
-            began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
             yield from self._late_doubts(began, ended)
         if self.said is not None and self.said != before and release == self.next:
             had, by_last = _mode_name(before), _mode_name(self.said)
@@ -172,11 +173,12 @@ class _Verdicts:
         return f"{count} verdicts are" if count > 1 else "the verdict is"
 
 
-def _response_ns(module: Module) -> int:
-    """The longest time, in ns, that the step of a decision module may take."""
-    said = module.symbol.verify.response_dm
-    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
-    return given if isinstance(given, int) else 0
+def _lateness(said: dict[str, Any], at: str) -> int:
+    """How many ns after its instant a step began, or ended; ValueError where that is no time."""
+    late = said.get(at, 0)
+    if type(late) is not int or late < 0:
+        raise ValueError(f"`{at}` is {late!r}, and no step comes before its release")
+    return late
 
 
 def _mode_name(in_ac: bool) -> str:
@@ -193,6 +195,8 @@ class _Reader:
         self.modules = {m.name: _Verdicts(m) for m in modules}
         self.topics = {t.name: t for t in system.topics}
         self.outside = {e.topic for e in system.externals}
+        self.assumed = LoggedAssumptions(system, modules)
+        self.named = {m.name: m for m in modules}
         self.published: dict[str, list[tuple[int, Value]]] = {}
         """Topic that the log has messages of -> its last two (time, value), the newest first."""
         self.begun = False
@@ -206,11 +210,13 @@ class _Reader:
                     value = self._message(channel, message)
                     before = self.published.get(channel, [])
                     self.published[channel] = [(time_ns, value), *before[:1]]
+                    self.assumed.message(time_ns, channel, value)
                 elif channel == MODES_TOPIC and message["module"] in self.modules:
                     self.modules[message["module"]].changed(message["mode"] == "AC")
             for channel, message in due:
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
                     self._add_verdict(time_ns, message)
+            self.assumed.instant_ends(time_ns)
         except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
             said = error if isinstance(error, ValueShapeError) else repr(error)
             why = f"at {time_ns} ns: {said}; is it a log of `{self.system.name}`?"
@@ -218,6 +224,8 @@ class _Reader:
 
     def end(self, time_ns: int) -> None:
         """The log was read up to here, this instant included."""
+        self.assumed.end(time_ns)
+        self.log.doubts += self.assumed.doubts
         for name, module in self.modules.items():
             if module.next == 0 and self.begun:
                 text = "the log has no verdict of it"
@@ -237,13 +245,23 @@ class _Reader:
         self._note_missing(name, module.missing(release, in_ac=was_ac), module.next)
         why = list(module.doubts_of(time_ns, message))
         estimate: dict[str, float] = {}
-        if message["mode_after"] == "AC":
-            for topic, read in message.get("reads", {}).items():
+        is_ac = message["mode_after"] == "AC"
+        self.assumed.verdict(time_ns, self.named[name], is_ac=is_ac)
+        if is_ac:
+            reads = message.get("reads", {})
+            for topic, read in reads.items():
                 why += self._read(time_ns, topic, read, estimate)
+            why += self.assumed.apart(
+                {t: r["age_ns"] for t, r in reads.items() if r["age_ns"] is not None}
+            )
             self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate))
         else:
             self.log.others += 1
         self.log.doubts += [Doubt(time_ns, name, CONTRADICTED, w, estimate) for w in why]
+        if is_ac and (silent := [t for t in reads if t not in self.published]):
+            self.log.unlogged |= dict.fromkeys(silent)
+            text = f"the log has no message of {', '.join(silent)} to compare its reads with"
+            self.log.doubts.append(Doubt(time_ns, name, UNCONFIRMED, text, estimate))
 
     def _read(
         self, time_ns: int, name: str, read: dict[str, Any], estimate: dict[str, float]
@@ -263,7 +281,6 @@ class _Reader:
             yield f"it read {name}, {age} ns old, and max_age is {topic.max_age_ns} ns"
         last = self.published.get(name)
         if last is None:
-            self.log.unlogged[name] = None
             return
         if topic.index in self.outside:  # measured before it came, and read as it has come
             came, known = last[0]

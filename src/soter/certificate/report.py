@@ -58,7 +58,7 @@ class FlightReport:
     `modules`: whose verdicts; `others` said "SC", which needs no confirmation. `to_ns`: up to where
     the log was read; `cut`: why not to its end, "" where it was. `asked`: so many of the verdicts,
     all but where Ctrl-C ended it (`interrupted`). `unlogged`: topics without a message in the log,
-    so that nothing is compared with what was read of them. `seconds` of processor time.
+    so that verdicts which read them are not confirmed. `seconds` of processor time.
     """
 
     log: str

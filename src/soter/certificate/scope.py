@@ -319,11 +319,6 @@ def _input_bounds(facts: Facts) -> Said:
             f"set {name}",
             f"what plants publish lies in the declared sets: {name} (else they stop)",
         )
-    for who, topics in (("the DM", by_dm), ("SC", by_sc)):
-        if len(topics) > 1 and facts.kind == "flow":
-            names = ", ".join(facts.system.topics[i].name for i in topics)
-            text = f"what {who} reads together shows the plants at one instant: {names}"
-            yield f"one instant {who}: {names}", text
     for name in dict.fromkeys(o.name for o in facts.others):
         yield f"other {name}", f"{name}: any value of the declared set, at any time"
 

@@ -6,6 +6,7 @@ Non-goals: when they are called (the kernel).
 
 from __future__ import annotations
 
+from functools import partial, reduce
 from math import nan
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,12 @@ from soter.codegen.c_types import float_number, int_number
 from soter.codegen.state_access import CT, OK, S, where
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
+from soter.language.model.read_together import apart_at_most
 from soter.language.model.typed import TypedUnary
 
 if TYPE_CHECKING:
     from soter.codegen.state_access import Frame
-    from soter.language.model.system import Module
+    from soter.language.model.system import Module, System
 
 
 def switch(frame: Frame) -> c.FunctionDef:
@@ -48,14 +50,6 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         made.append(predicate(frame, decision.safer, f"{name}_safer", doc, unsafe=False))
     m = c.Name("m")
     own = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
-    stale: c.CExpr | None = None
-    for index in module.inputs:
-        max_age = frame.system.topics[index].max_age_ns
-        if max_age is None:
-            continue
-        stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index)))
-        old = c.Binary(">", c.Binary("-", CT, stamp), int_number(max_age))
-        stale = old if stale is None else c.Binary("||", stale, old)
     set_fact = [
         c.Assign(c.Arrow(m, n), c.Ternary(c.Name(n), c.Number("1U"), c.Number("0U")))
         for n in ("stale", "ttf", "safer")
@@ -68,7 +62,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
     body: list[c.CStmt] = [
         frame.state_pointer(),
         c.Declare("soter_module *const ", "m", c.Unary("&", own)),
-        c.Declare("bool", "stale", stale if stale is not None else c.Name("false"), const=True),
+        c.Declare("bool", "stale", _stale(frame.system, module), const=True),
         *_predicates(decision, name, module),
         *set_fact,
         c.Declare("bool", "gate_fault", gate_fault, const=True),
@@ -81,6 +75,21 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
     )
     return made
+
+
+def _stale(system: System, module: Module) -> c.CExpr:
+    """Whether an input is older than its `max_age`, or two are too far apart in time."""
+
+    def after(one: c.CExpr, other: c.CExpr, most: int) -> c.CExpr:
+        return c.Binary(">", c.Binary("-", one, other), int_number(most))
+
+    stamps = {i: c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(i))) for i in module.inputs}
+    ages = {i: system.topics[i].max_age_ns for i in module.inputs}
+    stale = [after(CT, stamps[i], age) for i, age in ages.items() if age is not None]
+    for i, j, most in apart_at_most(system, module.inputs):
+        apart = (after(stamps[i], stamps[j], most), after(stamps[j], stamps[i], most))
+        stale += apart if most else [c.Binary("!=", stamps[i], stamps[j])]
+    return reduce(partial(c.Binary, "||"), stale) if stale else c.Name("false")
 
 
 def _opposite(module: Module) -> bool:

@@ -16,6 +16,7 @@ from soter.core.plants import lower_plant
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.predicates import all_operands, maybe_nan
 from soter.language.model import typed
+from soter.language.model.read_together import permits_together
 from soter.language.model.system import queues_of
 from soter.language.model.tree_walk import premise_of
 from soter.language.model.types import BOOL, INT, ArrayType, RecordType
@@ -193,13 +194,11 @@ def _permitted(builder: Builder, component: Component, outputs: tuple[core.Outpu
     """AC's step faults unless the commands that may act behind it are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
-    assert module.shield is not None
-    assert module.shield.permits is not None
     number = {o.topic: k for k, o in enumerate(outputs)}
     for index, k in number.items():
         published = None if len(outputs) == 1 else k
         _let_read(builder, module, index, (published, core.output_name(k)))
-    permits = builder.expr(module.shield.permits)
+    permits = builder.expr(permits_together(builder.system, module))
     builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 
 

@@ -48,7 +48,7 @@ CHUNK_BYTES = 256 * 1024
 """Bytes of a chunk before compression: a process that dies loses at most one chunk."""
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
-METADATA, FOOTER, DATA_END = 0x0C, 0x02, 0x0F
+METADATA, FOOTER, DATA_END, MESSAGE_INDEX = 0x0C, 0x02, 0x0F, 0x07
 """Kinds of records of the format (https://mcap.dev/spec)."""
 PROFILE = ""
 """No profile: MCAP's own are those of ROS."""
@@ -335,10 +335,11 @@ def mended(path: Path) -> bool:
         while at + RECORD.size <= size:
             stream.seek(at)
             kind, length = RECORD.unpack(stream.read(RECORD.size))
-            end, at = at, at + RECORD.size + length
+            # of the indices behind a chunk either all are there, or none may stay
+            end, at = at if kind != MESSAGE_INDEX else end, at + RECORD.size + length
             if kind in (DATA_END, FOOTER) or at > size:
                 break
-            end = at
+            end = at if kind != MESSAGE_INDEX else end
         stream.seek(end)
         stream.truncate()
         name, key, value = (_text(s) for s in (END_NAME, "ended", f"{ABNORMALLY}the process died"))

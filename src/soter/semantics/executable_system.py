@@ -18,6 +18,7 @@ from soter.language.evaluate.arithmetic import canonical, mapper, zipper
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
+from soter.language.model.read_together import apart_at_most, permits_together
 from soter.language.model.system import queues_of
 from soter.language.model.tree_walk import chosen_lets, first_lets
 from soter.language.model.types import ArrayType, FloatType, ListType, RecordType, leaves, positions
@@ -184,6 +185,8 @@ class DmCode:
     module: Module
     ttf: Compiled | None
     safer: Compiled | None
+    together: list[tuple[int, int, int]]
+    """Pairs of topics, and how many ns their stamps may differ where neither is stale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +308,8 @@ class ExecutableSystem:
         if shield is None or shield.held is None or shield.permits is None:
             return
         evaluator = self._evaluator(module.scope)
-        held, permits = evaluator.expression(shield.held), evaluator.expression(shield.permits)
+        held = evaluator.expression(shield.held)
+        permits = evaluator.expression(permits_together(self.system, module))
         moved = tuple([evaluator.expression(e) for e in shield.moved])
         self.shields[component.index] = ShieldCode(
             shield.topic, held, permits, shield.proposed, moved
@@ -319,6 +323,7 @@ class ExecutableSystem:
             module,
             None if ttf is None else evaluator.expression(ttf),
             None if safer is None else evaluator.expression(safer),
+            apart_at_most(self.system, module.inputs),
         )
 
     def _plant(self, component: Component) -> PlantCode:

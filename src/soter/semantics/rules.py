@@ -366,12 +366,13 @@ def _without(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
 
 
 def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> bool:
-    """Whether the DM would decide on a topic that is older than its `max_age`."""
+    """Whether the DM would decide on a topic older than its `max_age`, or on several instants."""
     for index in module.inputs:
         max_age = machine.system.topics[index].max_age_ns
         if max_age is not None and c.ct - c.stamps[index] > max_age:
             return True
-    return False
+    together = machine.dms[module.dm].together
+    return any(abs(c.stamps[i] - c.stamps[j]) > most for i, j, most in together)
 
 
 def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:

@@ -487,7 +487,7 @@ def _objections(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
     if saw.ttf and not staying:
         yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"
     if saw.stale:
-        yield "stale: an input is older than its max_age"
+        yield "stale: an input is older than its max_age, or inputs are of different instants"
     if saw.gate_fault and not staying:
         yield "gate fault: an output of AC was refused"
     if staying and not saw.safer:

@@ -37,13 +37,15 @@ from soter.language.model.types import (
     positions,
 )
 from soter.semantics.configuration import AC, NEVER
+from soter.simulate.stale_reads import stale_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
     from soter.language.model.types import Type, Value
+    from soter.simulate.stale_reads import Stale
 
 T = TypeVar("T")
 Number = float | int | bool | str
@@ -80,19 +82,6 @@ class PredicatePart:
         if self.fault:
             return f"{self.text}: step fault `{self.fault}`"
         return self.text if self.value else f"not {self.text}"
-
-
-@dataclass(frozen=True)
-class Stale:
-    """A topic that was too old; `age_s` is None where nothing was ever published."""
-
-    topic: str
-    age_s: float | None
-    max_age_s: float
-
-    def __str__(self) -> str:
-        age = "never published" if self.age_s is None else f"{_short(self.age_s)} s old"
-        return f"{self.topic} is {age}, max_age {_short(self.max_age_s)} s"
 
 
 class GateFault(NamedTuple):
@@ -209,7 +198,11 @@ class _PredicateReader:
             ttf = tuple(part(env) for part in self._ttf)
             safer = tuple(part(env) for part in self._safer)
         known = bool(facts["ttf"]) == _any_part(ttf) and bool(facts["safer"]) == _all_parts(safer)
-        stale = tuple(self._stale_topics(env)) if facts["stale"] else ()
+        stale = (
+            tuple(stale_reads(self.system, self.module, env.stamps, env.time_ns))
+            if facts["stale"]
+            else ()
+        )
         return DecisionReason(
             known=known,
             ttf=ttf if known else (),
@@ -287,16 +280,6 @@ class _PredicateReader:
 
     def _record(self, raw: bytes, module: Module) -> dict[str, int]:
         return MODULE.unpack_from(raw, self.layout.module_offset + module.index * MODULE.size)
-
-    def _stale_topics(self, env: Environment) -> Iterator[Stale]:
-        for i in self.module.inputs:
-            topic = self.system.topics[i]
-            if topic.max_age_ns is None:
-                continue
-            age_ns = env.time_ns - env.stamps[i]
-            if age_ns > topic.max_age_ns:
-                age = None if env.stamps[i] == NEVER else age_ns / 1e9
-                yield Stale(topic.name, age, topic.max_age_ns / 1e9)
 
     def _gate_fault(self, before: bytes | None) -> GateFault | None:
         """The gate fault that the DM saw, of an instant before, as AC steps after its DM."""

@@ -17,7 +17,8 @@ from soter.language.model.types import FLOAT
 from soter.language.model.values import to_json
 from soter.report.wording import parameters_json
 from soter.simulate.decisions import DecisionStepRecord, PredicateValues, changes
-from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart, Stale
+from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart
+from soter.simulate.stale_reads import Stale
 
 if TYPE_CHECKING:
     from soter.core.layout import StateLayout
@@ -161,7 +162,7 @@ MODE_CHANGE = JsonObject(
         "gate_fault=why.gate_fault owed=why.owed",
         ttf=PART,
         safer=PART,
-        stale=JsonObject(Stale, "topic age_s max_age_s"),
+        stale=JsonObject(Stale, "topic age_s max_age_s beside"),
         gate_fault=JsonObject(GateFault, "node fault"),
     ),
 )

@@ -396,7 +396,7 @@ def keys(facts: Facts) -> set[str]:
 
 
 def test_everything_that_is_taken_for_granted_is_said(facts: Facts) -> None:
-    wanted = ALWAYS | OF_FLOWS | UNDECLARED | INPUTS | {"one instant SC: x, y"}
+    wanted = ALWAYS | OF_FLOWS | UNDECLARED | INPUTS
     assert keys(facts) - {"exact wish"} == wanted
     assert p1c_of(facts) == "assumed"
 
@@ -414,7 +414,7 @@ DECLARED = (
 
 def test_times_that_are_declared_are_said(tmp_path: Path) -> None:
     facts = facts_with(tmp_path, DECLARED)
-    found = keys(facts) - INPUTS - ALWAYS - OF_FLOWS - {"one instant SC: x, y", "exact wish"}
+    found = keys(facts) - INPUTS - ALWAYS - OF_FLOWS - {"exact wish"}
     assert found == {
         "declared late dm 2 ms",
         "declared late sc 1 ms",

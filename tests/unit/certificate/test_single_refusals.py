@@ -28,7 +28,7 @@ from soter.certificate.terms.compile_terms import AffineForms
 from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
 from soter.certificate.terms.terms import Linear, Terms
 from unit.certificate import small_proofs
-from unit.certificate.test_one_instant import DM, SC, TEXT
+from unit.certificate.test_one_instant import TEXT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -300,13 +300,6 @@ def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
     ):
         said = {a.key for a in scope.assumptions_of(facts)}
         assert ("sensors on time" in said, "one instant" in said) == (flow, not flow)
-
-
-def test_what_is_read_together_is_said_to_be_of_one_instant(tmp_path: Path) -> None:
-    for pairs, who in (((), set()), ((SC,), {"SC"}), ((SC, DM), {"SC", "the DM"})):
-        entries = scope.assumptions_of(facts_of(tmp_path, *pairs))
-        keys = [a.key.split(":")[0] for a in entries if a.key.startswith("one instant")]
-        assert sorted(keys) == sorted(f"one instant {w}" for w in who)
 
 
 def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,11 +93,12 @@ def test_every_reason_is_said() -> None:
     bad = PredicateValues(ttf=True, safer=False, stale=True, gate_fault=True, clean_needed=2)
     assert reason("AC", "SC", bad) == (
         "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that) "
-        "and stale: an input is older than its max_age "
+        "and stale: an input is older than its max_age, or inputs are of different instants "
         "and gate fault: an output of AC was refused"
     )
     assert reason("SC", "SC", bad) == (
-        "stale: an input is older than its max_age and not safer yet and AC owes 2 clean outputs"
+        "stale: an input is older than its max_age, or inputs are of different instants "
+        "and not safer yet and AC owes 2 clean outputs"
     )
 
 

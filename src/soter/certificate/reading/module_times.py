@@ -10,7 +10,7 @@ trusted thread keeps these times (`thread_times.py`).
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from soter.certificate.folder import only_keys
 from soter.certificate.reading.derived_times import (
@@ -29,11 +29,16 @@ from soter.certificate.reading.module_facts import (
     number_of,
     topics_read,
 )
-from soter.certificate.reading.node_paths import NodeWays
+from soter.certificate.reading.node_paths import NOW, NodeWays
+from soter.certificate.reading.supported_constructs import parts_of
 from soter.certificate.reading.thread_times import check_thread
 from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.language.model import typed
 from soter.language.model.system import holder_of
-from soter.language.model.types import show_ns
+from soter.language.model.types import leaves, show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 CALLED = {"polytope": "half-spaces"}
 """How a kind of groups is told, if not by its word."""
@@ -52,6 +57,61 @@ def _check_instants(facts: Facts, reads: tuple[list[int], list[int]]) -> None:
     for together in reads:
         if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
             raise DiffersError("what is read together is published at different times")
+
+
+def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], list[int]]) -> None:
+    """Check that an estimate shows one instant, and that SC's reads may have an age for each topic.
+
+    The DM compares the stamps of what plants publish to it. The stamp of a node does not show what
+    the node has read: that has to come by one way to all numbers of the estimate, and from one
+    topic where sensors may be silent. Of what SC reads each state has an age of its own in chains
+    and tubes, so that no state may come by two topics of different ages; half-spaces have one age.
+    DiffersError where this is not so.
+    """
+    by_dm, by_sc = (
+        {w for r in of for w in _sampled(facts, r)} for of in (setting.by_dm, setting.by_sc)
+    )
+    numbers = sum(1 for i in reads[0] for _ in leaves(facts.system.topics[i].type))
+    apart = len({clocks for clocks, _ in by_dm}) > 1 < numbers
+    apart |= bool(setting.silent) and len({name for _, name in by_dm}) > 1
+    if apart and any(clocks[1:] for clocks, _ in by_dm):
+        raise DiffersError("what the DM reads by nodes may show several instants")
+    of_sc = {name for _, name in by_sc} if setting.silent else {clocks for clocks, _ in by_sc}
+    if len(of_sc) < 2:
+        return
+    shown = [_states_behind(facts, index) for index in reads[1]]
+    twice = sum(map(len, shown)) > len(set[object]().union(*shown))
+    if twice or any(g.kind == "polytope" for g in facts.symbol.verify.groups):
+        raise DiffersError("what SC reads may show several instants, and counts as one")
+
+
+def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
+    """Each way of a topic from a plant, as clocks, with a topic of the plant at its beginning."""
+    for path in read.paths:
+        clocks = path.clocks
+        if path.sensor is NOW:
+            continue
+        if len(clocks) == 1:
+            yield clocks, read.name
+            continue
+        plant, first = (facts.flying.component(c.name) for c in clocks[:2])
+        for index in {*plant.writes} & {*first.reads}:
+            yield clocks, facts.flying.topics[index].name
+
+
+def _states_behind(facts: Facts, index: int) -> set[tuple[int, object]]:
+    """The states and disturbances of which a plant makes what it publishes in a topic."""
+    plant, published = driven_topics(facts)[index]
+    assert plant.plant is not None
+    lets: dict[object, object] = dict(plant.plant.lets)
+    todo: list[object] = [published]
+    found: set[tuple[int, object]] = set()
+    while todo:
+        for part in parts_of([todo.pop()]):
+            if isinstance(part, typed.VarRead) and (plant.index, part.variable) not in found:
+                found.add((plant.index, part.variable))
+                todo += [lets[part.variable]] if part.variable in lets else []
+    return found
 
 
 def _check_max_ages(setting: TimingSetting, own: DerivedTimes) -> None:
@@ -84,6 +144,7 @@ def read_times(facts: Facts) -> None:
     else:
         facts.ways = Ways(facts.flying, facts.flying_module)
     setting = _timing_setting(facts, by_dm, by_sc, time_by_name)
+    _check_ways(facts, setting, (by_dm, by_sc))
     if verify.abstracts:
         check_abstracted_sensors(facts, {*by_dm, *by_sc})
     if facts.kind == "map":

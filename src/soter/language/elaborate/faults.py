@@ -399,9 +399,6 @@ class _FaultPlacer:
         A silence shorter than a period still loses a release, and two may follow each other.
         """
         assert c.plant is not None
-        driven = {*c.writes}
-        if {f.topic for f in faults if f.stream == fault.stream} != driven:
-            return None  # the topics that are read together would not be of one instant
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
         lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
         values = [self._number(m, m.symbol.verify.dropout) for m in self.system.modules]

@@ -5,7 +5,8 @@ Purpose: the emitted C of every DM against the switching logic of the paper's Fi
 - its latch, where it has one, in all that it may remember, with presses of every age;
 - its facts and its answer, on states of every class of input: NaN, infinities, the ends of the
   range and just beyond, breakpoints of a table, in between; fresh, at `max_age`, stale, never
-  published; with and without a gate fault and clean outputs owed; in both modes.
+  published, of different instants; with and without a gate fault and clean outputs owed; in both
+  modes.
 The expected answers are written down here anew, from docs/semantics.md; the truth of predicates is
 the reference interpreter's, and one that faults is unknown, which counts as unsafe.
 Non-goals: whether the predicates are right (`verify_module.py`); the kernel, which calls the DM.
@@ -27,6 +28,7 @@ from soter.core.layout import MODULE, placed_leaves, state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.topics import NEVER_HELD
+from soter.language.model.read_together import apart_at_most
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import leaves
@@ -263,6 +265,7 @@ class _Inputs:
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
+        self.together = apart_at_most(system, module.inputs)
         self.latch = LatchBytes.of(system, layout, module)
         self.tried = Counter[tuple[bool, bool]]()  # (ttf, safer) with which all latches were
         symbol, scope = module.symbol, module.scope.topics
@@ -396,6 +399,9 @@ class _Inputs:
                 yield {index: age}
         if self.limits:
             yield {i: self.chance.randrange(2 * a + 2) for i, a in self.limits}
+            yield dict.fromkeys((i for i, _ in self.limits), min(a for _, a in self.limits))
+        for i, j, most in self.together:
+            yield from ({i: most}, {j: most + 1})
         for index in self.asked:
             for age in ASKED_NS:
                 yield {index: age}
@@ -416,6 +422,7 @@ class _Inputs:
         struct.pack_into("<I", state, self.at["clean_needed"], clean)
         state[self.at["mode"]], state[self.at["gate_fault"]] = mode, gate_fault
         stale = any(ages.get(i, 0) > limit for i, limit in self.limits)
+        stale |= any(abs(ages.get(i, 0) - ages.get(j, 0)) > k for i, j, k in self.together)
         if self.latch is not None:
             self.latch.release(state)
         got = self.c.decide(self.module.index, state)

@@ -62,7 +62,6 @@ def assumptions_of(
         *_timing_assumptions(place, times, chains, kind),
     ]
     if kind == "flow":
-        assumptions += _one_instant_assumption(place)
         assumptions.append(SCHEME)
     assumptions += [FRESH, *latch_assumptions(place.module.symbol)]
     if inputs.parameters:
@@ -309,17 +308,6 @@ def _exact_leaves(place: VerificationSystem, inputs: Inputs) -> list[str]:
         paths = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
         leaf_names += [leaf_name(topic.name, p) for p in paths if (index, p) not in measured]
     return leaf_names
-
-
-def _one_instant_assumption(place: VerificationSystem) -> list[Assumption]:
-    """The assumption that an estimate shows one instant, also where it comes on several topics."""
-    assumptions = []
-    for who, topics in (("the DM", read_by_dm(place)), ("SC", read_by_sc(place))):
-        if len(topics) > 1:
-            names = ", ".join(place.system.topics[t].name for t in topics)
-            text = f"what {who} reads together shows the plants at one instant: {names}"
-            assumptions.append(Assumption(f"one instant {who}", text))
-    return assumptions
 
 
 def _timing_assumptions(

@@ -29,6 +29,7 @@ from soter.verify.problem.cause_effect_chains import (
     actuation_paths,
     chains_of,
 )
+from soter.verify.problem.one_instant import check_one_instant
 from soter.verify.problem.problem import Times
 from soter.verify.problem.schedule import Releases, Schedule
 from soter.verify.problem.time_checks import check_times, map_times
@@ -311,8 +312,7 @@ def times_of(
     times = Times(schedule, horizon, frozenset(declared), tuple(rests))
     if not diagnostics.has_errors:
         check_times(place, kind, times, chains, diagnostics)
-        for who, topics in () if place.abstract else (("the DM", dm), ("SC", sc)):
-            _check_one_instant(place, who, topics, diagnostics)
+        check_one_instant(place, chains, schedule.dropout, diagnostics)
     return (map_times(times) if kind == "map" else times), chains
 
 
@@ -365,33 +365,6 @@ def _refuse_unfollowed(
         also=((place.module.symbol.span, "on the way to this module"),),
         notes=("how old the state is that a module sees depends on everybody on the way to it",),
     )
-
-
-def _check_one_instant(
-    place: VerificationSystem, who: str, topics: dict[int, None], diagnostics: Diagnostics
-) -> None:
-    """R016 where plants publish at different instants what is read as one state.
-
-    As plants start together, those with the same period publish at the same instants.
-    """
-    first, *others = topics or (None,)
-    for index in others:
-        assert first is not None
-        plants = [place.driven[i] for i in (first, index)]
-        if (plants[0].period_ns, plants[0].phase_ns) == (plants[1].period_ns, plants[1].phase_ns):
-            continue
-        names = [place.system.topics[i].name for i in (first, index)]
-        periods = [show_ns(c.period_ns) for c in plants]
-        diagnostics.error(
-            "R016",
-            f"{who} reads `{names[0]}` and `{names[1]}`, which show the plants at different times",
-            plants[1].span,
-            f"publishes `{names[1]}` every {periods[1]}",
-            also=((plants[0].span, f"publishes `{names[0]}` every {periods[0]}"),),
-            notes=("an estimate is the state at one instant, plus an error",),
-            helps=("give these plants one period",),
-        )
-        return
 
 
 def summands_of_h_star(times: Times) -> dict[str, int]:

@@ -28,6 +28,7 @@ FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
 TEXT = FOLLOW.read_text(encoding="utf-8")
 MS = 1_000_000
 SIGHT = object_schema({"gap": NUMBER, "way": NUMBER, "v": NUMBER})
+LEVERS = object_schema({"gas": NUMBER, "brake": NUMBER})
 BOX, WAYS = {"r.v": (-0.308, 0.302)}, {"r.v": (-0.361, 0.354)}
 
 
@@ -55,13 +56,15 @@ def sha256() -> str:
 class Flight:
     """What a log holds, to be changed before it is written.
 
-    `modes`: of each verdict, every 100 ms from 0 on; a period of the plant is 10 ms.
+    `modes`: of each verdict, every 100 ms from 0 on; a period of the plant is 10 ms. `levers`: what
+    AC or SC published, whenever SC steps.
     """
 
     def __init__(self, modes: str = "AAAAAAAA", last_ns: int | None = None) -> None:
         last_ns = (len(modes) - 1) * 100 * MS if last_ns is None else last_ns
         times = range(0, last_ns + 1, 10 * MS)
         self.sights: dict[int, dict[str, float]] = {t: sight_at(t) for t in times}
+        self.levers = {t: {"gas": 0.0, "brake": 1.0} for t in range(0, last_ns + 1, 50 * MS)}
         self.steps: dict[int, dict[str, Any]] = {}
         self.modes = [(0, "SC")]
         before = "SC"
@@ -92,7 +95,10 @@ class Flight:
     def write(self, path: Path, *, messages: bool = True, module: str = "Follow") -> Path:
         steps = [DecisionStep(t, module, **s) for t, s in sorted(self.steps.items())]
         modes = [ModeRecord(t, module, m) for t, m in self.modes]  # type: ignore[arg-type]
-        channels = [LogChannel("sight", SIGHT, sorted(self.sights.items()))] if messages else []
+        every = {"sight": (SIGHT, self.sights), "levers": (LEVERS, self.levers)}
+        if not messages:
+            del every["sight"]
+        channels = [LogChannel(n, of, sorted(x.items())) for n, (of, x) in every.items()]
         header = LogHeader(**self.header, seed=1, tool_version="1", more=self.more)
         return write_mcap(path, channels, modes=modes, decisions=steps, header=header)
 

@@ -65,7 +65,7 @@ def test_a_step_that_took_as_long_as_it_may_is_confirmed(tmp_path: Path) -> None
 WORLD = """
 system World deploys Line {
   module Follow;
-  external topic sight every 5ms delayed 1ms measured sight.gap within 0.1, sight.way within 0.1,
+  external topic sight every 10ms delayed 3ms measured sight.gap within 0.1, sight.way within 0.1,
     sight.v within 0.01;
   external topic levers;
 }

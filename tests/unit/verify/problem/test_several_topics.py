@@ -60,14 +60,6 @@ def test_a_module_whose_dm_does_not_switch_is_proved_under_the_assumption_that_i
     assert said not in texts(problem_of(SIGHTED).assumptions)
 
 
-def test_parts_of_an_estimate_are_assumed_to_be_of_one_instant() -> None:
-    both = SIGHTED.replace("subscribes clean", "subscribes clean, est")
-    both = both.replace("clamp(-clean,", "clamp(-clean - est,")
-    text = "what SC reads together shows the plants at one instant"
-    assert any(a.startswith(text) for a in texts(problem_of(both).assumptions))
-    assert not any(a.startswith(text) for a in texts(problem_of(SIGHTED).assumptions))
-
-
 CLOCKS = (
     ("drives clean = p;\n", ""),
     (

@@ -1,0 +1,216 @@
+"""What a log of a flight says against the assumptions that its certificate prints.
+
+Purpose: `LoggedAssumptions` is told every message and verdict of a log, instant by instant, and has
+a `Doubt` wherever these contradict an assumption on sensors, on the times of SC, or on sets.
+Non-goals: verdicts by themselves, and their reads (`flight_check.py`); errors of sensors and
+disturbances, which a log without the truth does not show (`soter monitor` asks a model).
+
+The assumptions and what contradicts each: *sensors publish exactly at their releases*: a message at
+another time; *sensors never drop out*, or are *silent for O longer than their periods at most*: a
+release, or more, without a message; *the DM says "AC" on one instant alone*: two reads of plants
+that publish together with other ages, or of sensors further apart than `every` and `delayed` say;
+*no release is skipped* and SC's `late` and `response`: a release of SC in control without outputs
+in time; *what is published lies in the declared sets*: a message that does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.report import CONTRADICTED, Doubt
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.language.check.constants_and_types import Calculator
+from soter.language.model.types import has_list, leaf_name, leaves, show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.language.model import typed
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Value
+
+
+def declared_ns(module: Module, said: typed.TypedExpr | None) -> int:
+    """A time of the `verify` block of a module in ns; 0 where it is not declared."""
+    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
+    return given if isinstance(given, int) else 0
+
+
+@dataclass(eq=False)
+class _Sensor:
+    """When a topic has to be published: by a plant at its releases, by a sensor outside at times.
+
+    `apart_ns`: from one publication to the next, at most, without a silence; `delay_ns`: how old
+    what a sensor publishes may be.
+    """
+
+    apart_ns: int
+    releases: tuple[int, int] | None
+    """Period and phase of its plant; None: it is outside of the system."""
+    delay_ns: int = 0
+    last_ns: int | None = None
+
+
+def _sensors(system: System) -> dict[str, _Sensor]:
+    """Each topic that shows the world and says how often, by its name."""
+    found = {}
+    for c in system.components:
+        if c.plant is not None:
+            for index in c.writes:
+                name = system.topics[index].name
+                found[name] = _Sensor(c.period_ns, (c.period_ns, c.phase_ns))
+    for e in system.externals:
+        if e.every_ns is not None:
+            delay = e.delay_ns or 0
+            found[system.topics[e.topic].name] = _Sensor(e.every_ns + delay, None, delay)
+    return found
+
+
+@dataclass(eq=False)
+class _Outputs:
+    """Releases of SC of one module that have not been answered for: `due` has (release, by when).
+
+    `since`: the release of its last verdict that is not "AC"; None while AC has control.
+    """
+
+    module: Module
+    period: int
+    phase: int
+    topics: tuple[str, ...]
+    since: int | None = None
+    next: int = 0
+    published: dict[str, int] = field(default_factory=dict)
+
+
+class LoggedAssumptions:
+    """Compares a log with what is assumed of sensors, of SC's times, and of sets; see above."""
+
+    def __init__(self, system: System, modules: Sequence[Module]) -> None:
+        self.system, self.modules = system, modules
+        self.doubts: list[Doubt] = []
+        self._sensors = _sensors(system)
+        self._topics = {t.name: t for t in system.topics}
+        self._read = {m.name: _read_by(system, m) & self._sensors.keys() for m in modules}
+        self._outputs = {}
+        for m in modules:
+            sc = system.components[m.sc]
+            names = tuple(system.topics[i].name for i in m.outputs)
+            self._outputs[m.name] = _Outputs(m, sc.period_ns, sc.phase_ns, names, next=sc.phase_ns)
+
+    def _doubt(self, time_ns: int, module: Module, text: str) -> None:
+        self.doubts.append(Doubt(time_ns, module.name, CONTRADICTED, text))
+
+    # ------------------------------------------------------------ messages
+
+    def message(self, time_ns: int, name: str, value: Value) -> None:
+        """Note what was published at a time: its set, its release, the silence before it."""
+        for text in self._outside(name, value):
+            for m in self.modules:
+                self._doubt(time_ns, m, text)
+        for outputs in self._outputs.values():
+            self._answer(outputs, time_ns - 1)
+            if name in outputs.topics:
+                outputs.published[name] = time_ns
+        if (sensor := self._sensors.get(name)) is not None:
+            at = sensor.releases
+            if at is not None and (time_ns - at[1]) % at[0]:
+                for m in self._readers(name):
+                    text = f"{name} was published between the releases of its plant"
+                    self._doubt(time_ns, m, text)
+            self._silence(name, sensor, time_ns)
+            sensor.last_ns = time_ns
+
+    def _outside(self, name: str, value: Value) -> Iterator[str]:
+        topic = self._topics[name]
+        if has_list(topic.type):
+            return
+        every = zip(leaves(topic.type), topic.bounds, scalar_leaves(value), strict=True)
+        for (path, _), bound, x in every:
+            if bound is not None and not bound.low <= x <= bound.high:
+                where = f"[{bound.low!r}, {bound.high!r}]"
+                yield f"{leaf_name(name, path)} is {x!r}, outside of its set {where}"
+
+    def _readers(self, name: str) -> list[Module]:
+        return [m for m in self.modules if name in self._read[m.name]]
+
+    def _silence(self, name: str, sensor: _Sensor, until_ns: int) -> None:
+        """Note where nothing came for longer than it may, up to a time at which something did."""
+        for m in self._readers(name):
+            silent = declared_ns(m, m.symbol.verify.dropout)
+            if sensor.last_ns is None:
+                first = sensor.releases[1] if sensor.releases else sensor.apart_ns
+                missing, since = until_ns > first, 0
+            else:
+                since = sensor.last_ns
+                missing = until_ns - since > sensor.apart_ns + silent
+            if missing:
+                most = f"sensors are silent for {show_ns(silent)} longer than that at most"
+                allowed = most if silent else "sensors never drop out"
+                self._doubt(
+                    since,
+                    m,
+                    f"nothing came of {name} for {show_ns(until_ns - since)}, it is published "
+                    f"every {show_ns(sensor.apart_ns)}, and {allowed}",
+                )
+
+    # ------------------------------------------------------------ verdicts
+
+    def verdict(self, time_ns: int, module: Module, *, is_ac: bool) -> None:
+        """Note that the DM said who has control."""
+        outputs = self._outputs[module.name]
+        self._answer(outputs, time_ns - 1)
+        if is_ac:
+            outputs.since = None
+        elif outputs.since is None:
+            outputs.since = time_ns
+            outputs.next = time_ns + (outputs.phase - time_ns) % outputs.period
+
+    def apart(self, ages: Mapping[str, int]) -> Iterator[str]:
+        """Why reads of these ages (ns, by topic), on which a DM said "AC", show no one instant."""
+        for one, other in combinations([n for n in ages if n in self._sensors], 2):
+            a, b = self._sensors[one], self._sensors[other]
+            if a.releases != b.releases:
+                continue
+            most = 0 if a.releases else max(a.apart_ns, b.apart_ns)
+            if (apart := abs(ages[one] - ages[other])) > most:
+                yield f"it read {one} and {other} of instants that are {apart} ns apart"
+
+    # ------------------------------------------------------------ SC, and the end
+
+    def instant_ends(self, time_ns: int) -> None:
+        """All of an instant was told."""
+        for outputs in self._outputs.values():
+            self._answer(outputs, time_ns)
+
+    def _answer(self, outputs: _Outputs, until_ns: int) -> None:
+        """Note each release of SC in control whose outputs were due by a time and are not there."""
+        while outputs.since is not None and self._due(outputs) <= until_ns:
+            release = outputs.next
+            outputs.next += outputs.period
+            for name in outputs.topics:
+                if outputs.published.get(name, -1) < release:
+                    text = f"SC published no {name} in time after its release"
+                    self._doubt(release, outputs.module, text)
+
+    def _due(self, outputs: _Outputs) -> int:
+        """The instant by which SC's outputs of its next release have to be there."""
+        m, verify = outputs.module, outputs.module.symbol.verify
+        late, response = (declared_ns(m, e) for e in (verify.late_sc, verify.response_sc))
+        slow = m.late_ns + declared_ns(m, verify.response_dm)
+        asked = outputs.next - outputs.next % m.period_ns
+        return max(outputs.next + late, asked + slow) + response
+
+    def end(self, time_ns: int) -> None:
+        """The log was read up to here, this instant included."""
+        for name, sensor in self._sensors.items():
+            if sensor.last_ns is not None:
+                self._silence(name, sensor, time_ns)
+
+
+def _read_by(system: System, module: Module) -> set[str]:
+    """The names of the topics that DM and SC of a module read."""
+    read = {*module.inputs, *system.components[module.sc].scope.topics.values()}
+    return {system.topics[i].name for i in (*read, *module.scope.topics.values())}

@@ -1,0 +1,58 @@
+"""Which reads of a decision module were stale, and why.
+
+Purpose: `stale_reads` names each topic that a step of a DM found older than its `max_age`, or of
+another instant than one that it reads together with it.
+Non-goals: whether they were: the DM says so (`semantics/rules.py`, `codegen/decisions.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.language.model.read_together import apart_at_most
+from soter.semantics.configuration import NEVER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.language.model.system import Module, System
+
+
+@dataclass(frozen=True)
+class Stale:
+    """A topic that was too old; `age_s` is None where nothing was ever published.
+
+    `beside`: one read together with it that shows a later instant; empty: it is over its `max_age`.
+    """
+
+    topic: str
+    age_s: float | None
+    max_age_s: float
+    beside: str = ""
+
+    def __str__(self) -> str:
+        age = "never published" if self.age_s is None else f"{self.age_s:.6g} s old"
+        if self.beside:
+            return f"{self.topic} is {age}, and {self.beside} is of another instant"
+        return f"{self.topic} is {age}, max_age {self.max_age_s:.6g} s"
+
+
+def stale_reads(
+    system: System, module: Module, stamps: Sequence[int], time_ns: int
+) -> Iterator[Stale]:
+    """The stale topics of a step of the module's DM at a time; `stamps`: of all topics, in ns."""
+
+    def stale(index: int, max_age_ns: int, beside: str = "") -> Stale:
+        age_s = None if stamps[index] == NEVER else (time_ns - stamps[index]) / 1e9
+        return Stale(system.topics[index].name, age_s, max_age_ns / 1e9, beside)
+
+    ages = {i: system.topics[i].max_age_ns for i in module.inputs}
+    limits = {i: most for i, most in ages.items() if most is not None}
+    old = {i for i, most in limits.items() if time_ns - stamps[i] > most}
+    yield from (stale(i, limits[i]) for i in limits if i in old)
+    for one, other, most in apart_at_most(system, module.inputs):
+        older, newer = sorted((one, other), key=lambda i: stamps[i])
+        if older not in old and stamps[newer] - stamps[older] > most:
+            old.add(older)
+            yield stale(older, limits[older], system.topics[newer].name)

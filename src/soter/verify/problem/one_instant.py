@@ -1,0 +1,158 @@
+"""Whether what DM and SC read together shows one instant, or may have an age for each topic.
+
+Purpose: R016 where what the DM reads may show several instants and nothing at run time would tell,
+and where what SC reads may, though the proof reads one state of it.
+Non-goals: how old each read is (`schedule.py`); how the DM looks at stamps
+(`language/model/read_together.py`).
+
+*The DM.* A proof takes its estimate for one state, plus an error. Topics that plants of one period
+and phase drive are published in the same instants; where one of them fell silent, their stamps
+differ, and the DM calls them stale. A node's stamp says nothing of what the node had read. So what
+comes through nodes has to come the same way, and where sensors may be silent (`dropout`) through
+nodes that hear one topic of plants alone. One number may come several ways: that a node shows the
+plant by it is an assumption, printed.
+
+*SC.* It acts on what it has, stale or not. Chains and tubes give each state of a read an age of its
+own, so topics may have one each, if no state is in two of them. Half-spaces follow one age.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import leaves, show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import Component
+    from soter.verify.problem.cause_effect_chains import CauseEffectChain, CauseEffectChains
+    from soter.verify.problem.verification_system import VerificationSystem
+
+ESTIMATE = "an estimate is the state at one instant, plus an error"
+ONE_TOPIC = "publish them as one topic: a record, made of one read"
+
+
+def check_one_instant(
+    place: VerificationSystem, chains: CauseEffectChains, dropout: int, diagnostics: Diagnostics
+) -> None:
+    """R016 where a read of several topics is not what the proof of a flow takes it for."""
+    for who, ways in (("the DM", chains.by_dm), ("SC", chains.by_sc)):
+        if not place.abstract:
+            _check_periods(
+                place, who, list(dict.fromkeys(w.topic.index for w in ways)), diagnostics
+            )
+    if diagnostics.has_errors:
+        return
+    shown = [w for w in chains.by_dm if w.sensor is not None]
+    if any(w.nodes for w in shown) and _may_show_several(place, shown, dropout):
+        _refuse(place, "the DM", shown, (ESTIMATE, "a node's stamp does not say"), diagnostics)
+    shown = [w for w in chains.by_sc if w.sensor is not None]
+    if _instants(place, shown, dropout) > 1:
+        why = _why_one_age(place, shown)
+        if why:
+            _refuse(place, "SC", shown, ("their ages may differ", why), diagnostics)
+
+
+def _may_show_several(
+    place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
+) -> bool:
+    topics = dict.fromkeys(w.topic for w in ways)
+    numbers = sum(len(list(leaves(topic.type))) for topic in topics)
+    return _instants(place, ways, 0) > 1 < numbers or _instants(place, ways, dropout) > 1
+
+
+def _instants(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> int:
+    """How many instants a read may show: as many as ways, or as topics that may fall silent."""
+    every = {(w.path.sensor, w.nodes) for w in ways}
+    if not dropout:
+        return len(every)
+    return max(len(every), len({t for w in ways for t in _sensed(place, w)}))
+
+
+def _sensed(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
+    """The names of the topics of plants that a way begins with."""
+    if not way.nodes:
+        return {way.topic.name}
+    plant, first = way.sensor, way.nodes[0]
+    assert plant is not None
+    heard = {*first.reads} & {*plant.writes}
+    return {place.flat.topics[i].name for i in heard}
+
+
+def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain]) -> str:
+    """Why the proof of what SC does needs one age of all that it reads; "": it does not."""
+    if any(g.kind == "polytope" for g in place.module.symbol.verify.groups):
+        return "half-spaces follow reads of one age"
+    seen: dict[tuple[Component, typed.Variable], int] = {}
+    for topic in dict.fromkeys(w.topic.index for w in ways):
+        plant = place.driven[topic]
+        assert plant.plant is not None
+        lets = dict(plant.plant.lets)
+        driven = [e for t, e in plant.plant.drives if plant.scope.topics[t] == topic]
+        for variable in _variables(driven, lets):
+            if seen.setdefault((plant, variable), topic) != topic:
+                return f"`{plant.name}.{variable.name}` is in two of them"
+    return ""
+
+
+def _variables(
+    code: Iterable[object], lets: dict[typed.Variable, typed.TypedExpr]
+) -> set[typed.Variable]:
+    """The states and disturbances that code of a plant reads."""
+    read = {e.variable for e in nodes(code) if isinstance(e, typed.VarRead)}
+    behind = [lets[v] for v in read & lets.keys()]
+    return (read - lets.keys()) | (_variables(behind, lets) if behind else set())
+
+
+def _refuse(
+    place: VerificationSystem,
+    who: str,
+    ways: Sequence[CauseEffectChain],
+    notes: tuple[str, str],
+    diagnostics: Diagnostics,
+) -> None:
+    names = ", ".join(f"`{n}`" for n in dict.fromkeys(w.topic.name for w in ways))
+    by = [
+        f"`{w.topic.name}` comes from `{w.sensor.name}`"
+        + "".join(f" by `{n.name}`" for n in w.nodes)
+        for w in ways
+        if w.sensor is not None
+    ]
+    diagnostics.error(
+        "R016",
+        f"what {who} reads ({names}) may show the plants at different times",
+        place.module.symbol.span,
+        notes=(*dict.fromkeys(by), *notes),
+        helps=(ONE_TOPIC,),
+    )
+
+
+def _check_periods(
+    place: VerificationSystem, who: str, topics: Sequence[int], diagnostics: Diagnostics
+) -> None:
+    """R016 where plants publish at different instants what is read as one state.
+
+    As plants start together, those with the same period publish at the same instants.
+    """
+    first, *others = topics or (None,)
+    for index in others:
+        assert first is not None
+        plants = [place.driven[i] for i in (first, index)]
+        if (plants[0].period_ns, plants[0].phase_ns) == (plants[1].period_ns, plants[1].phase_ns):
+            continue
+        names = [place.system.topics[i].name for i in (first, index)]
+        periods = [show_ns(c.period_ns) for c in plants]
+        diagnostics.error(
+            "R016",
+            f"{who} reads `{names[0]}` and `{names[1]}`, which show the plants at different times",
+            plants[1].span,
+            f"publishes `{names[1]}` every {periods[1]}",
+            also=((plants[0].span, f"publishes `{names[0]}` every {periods[0]}"),),
+            notes=(ESTIMATE,),
+            helps=("give these plants one period",),
+        )
+        return
