@@ -10,7 +10,7 @@ The argument: a verdict is one about what was published. So each read has to be 
 log has of that topic at that time, and the newest one before the verdict; where an instant has
 both, either counts, as the program's order decides it and a fresh one is as good. Verdicts are due
 at each release of the module: one that is missing, or came later than the module may start, is
-named wherever AC had control. An instant is judged when it is over; of a file that is cut the last
+named, whoever had control: SC waits for it. An instant is judged when it is over; of a file that is cut the last
 instant may be half there, and is left out.
 
 The argument: a log is one of the program, parameters and system of the certificate, or of a system
@@ -126,13 +126,8 @@ class _Verdicts:
         """The release of which the verdict is still missing."""
         self.said: bool | None = None
         """Whether the verdict before it was "AC"; None: that one is missing, or there is none."""
-        self.in_ac = self.flew = False
-        """Whether AC has control, and whether it had since the last verdict."""
-
-    def changed(self, in_ac: bool) -> None:
-        """Note who has control from here on, as the log says."""
-        self.in_ac = in_ac
-        self.flew |= in_ac
+        self.in_ac = False
+        """Whether AC has control, as the log says."""
 
     def doubts_of(self, time_ns: int, said: dict[str, Any]) -> Iterator[str]:
         """Doubts where a verdict contradicts those before it, the mode, or its own predicates."""
@@ -142,8 +137,7 @@ class _Verdicts:
         if release < self.next:
             yield "it is the second one of its period"
             return
-        if before or after:  # the one before it counts until then
-            yield from self._late_doubts(began, ended)
+        yield from self._late_doubts(began, ended)
         if self.said is not None and self.said != before and release == self.next:
             had, by_last = _mode_name(before), _mode_name(self.said)
             yield f"{had} had control before it, and {by_last} by the one before"
@@ -155,7 +149,7 @@ class _Verdicts:
         false += ["safer"] * (not before and not predicates["safer"])
         if after and false:
             yield f'it says "AC" against its own {", ".join(false)}'
-        self.next, self.said, self.flew = release + self.period, after, self.in_ac
+        self.next, self.said = release + self.period, after
 
     def _late_doubts(self, began: int, ended: int) -> Iterator[str]:
         """A doubt where it began, or was in force, too many ns after its release."""
@@ -165,12 +159,10 @@ class _Verdicts:
         elif ended > most:
             yield f"it was there {ended} ns after its release, and may {most} ns"
 
-    def missing(self, before_ns: int, *, in_ac: bool = False) -> str:
-        """Words for missing verdicts before a time, if AC had control; `in_ac`: at that time."""
+    def missing(self, before_ns: int) -> str:
+        """Words for missing verdicts before a time; "" where none is."""
         count = -((self.next - before_ns) // self.period) if before_ns > self.next else 0
-        if not count or not (self.flew or in_ac):
-            return ""
-        return f"{count} verdicts are" if count > 1 else "the verdict is"
+        return f"{count} verdicts are missing" if count > 1 else "the verdict is missing" * count
 
 
 def _lateness(said: dict[str, Any], at: str) -> int:
@@ -212,7 +204,7 @@ class _Reader:
                     self.published[channel] = [(time_ns, value), *before[:1]]
                     self.assumed.message(time_ns, channel, value)
                 elif channel == MODES_TOPIC and message["module"] in self.modules:
-                    self.modules[message["module"]].changed(message["mode"] == "AC")
+                    self.modules[message["module"]].in_ac = message["mode"] == "AC"
             for channel, message in due:
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
                     self._add_verdict(time_ns, message)
@@ -226,23 +218,21 @@ class _Reader:
         """The log was read up to here, this instant included."""
         self.assumed.end(time_ns)
         self.log.doubts += self.assumed.doubts
-        for name, module in self.modules.items():
-            if module.next == 0 and self.begun:
+        for name, module in self.modules.items() if self.begun else ():
+            if module.next == 0:
                 text = "the log has no verdict of it"
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
             self._note_missing(name, module.missing(time_ns + 1), module.next)
 
     def _note_missing(self, name: str, what: str, since_ns: int) -> None:
         if what:
-            text = f"{what} missing while AC had control"
-            self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, text))
+            self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, what))
 
     def _add_verdict(self, time_ns: int, message: dict[str, Any]) -> None:
         name = message["module"]
         module = self.modules[name]
         release = time_ns // module.period * module.period
-        was_ac = message["mode_before"] == "AC"
-        self._note_missing(name, module.missing(release, in_ac=was_ac), module.next)
+        self._note_missing(name, module.missing(release), module.next)
         why = list(module.doubts_of(time_ns, message))
         estimate: dict[str, float] = {}
         is_ac = message["mode_after"] == "AC"

@@ -78,11 +78,6 @@ def test_control_comes_back_after_a_fault_of_the_gate(train: Path, tmp_path: Pat
     assert judged(train, tmp_path, fault).doubts == []
 
 
-def test_sc_that_goes_on_may_be_late(train: Path, tmp_path: Path) -> None:
-    late = changed(Flight("ASSSAA"), lambda f: at(f, 200, look=(1, 1)))
-    assert judged(train, tmp_path, late).doubts == []
-
-
 def test_an_older_read_is_as_good(train: Path, tmp_path: Path) -> None:
     """The plant may have been due after the module."""
 
@@ -260,6 +255,18 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
         200,
         "it came 1 ns after its release, and may 0 ns",
     ),
+    "SC waits for a verdict that is late": (
+        "ASSSAA",
+        lambda f: at(f, 200, look=(1, 1)),
+        200,
+        "it came 1 ns after its release, and may 0 ns",
+    ),
+    "SC waits for one that is missing": (
+        "ASSSSA",
+        lambda f: f.steps.pop(300 * MS),
+        300,
+        "the verdict is missing",
+    ),
     "it took too long by the clock": (
         "AAAAAA",
         lambda f: at(f, 200, look=(0, 1)),
@@ -270,37 +277,37 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
         "AAAAAA",
         lambda f: f.steps.pop(200 * MS),
         200,
-        "the verdict is missing while AC had control",
+        "the verdict is missing",
     ),
     "the first one is missing": (
         "AAAAAA",
         lambda f: f.steps.pop(0),
         0,
-        "the verdict is missing while AC had control",
+        "the verdict is missing",
     ),
     "the last one is missing": (
         "AAAAAA",
         lambda f: f.steps.pop(500 * MS),
         500,
-        "the verdict is missing while AC had control",
+        "the verdict is missing",
     ),
     "that which took control is missing": (
         "AAASSS",
         lambda f: f.steps.pop(300 * MS),
         300,
-        "the verdict is missing while AC had control",
+        "the verdict is missing",
     ),
     "that which gave control is missing": (
         "SSSAAA",
         lambda f: f.steps.pop(300 * MS),
         300,
-        "the verdict is missing while AC had control",
+        "the verdict is missing",
     ),
     "several are missing, AC had control in one of them": (
         "SSASSS",
         lambda f: [f.steps.pop(t * MS) for t in (100, 200, 300)],
         100,
-        "3 verdicts are missing while AC had control",
+        "3 verdicts are missing",
     ),
     "all are missing": (
         "SSSSSS",
@@ -329,11 +336,6 @@ def test_what_was_changed_is_named(train: Path, tmp_path: Path, name: str) -> No
 
 def steps(flight: Flight, change: Callable[[Flight], object]) -> list[tuple[int, dict[str, str]]]:
     return list(changed(flight, change).steps.items())
-
-
-def test_what_is_missing_while_sc_had_control_is_nobodys(train: Path, tmp_path: Path) -> None:
-    gone = changed(Flight("ASSSSA"), lambda f: f.steps.pop(300 * MS))
-    assert judged(train, tmp_path, gone).verdict == ACCEPTED
 
 
 def test_a_cut_log_is_read_up_to_there(

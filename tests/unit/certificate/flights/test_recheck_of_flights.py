@@ -157,7 +157,7 @@ def test_what_is_contradicted_is_3(
     assert main(rechecked(train, gone)) == 3
     said = capsys.readouterr().out
     assert "CONTRADICTED" in said
-    assert "0.3 s  Follow  contradicted: the verdict is missing while AC had control" in said
+    assert "0.3 s  Follow  contradicted: the verdict is missing" in said
 
 
 def test_many_doubts_are_all_in_the_document_and_on_the_page(
