@@ -10,8 +10,8 @@ The argument: a verdict is one about what was published. So each read has to be 
 log has of that topic at that time, and the newest one before the verdict; where an instant has
 both, either counts, as the program's order decides it and a fresh one is as good. Verdicts are due
 at each release of the module: one that is missing, or came later than the module may start, is
-named, whoever had control: SC waits for it. An instant is judged when it is over; of a file that is cut the last
-instant may be half there, and is left out.
+named, whoever had control: SC waits for it. An instant is judged when it is over; of a file that is
+cut the last instant may be half there, and is left out.
 
 The argument: a log is one of the program, parameters and system of the certificate, or of a system
 that deploys it (M025: the same modules and nodes, without plants), or it is refused. By the theorem

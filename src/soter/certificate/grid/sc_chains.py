@@ -231,13 +231,15 @@ def windows(
     """Windows that together hold all runs: `count` of them, one where no command acts late.
 
     `by_age`: each of these in `count` parts, where a linear flow led from the first sample and all
-    that SC reads of it comes one way: what comes several ways may show several instants.
+    that SC reads of it comes one way: what comes several ways may show several instants, and what a
+    node made of several topics too, where one of them may be silent.
     """
     if model.facts.kind == "map" or model.facts.late_commands:
         return (EVERY,)
     counts = count if model.facts.jitter_ns else 1
     paths = [path for read in model.facts.setting.by_sc for path in read.paths]
-    by_age = by_age and len(paths) == 1 and is_linear(model, members)
+    mixed = model.facts.setting.silent and any(path.clocks[1:] for path in paths)
+    by_age = by_age and len(paths) == 1 and not mixed and is_linear(model, members)
     ages = count if by_age and model.facts.delay_ns else 1
     return tuple(Window(k, counts, age, ages) for k in range(counts) for age in range(ages))
 

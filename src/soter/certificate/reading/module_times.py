@@ -73,9 +73,10 @@ def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], li
     )
     numbers = sum(1 for i in reads[0] for _ in leaves(facts.system.topics[i].type))
     apart = len({clocks for clocks, _ in by_dm}) > 1 < numbers
-    apart |= bool(setting.silent) and len({name for _, name in by_dm}) > 1
-    if apart and any(clocks[1:] for clocks, _ in by_dm):
-        raise DiffersError("what the DM reads by nodes may show several instants")
+    if setting.silent and any(clocks[1:] for clocks, _ in by_dm):
+        apart |= len({name for _, name in by_dm}) > 1
+    if apart:
+        raise DiffersError("what the DM reads may show several instants, and no stamp tells")
     of_sc = {name for _, name in by_sc} if setting.silent else {clocks for clocks, _ in by_sc}
     if len(of_sc) < 2:
         return

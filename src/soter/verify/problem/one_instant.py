@@ -48,7 +48,7 @@ def check_one_instant(
     if diagnostics.has_errors:
         return
     shown = [w for w in chains.by_dm if w.sensor is not None]
-    if any(w.nodes for w in shown) and _may_show_several(place, shown, dropout):
+    if _may_show_several(place, shown, dropout):
         _refuse(place, "the DM", shown, (ESTIMATE, "a node's stamp does not say"), diagnostics)
     shown = [w for w in chains.by_sc if w.sensor is not None]
     if _instants(place, shown, dropout) > 1:
@@ -60,9 +60,13 @@ def check_one_instant(
 def _may_show_several(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> bool:
+    """Whether an estimate may show several instants though no stamp tells; one number shows one."""
     topics = dict.fromkeys(w.topic for w in ways)
     numbers = sum(len(list(leaves(topic.type))) for topic in topics)
-    return _instants(place, ways, 0) > 1 < numbers or _instants(place, ways, dropout) > 1
+    by_nodes = dropout if any(w.nodes for w in ways) else 0
+    return _instants(place, ways, 0) > 1 < numbers or (
+        by_nodes > 0 and _instants(place, ways, dropout) > 1
+    )
 
 
 def _instants(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> int:

@@ -70,6 +70,20 @@ BOTH = """node Both period 10ms phase 1ms {
 }
 node"""
 DIRECTLY = ("drives fast = v;", "drives vel = v;")
+STILL = "period 10ms { drives vel = w; state w: float in [-1.0, 1.0]; der w = -w; }"
+TWO_PLANTS = (
+    ("drives pos = x; drives vel = v;", "drives pos = x;"),
+    (
+        "state x: float; state v: float;\n  let w = x;\n  der x = v; der v = u;",
+        "state x: float; der x = u;",
+    ),
+    ("{ x: q.truth.x, v: q.truth.v }", "{ x: q.truth.x }"),
+    ("node Fast", f"plant W {STILL}\nplant R {STILL}\nnode Fast"),
+    ("drives raw = x; drives fast = v;", "drives pos = x;"),
+    ("plant R period 10ms", "plant R period 20ms"),
+    ("verify { abstracts q", "verify { abstracts r by w: W = { w: r.truth.w }; abstracts q"),
+    ("{ q: Q; NODES", "{ q: Q; r: R;"),
+)
 DM_OF_ONE = (
     ("ttf abs(pos) + abs(vel) > 3.0", "ttf abs(pos) > 3.0"),
     ("safer abs(pos) + abs(vel) < 1.0", "safer abs(pos) < 1.0"),
@@ -100,6 +114,7 @@ CASES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "",
         (*FLYING, DIRECTLY, ("node", RELAY), ("NODES", "node Relay;"), *DM_OF_ONE),
     ),
+    "by two plants with periods of their own": ("the DM", (*FLYING, *TWO_PLANTS)),
     "each by a node of its own": (
         "the DM",
         (*FLYING, ("node", RELAY), ("node", OTHER), ("NODES", "node Relay; node Other;")),
