@@ -160,7 +160,8 @@ class Policy:
     `per_frame`: what is done to each frame before frames are stacked. `box`: the least and the
     largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
     by name, the names in the order in which the network takes them, and how many numbers each has.
-    `beside`: a file that was read though nobody named it.
+    `beside`: a file that was read though nobody named it. `shape`: that of the observation, ()
+    where frames of it cannot be stacked.
     """
 
     path: str
@@ -171,6 +172,7 @@ class Policy:
     box: tuple[Doubles, Doubles] | None = None
     keys: tuple[tuple[str, int], ...] = ()
     beside: Path | None = None
+    shape: tuple[int, ...] = ()
 
 
 def _takes(layer: Layer) -> int | None:

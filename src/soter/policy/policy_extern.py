@@ -9,6 +9,7 @@ of all externs in Python.
 from __future__ import annotations
 
 from hashlib import sha256
+from math import prod
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     Shapes = Sequence[tuple[str, Type]]
 
 NUMBERS = (FloatType, IntType, BoolType)
+IN_ORDER = "what a node `subscribes` is its observation, in this order"
 
 
 class PolicyExtern(FilePolicy):
@@ -68,19 +70,17 @@ class PolicyExtern(FilePolicy):
         self._build = [_value_builder(path, name, t) for name, t in answers]
         self._observation, self.clip = policy.observation, binding.clips
         size = policy.observation.size
-        frames = size // count if count and size % count == 0 else 0
-        if not frames or (frames > 1 and policy.keys):
-            names = ", ".join(f"`{name}`" for name, _ in reads)
-            why = f"it takes {numbers_text(size)}, the node reads {count} ({names})"
-            raise bad_policy(
-                path, why, "what a node `subscribes` is its observation, in this order"
-            )
-        self._older = size - count
-        self._frame = policy.observation[self._older :]
+        rows = frame_rows(path, policy.shape, size, reads)
+        frames, self._row = size // count, count // rows
+        self._older = size > count
+        self._frame = policy.observation.reshape(rows, -1)[:, -self._row :]
         order = ", ".join(p if n == 1 else f"{p} ({n} numbers)" for p, n in places)
         told = [f"its observation is {order}", *policy.assumed]
         if frames > 1:
-            told.append(f"{frames} frames are stacked, the oldest first, zeros before the first")
+            along = " along the last axis" if rows > 1 else ""
+            told.append(
+                f"{frames} frames are stacked{along}, the oldest first, zeros before the first"
+            )
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
             frame = numbers_text(self._per_frame.mean.size)
@@ -97,12 +97,13 @@ class PolicyExtern(FilePolicy):
         """The answer to what the node reads."""
         if self._older:
             x = self._observation
-            x[: self._older] = x[x.size - self._older :]
+            x[: -self._row] = x[self._row :]
         assert self._get is not None
         given = self._get(inputs)
-        self._frame[:] = _join_numbers(given) if self._blocks else given
+        frame = np.asarray(_join_numbers(given) if self._blocks else given, self._frame.dtype)
         if self._per_frame is not None:
-            self._frame[:] = standardise(self._per_frame, self._frame.astype(np.float64))
+            frame = standardise(self._per_frame, frame.astype(np.float64))
+        self._frame[...] = frame.reshape(self._frame.shape)
         numbers = iter(self._run())
         return Converted([build(numbers) for build in self._build])
 
@@ -120,7 +121,8 @@ class _LoadedNetwork(NamedTuple):
     answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
     `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
     indices. `keys`: of observations by name, each name in order and how many numbers it has.
-    `per_frame`: the standardisation of each frame before frames are stacked.
+    `shape`: that of the observation, () where it has no axis along which frames are stacked.
+    `per_frame`: the standardisation of each frame before they are.
     """
 
     observation: npt.NDArray[Any]
@@ -130,6 +132,7 @@ class _LoadedNetwork(NamedTuple):
     assumed: tuple[str, ...]
     whole_numbers: bool
     keys: tuple[tuple[str, int], ...]
+    shape: tuple[int, ...]
     per_frame: Standardised | None = None
 
 
@@ -147,6 +150,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
             assumed=session.assumed,
             whole_numbers=session.is_whole,
             keys=session.keys,
+            shape=() if session.keys else session.observation.shape,
         )
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     ready = made_ready(policy.network)
@@ -158,8 +162,44 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
         assumed=policy.assumed,
         whole_numbers=bool(policy.network.choices),
         keys=policy.keys,
+        shape=policy.shape,
         per_frame=policy.per_frame,
     )
+
+
+def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shapes) -> int:
+    """In how many rows each frame of an observation lies; 1: it lies in one piece.
+
+    `VecFrameStack` stacks along the last axis or the first, which no file says: what the node reads
+    does. `shape`: that of the observation, () where it cannot be stacked; `size`: its numbers.
+    SoterError X014 where what is read is no frame of it, or may be one of either kind.
+    """
+    places = [p for name, t in reads for p in _number_paths(path, name, t)]
+    count = sum(n for _, n in places)
+    frames, rest = divmod(size, count) if count else (0, 1)
+    told = " x ".join(map(str, shape)) if len(shape) > 1 else ""
+    axes = _axes(reads[0][1]) if len(reads) == 1 and told else []
+    ways = {} if rest or shape or frames > 1 else {"": 1}  # the shape of a frame -> its rows
+    for axis in {0, len(shape) - 1} if shape and not rest else ():
+        frame = [n // frames if k == axis else n for k, n in enumerate(shape)]
+        if shape[axis] % frames == 0 and (len(axes) < 2 or axes == frame):
+            written = "".join(f"[{n}]" for n in reversed(frame))
+            ways[written] = prod(shape[:axis]) if frames > 1 else 1
+    if len(ways) == 1:
+        return ways.popitem()[1]
+    names = ", ".join(f"`{name}`" for name, _ in reads)
+    takes = f"{numbers_text(size)} ({told})" if told else numbers_text(size)
+    why, help_ = f"it takes {takes}, the node reads {count} ({names})", IN_ORDER
+    if ways:
+        why += f": {frames} frames, along the first axis or the last"
+        shapes = " or ".join(f"`float{written}`" for written in ways)
+        help_ = f"let it read one topic in the shape of a frame: {shapes}"
+    raise bad_policy(path, why, help_)
+
+
+def _axes(t: Type) -> list[int]:
+    """The sizes of an array's axes, the first one first; [] for any other type."""
+    return [t.size, *_axes(t.element)] if isinstance(t, ArrayType) else []
 
 
 def reads_by_name(
@@ -209,7 +249,7 @@ def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
 # ---------------------------------------------------------------- numbers in, numbers out
 
 
-def _number_paths(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
+def _number_paths(path: Path | str, name: str, t: Type) -> Iterator[tuple[str, int]]:
     """The attribute paths of a value's numbers, each with how many numbers are there."""
     if isinstance(t, RecordType):
         for field, of in t.fields:

@@ -163,12 +163,14 @@ class ObservationLayout(NamedTuple):
 
     `sizes`: for each number, among how many it chooses, 0 where it is taken as it is. `box`: the
     least and the largest numbers, where finite. `keys`: names of observations with their counts.
+    `shape`: of a Box.
     """
 
     sizes: tuple[int, ...]
     shown: str
     box: tuple[Doubles, Doubles] | None = None
     keys: tuple[tuple[str, int], ...] = ()
+    shape: tuple[int, ...] = ()
 
     @property
     def layers(self) -> list[Layer]:
@@ -209,7 +211,7 @@ def _box(path: Path, space: Made) -> ObservationLayout:
     if all(np.isfinite(end).all() for end in ends):
         # of stacked frames the space's bounds stand in another order
         hull = np.full(low.size, ends[0].min()), np.full(low.size, ends[1].max())
-    return ObservationLayout((0,) * low.size, space_text(path, space), hull)
+    return ObservationLayout((0,) * low.size, space_text(path, space), hull, shape=shape)
 
 
 def _shape(path: Path, space: Made) -> tuple[int, ...]:
