@@ -194,7 +194,7 @@ def _write_c(path: Path, policy: Policy, node: str) -> str:
                 (t.name.rpartition(".")[2], system.topics[x.scope.topics[t]].type) for t in topics
             ]
             if policy.keys:
-                reads = list(reads_by_name(Path(policy.path), policy.keys, reads))
+                reads = list(reads_by_name(Path(policy.path), policy.keys, policy.shapes, reads))
             unit = generate(system)
             own = unit.names[x.index]
             function = f"{name.rpartition('.')[2]}_step"

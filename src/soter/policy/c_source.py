@@ -75,7 +75,7 @@ def c_source(
     given = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
-    rows = frame_rows(policy.path, policy.shape, network.inputs, reads)
+    rows = frame_rows(policy.path, policy.shapes.get("", ()), network.inputs, reads)
     body = _observation_code(policy, given, rows)
     size, at = network.inputs, "x0"
     for number, layer in enumerate(network.layers, 1):

@@ -35,7 +35,7 @@ from soter.semantics.externs import Converted
 from soter.simulate.externs.python_extern import FilePolicy
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -62,7 +62,7 @@ class PolicyExtern(FilePolicy):
         self._run, self._forget = policy.run, policy.forget
         if policy.keys:
             helps = [SAY] if binding.kind == "onnx" else []
-            reads = reads_by_name(path, policy.keys, reads, *helps)
+            reads = reads_by_name(path, policy.keys, policy.shapes, reads, *helps)
         places = [p for name, t in reads for p in _number_paths(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
@@ -70,7 +70,7 @@ class PolicyExtern(FilePolicy):
         self._build = [_value_builder(path, name, t) for name, t in answers]
         self._observation, self.clip = policy.observation, binding.clips
         size = policy.observation.size
-        rows = frame_rows(path, policy.shape, size, reads)
+        rows = frame_rows(path, policy.shapes.get("", ()), size, reads)
         frames, self._row = size // count, count // rows
         self._older = size > count
         self._frame = policy.observation.reshape(rows, -1)[:, -self._row :]
@@ -121,7 +121,7 @@ class _LoadedNetwork(NamedTuple):
     answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
     `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
     indices. `keys`: of observations by name, each name in order and how many numbers it has.
-    `shape`: that of the observation, () where it has no axis along which frames are stacked.
+    `shapes`: as in `Policy`.
     `per_frame`: the standardisation of each frame before they are.
     """
 
@@ -132,7 +132,7 @@ class _LoadedNetwork(NamedTuple):
     assumed: tuple[str, ...]
     whole_numbers: bool
     keys: tuple[tuple[str, int], ...]
-    shape: tuple[int, ...]
+    shapes: Mapping[str, tuple[int, ...]]
     per_frame: Standardised | None = None
 
 
@@ -150,7 +150,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
             assumed=session.assumed,
             whole_numbers=session.is_whole,
             keys=session.keys,
-            shape=() if session.keys else session.observation.shape,
+            shapes={} if session.keys else {"": session.observation.shape},
         )
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     ready = made_ready(policy.network)
@@ -162,7 +162,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
         assumed=policy.assumed,
         whole_numbers=bool(policy.network.choices),
         keys=policy.keys,
-        shape=policy.shape,
+        shapes=policy.shapes,
         per_frame=policy.per_frame,
     )
 
@@ -203,7 +203,11 @@ def _axes(t: Type) -> list[int]:
 
 
 def reads_by_name(
-    path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str
+    path: Path,
+    keys: Sequence[tuple[str, int]],
+    shapes: Mapping[str, tuple[int, ...]],
+    reads: Shapes,
+    *helps: str,
 ) -> Shapes:
     """What a node reads, in the order of the policy's names; SoterError X014 without one."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
@@ -219,6 +223,7 @@ def reads_by_name(
         given = sum(n for _, n in _number_paths(path, *known[key]))
         if given != count:
             raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {given}")
+        frame_rows(path, shapes.get(key, ()), count, [known[key]])  # in the shape that it has
     return [known[key] for key, _ in keys]
 
 

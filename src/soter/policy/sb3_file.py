@@ -173,7 +173,7 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         _assumed(kind),
         box=seen.box,
         keys=seen.keys,
-        shape=seen.shape,
+        shapes=seen.shapes,
     )
 
 

@@ -19,7 +19,7 @@ from soter.cli.main import main
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType, IntType
-from soter.policy.policy_extern import frame_rows, load_policy
+from soter.policy.policy_extern import frame_rows, load_policy, reads_by_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -115,6 +115,15 @@ def test_a_topic_in_another_shape_is_no_frame(shape: tuple[int, int]) -> None:
         f"the node reads {np.prod(shape)}"
         in refused("rows_first.zip", array(*shape), array(2)).message
     )
+
+
+def test_an_observation_by_name_is_read_in_its_own_shape() -> None:
+    keys, shapes = [("ahead", 6), ("gear", 3)], {"ahead": (2, 3)}
+    gear = ("gear", array(3))
+    for read in (array(2, 3), array(6)):
+        assert reads_by_name(FILES, keys, shapes, [gear, ("ahead", read)])[0] == ("ahead", read)
+    with pytest.raises(SoterError, match=r"6 numbers \(2 x 3\), the node reads 6"):
+        reads_by_name(FILES, keys, shapes, [gear, ("ahead", array(3, 2))])
 
 
 @pytest.mark.parametrize(("file", "writes"), [("maskable", (2,)), ("bits", (4,))])
