@@ -75,6 +75,7 @@ class Options:
     )
     params: Pairs = option(*SET)
     output: str = option("-o DIR", ..., "folder to write", keyword=False)
+    NEEDS = (("campaign", "flights"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

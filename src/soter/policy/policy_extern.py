@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     Shapes = Sequence[tuple[str, Type]]
 
 NUMBERS = (FloatType, IntType, BoolType)
-IN_ORDER = "what a node `subscribes` is its observation, in this order"
 
 
 class PolicyExtern(FilePolicy):
@@ -174,26 +173,24 @@ def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shape
     does. `shape`: that of the observation, () where it cannot be stacked; `size`: its numbers.
     SoterError X014 where what is read is no frame of it, or may be one of either kind.
     """
-    places = [p for name, t in reads for p in _number_paths(path, name, t)]
-    count = sum(n for _, n in places)
+    count = sum(n for name, t in reads for _, n in _number_paths(path, name, t))
     frames, rest = divmod(size, count) if count else (0, 1)
-    told = " x ".join(map(str, shape)) if len(shape) > 1 else ""
-    axes = _axes(reads[0][1]) if len(reads) == 1 and told else []
-    ways = {} if rest or shape or frames > 1 else {"": 1}  # the shape of a frame -> its rows
-    for axis in {0, len(shape) - 1} if shape and not rest else ():
-        frame = [n // frames if k == axis else n for k, n in enumerate(shape)]
-        if shape[axis] % frames == 0 and (len(axes) < 2 or axes == frame):
-            written = "".join(f"[{n}]" for n in reversed(frame))
-            ways[written] = prod(shape[:axis]) if frames > 1 else 1
-    if len(ways) == 1:
-        return ways.popitem()[1]
+    fits, whole = not rest and (shape or frames == 1), shape or (size,)
+    axes = _axes(reads[0][1]) if len(reads) == 1 else []
+    rows = {}  # by the shape of a frame
+    for axis in {0, len(whole) - 1} if fits else ():
+        frame = [n // frames if k == axis else n for k, n in enumerate(whole)]
+        if whole[axis] % frames == 0 and (axes == frame or 1 in (len(axes) or 1, len(whole))):
+            rows["".join(f"[{n}]" for n in reversed(frame))] = prod(whole[:axis])
+    if len(rows) == 1:
+        return rows.popitem()[1] if frames > 1 else 1
+    told = f" ({' x '.join(map(str, whole))})" if len(whole) > 1 else ""
     names = ", ".join(f"`{name}`" for name, _ in reads)
-    takes = f"{numbers_text(size)} ({told})" if told else numbers_text(size)
-    why, help_ = f"it takes {takes}, the node reads {count} ({names})", IN_ORDER
-    if ways:
+    why = f"it takes {numbers_text(size)}{told}, the node reads {count} ({names})"
+    help_ = "what a node `subscribes` is its observation, in this order"
+    if rows:
         why += f": {frames} frames, along the first axis or the last"
-        shapes = " or ".join(f"`float{written}`" for written in ways)
-        help_ = f"let it read one topic in the shape of a frame: {shapes}"
+        help_ = f"read one topic in the shape of a frame: `float{'` or `float'.join(rows)}`"
     raise bad_policy(path, why, help_)
 
 

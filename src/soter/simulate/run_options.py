@@ -96,6 +96,13 @@ class RunOptions:
     )
     partial: bool = option("", False, "on Ctrl-C give back what was reached", SWITCH)
     apart: bool = option("", False, "nodes in Python as processes (docs/externs.md)", SWITCH)
+    NEEDS = (
+        ("!recorded", "until seed flight arm engine real_time"),
+        ("arm=paper", "campaign"),
+        ("report", "self_contained"),
+        ("log=|report=", "output"),
+        ("real_time", "misses"),
+    )
 
 
 class RunKeywords(TypedDict, total=False):
