@@ -70,7 +70,7 @@ class Options:
     )
     output: str | None = option("-o --output FILE", None, "write the network as Soter, or as C")
     node: str | None = option(
-        "--node PROGRAM:NAME", None, "write the C of this extern node of the program"
+        "--node PROGRAM:NAME", None, "with -o FILE.c: the C of this extern node of the program"
     )
     NEEDS = (("output", "node"),)
 

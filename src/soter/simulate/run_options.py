@@ -65,7 +65,7 @@ class RunOptions:
         "--arm A", None, "by the rules of that arm of the campaign: ac, paper, ..."
     )
     campaign: str | Path | None = option(
-        "--campaign DIR", None, "its folder; by default where `soter campaign` puts it"
+        "--campaign DIR", None, "of arm paper: its folder, by default as `soter campaign`"
     )
     engine: str = option(
         f"--engine {{{','.join(ENGINES)}}}",
