@@ -303,7 +303,7 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
             problems.append(Diagnostic("U001", message, helps=(kind.allowed,)))
     values = {name: o.given for name, o in options_of(record).items()}
     written = {name for name, value in given.items() if value != values[name]}
-    problems += unused(record, {**values, **given}, written, flags=False)
+    problems = problems or [*unused(record, {**values, **given}, written, flags=False)]
     if problems:
         raise SoterError(tuple(problems))
     return record(**{name: options[name].kind.read(value) for name, value in given.items()})
