@@ -274,17 +274,17 @@ def unused(
     options, problems = options_of(record), list[Diagnostic]()
 
     def named(name: str) -> str:
-        return f"`{options[name].flag if flags else name}`"
+        return options[name].flag if flags else name
 
     for need, names in getattr(record, "NEEDS", ()):
         negated, ways = need.startswith("!"), need.lstrip("!").split("|")
         parts = [(n, e, v.split(",")) for n, e, v in (way.partition("=") for way in ways)]
         holds = [str(values[n]) in wanted if e else n in written for n, e, wanted in parts]
         words = [named(n) + f" {' or '.join(v) or '(no path)'}" * bool(e) for n, e, v in parts]
-        said = f"does nothing {'beside' if negated else 'without'} {' or '.join(words)}"
+        said = f"does nothing {'beside' if negated else 'without'} `{'` or `'.join(words)}`"
         if any(holds) == negated:
             idle = [n for n in names.split() if n in written]
-            problems += [Diagnostic("U001", f"{named(n)} {said}") for n in idle]
+            problems += [Diagnostic("U001", f"`{named(n)}` {said}") for n in idle]
     return tuple(problems)
 
 
