@@ -22,11 +22,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from soter import load, recheck  # noqa: E402
-from soter.diagnostics.diagnostic import SoterError  # noqa: E402
-from soter.language.front_end import check_file, system_of  # noqa: E402
-from soter.simulate.run import NativeProgram  # noqa: E402
-from soter.verify.deploy.missing_predicates import complete  # noqa: E402
+from soter import load, recheck
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_of
+from soter.simulate.run import NativeProgram
+from soter.verify.deploy.missing_predicates import complete
 
 SECOND = 10**9
 FLOWN_S = 12
@@ -35,7 +35,10 @@ HEAD = """soter 1;
 topic u: float in {set};
 topic brake: float in [0.0, 1.0] = 1.0;
 node Rush period 20ms {{ publishes u, brake; step {{ publish u = {rush}; publish brake = 0.0; }} }}
-node Safe period {delta}ms {{ {reads}publishes u, brake; step {{ publish u = {law}; publish brake = 1.0; }} }}
+node Safe period {delta}ms {{
+  {reads}publishes u, brake;
+  step {{ publish u = {law}; publish brake = 1.0; }}
+}}
 rta M {{
   ac Rush;
   sc Safe;

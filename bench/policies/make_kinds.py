@@ -29,6 +29,7 @@ import stable_baselines3 as sb3
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
 from torch import nn
 
 warnings.simplefilter("ignore")
@@ -85,6 +86,7 @@ class Kind:
     policy: str = ""
     normalised: bool | dict[str, Any] = False
     frames: int = 1
+    order: str | None = None
     steps: int = 64
     model: dict[str, Any] = field(default_factory=dict)
 
@@ -137,6 +139,10 @@ KINDS: dict[str, Kind] = {
     "PPO VecNormalize": Kind(sb3.PPO, normalised=True),
     "PPO frames, VecNormalize": Kind(sb3.PPO, frames=3, normalised=True),
     "PPO frames": Kind(sb3.PPO, frames=4),
+    "PPO frames of two axes": Kind(sb3.PPO, BOX23, frames=2),
+    "PPO frames of two axes, first": Kind(sb3.PPO, BOX23, frames=2, order="first"),
+    "PPO frames of two axes, VecNormalize": Kind(sb3.PPO, BOX23, frames=3, normalised=True),
+    "PPO frames of three axes": Kind(sb3.PPO, spaces.Box(-1.0, 1.0, (2, 3, 2), F32), frames=2),
     "PPO gSDE": Kind(sb3.PPO, model={"use_sde": True}),
     "PPO gSDE, squashed": Kind(sb3.PPO, model={"use_sde": True}, kwargs={"squash_output": True}),
     "PPO actions in float64": Kind(sb3.PPO, acted=spaces.Box(-0.1, 0.7, (2,), np.float64)),
@@ -197,7 +203,7 @@ def made(kind: Kind) -> tuple[Any, Any]:
         more = kind.normalised if isinstance(kind.normalised, dict) else {}
         env = normal = VecNormalize(env, **more)
     if kind.frames > 1:
-        env = VecFrameStack(env, kind.frames)
+        env = VecFrameStack(env, kind.frames, channels_order=kind.order)
     off = issubclass(kind.algorithm, (sb3.SAC, sb3.TD3, sb3.DQN, contrib.QRDQN, contrib.TQC))
     settings: dict[str, Any] = OFF if off or kind.algorithm is contrib.CrossQ else ON
     if kind.algorithm in {sb3.PPO, contrib.MaskablePPO, contrib.RecurrentPPO, contrib.TRPO}:
@@ -262,21 +268,24 @@ class Largest:
         return np.max(fitting, axis=0) if fitting else np.ones(count)
 
 
-def stacked(seen: Any, frames: int, starts: Any) -> Any:
-    """Frames (count, n) as `VecFrameStack` stacks them (count, frames n)."""
-    rows, size = np.zeros((len(seen), frames * seen.shape[1]), F32), seen.shape[1]
-    row = np.zeros(frames * size, F32)
-    for k, one in enumerate(seen):
-        row = np.concatenate([(0.0 if starts[k] else 1.0) * row[size:], one])
-        rows[k] = row
-    return rows
+def stacked(seen: Any, kind: Kind, starts: Any) -> Any:
+    """Frames (count, ...) as the library's own `VecFrameStack` stacks them."""
+    stack, none, rows = (
+        StackedObservations(1, kind.frames, kind.seen, kind.order),
+        np.zeros(1, bool),
+        [],
+    )
+    for one, start in zip(seen[:, None].astype(F32), starts, strict=True):
+        whole = stack.reset(one) if start else stack.update(one, none, [{}])[0]
+        rows.append(whole[0].copy())
+    return np.array(rows)
 
 
 def answered(model: Any, kind: Kind, normal: Any, seen: Any, starts: Any) -> tuple[Any, Any]:
     """What `predict` answers (count, n), and the largest value of a layer (count,)."""
     given = normal.normalize_obs(seen) if normal is not None else seen
     if kind.frames > 1:
-        given = stacked(given, kind.frames, starts)
+        given = stacked(given, kind, starts)
     largest, count = Largest(model.policy), len(starts)
     if not isinstance(model, contrib.RecurrentPPO):
         acted, _ = model.predict(given, deterministic=True)
@@ -293,10 +302,10 @@ def answered(model: Any, kind: Kind, normal: Any, seen: Any, starts: Any) -> tup
 
 
 def columns(space: spaces.Space, seen: Any) -> dict[str, Any]:
-    """Observations as numbers by topic: (count, n) each."""
+    """Observations as numbers by topic: (count, n) each, a Box in its own shape."""
     if isinstance(space, spaces.Dict):
         return {n: v.reshape(len(v), -1) for n, v in seen.items()}
-    return {"seen": seen.reshape(len(seen), -1)}
+    return {"seen": seen if isinstance(space, spaces.Box) else seen.reshape(len(seen), -1)}
 
 
 def starts_of(count: int, rng: Any) -> Any:

@@ -105,10 +105,12 @@ def compared(folder: Path, kind: dict[str, Any]) -> tuple[str, str, str, list[st
 
 
 def type_of(column: Any) -> Any:  # noqa: ANN401 - an array
-    """The type of a topic that holds a row (n,) of the column."""
+    """The type of a topic that holds a row of the column, of one axis or several."""
     whole = column.dtype.kind in "iu"
-    element = IntType(0, LARGE) if whole else FloatType()
-    return ArrayType(element, column.shape[1])
+    made: Any = IntType(0, LARGE) if whole else FloatType()
+    for size in column.shape[:0:-1]:
+        made = ArrayType(made, size)
+    return made
 
 
 def rows(column: Any) -> list[Any]:  # noqa: ANN401 - an array

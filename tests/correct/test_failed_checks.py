@@ -360,7 +360,34 @@ def test_a_board_without_any_library_gives_the_law(tmp_path: Path, loop: str, co
     assert processes.run([tmp_path / "board"]).returncode == code
 
 
+RUNTIME = SOTER / "runtime"
+PRINTING = frozenset(("stdio.h", "cstdio", "iostream", "ostream", "fstream"))
+PRINT = {
+    "bridge/soter_bridge_common.h",
+    "bridge/soter_simulation_core.hpp",
+    "posix/soter_posix.h",
+    "posix/soter_posix_check.h",
+    "ros1/soter_simulation.hpp",
+    "ros2/soter_simulation.hpp",
+}
+"""Headers of programs for an operating system, which no loop of one's own includes."""
+
+
+def included(path: Path) -> set[str]:
+    """The names of all that a file of the run-time includes, also through others of it."""
+    ours = list(RUNTIME.rglob("*.h*"))
+    found, todo = set[str](), [path]
+    while todo:
+        text = todo.pop().read_text(encoding="utf-8")
+        new = set(re.findall(r'#\s*include\s*["<]([^">]+)[">]', text)) - found
+        found |= new
+        todo += [p for p in ours if p.name in new]
+    return found
+
+
 def test_no_header_that_ships_draws_in_printf() -> None:
-    for path in sorted((SOTER / "runtime").glob("*.[ch]")):
-        text = path.read_text(encoding="utf-8")
-        assert path.name == "soter_main.c" or "<stdio.h>" not in text, path.name
+    headers = [p for p in RUNTIME.rglob("*") if p.suffix in {".h", ".hpp"}]
+    printing = {str(p.relative_to(RUNTIME)) for p in headers if included(p) & PRINTING}
+    assert printing == PRINT
+    for_boards = [*RUNTIME.glob("*.c"), *RUNTIME.glob("cortex_m/**/*.c")]
+    assert {p.name for p in for_boards if included(p) & PRINTING} == {"soter_main.c"}

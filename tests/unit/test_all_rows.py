@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
+import shutil
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
+import processes
+import tables
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -85,17 +90,67 @@ def test_a_row_is_not_touched_by_another(
     assert "OF_A_ROW" not in os.environ
 
 
-def test_a_row_that_skips_is_told_and_hides_no_failure() -> None:
+def test_a_row_that_skips_hides_neither_what_passes_nor_what_fails(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     @all_rows("number", range(3))
-    def skips(number: int, worst: int) -> None:
-        if number == 1:
+    def skips(number: int, worst: int, some: tuple[int, ...]) -> None:
+        if number in some:
             pytest.skip("no tool")
         assert number < worst
 
-    with pytest.raises(pytest.skip.Exception, match=r"^1 of 3 rows\n1: no tool$"):
-        skips(worst=3)
+    told: list[str] = []
+    monkeypatch.setattr("tables._left_out", told)
+    skips(worst=3, some=(1,))
+    assert told == ["1 of 3 rows\n1: no tool"]
     with pytest.raises(AssertionError, match=r"^1 of 3 rows\n2: "):
-        skips(worst=2)
+        skips(worst=2, some=(1,))
+    with pytest.raises(pytest.skip.Exception, match=r"^3 of 3 rows\n0: no tool"):
+        skips(worst=2, some=(0, 1, 2))
+    told.clear()  # of this test itself all rows were tried
+
+
+TOLD = """
+import pytest
+from tables import all_rows
+
+@all_rows("number", range(3))
+def test_table(number):
+    if number == 1:
+        pytest.skip("no tool")
+
+def test_loop():
+    for name, values in {"first": [1, 2], "second": [3, -4]}.items():
+        for value in values:
+            assert value > 0
+
+def test_raises():
+    left = 3
+    while left > 0:
+        left -= 1
+        if left < 2:
+            with pytest.raises(ValueError):
+                int("2")
+
+def test_behind():
+    for name in "ab":
+        pass
+    assert name == "c"
+"""
+
+
+@pytest.mark.parametrize("workers", [(), ("-p", "xdist", "-n", "1")], ids=["here", "elsewhere"])
+def test_what_is_told_of_rows_at_the_end(tmp_path: Path, workers: tuple[str, ...]) -> None:
+    """In a folder of tests of its own, where `tables.py` lies."""
+    shutil.copy(tables.__file__, tmp_path)
+    (tmp_path / "test_rows.py").write_text(TOLD, encoding="utf-8")
+    words = [sys.executable, "-m", "pytest", "-p", "tables", *workers, "test_rows.py"]
+    alone = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done = processes.run(words, capture_output=True, text=True, cwd=tmp_path, env=alone)
+    assert "3 failed, 1 passed" in done.stdout
+    assert "ROWS LEFT OUT test_rows.py::test_table: 1 of 3 rows\n1: no tool" in done.stdout
+    rows = re.findall(r"- row of the loop -+\n(.*)", done.stdout)
+    assert sorted(rows) == ["left = 1", "name = 'second', values = [3, -4], value = -4"]
 
 
 def test_rows_are_chosen_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
 from soter.diagnostics.command_records import made
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, mistake
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.explore.assumptions import replacements_in_test
 from soter.explore.checkpoints import (
     Checkpoint,
@@ -31,7 +31,7 @@ from soter.explore.checkpoints import (
 from soter.explore.command import TraceHeader, explore_test, save_traces
 from soter.explore.judge import test_plan
 from soter.explore.results import ExploreReport, TestResult
-from soter.explore.search_options import CHECKPOINT_SECONDS, SAMPLING, SearchOptions
+from soter.explore.search_options import CHECKPOINT_SECONDS, SearchOptions
 from soter.explore.trace import TIME_MAX
 from soter.language.elaborate.derived_systems import with_test
 from soter.language.elaborate.tested_system import MAX_STEPS
@@ -60,9 +60,8 @@ def asked(options: SearchOptions) -> CheckpointOptions | None:
     checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
     if (checkpoint, resume, every) == (None, None, None):
         return None
-    problems = [Diagnostic("U001", m, helps=(help_,)) for m, help_ in _option_mistakes(options)]
-    if problems:
-        raise SoterError(tuple(problems))
+    if "" in (checkpoint, resume):
+        raise mistake("U001", "a checkpoint needs a folder, and `` is none", "`.` is this folder")
     folder = checkpoint if resume is None else resume
     assert folder is not None
     if Path(folder).exists() and not Path(folder).is_dir():
@@ -71,22 +70,6 @@ def asked(options: SearchOptions) -> CheckpointOptions | None:
         raise mistake("D006" if resume is None else "D012", message, help_)
     every = CHECKPOINT_SECONDS if every is None else every
     return CheckpointOptions(Path(folder), every, resume is not None)
-
-
-def _option_mistakes(options: SearchOptions) -> Iterator[tuple[str, str]]:
-    """The mistakes in the options, each with a help."""
-    checkpoint, resume = options.checkpoint, options.resume
-    if checkpoint is None and resume is None:
-        yield "`checkpoint_every` alone writes nothing", "say where: `checkpoint`"
-    if "" in (checkpoint, resume):
-        yield "a checkpoint needs a folder, and `` is none", "`.` is this folder"
-    if checkpoint is not None and resume is not None:
-        message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
-        yield message, "`resume` alone writes there, too"
-    if options.strategy != "bfs":
-        repeats = options.strategy in SAMPLING
-        message = f"a search with the strategy `{options.strategy}` has no checkpoints"
-        yield message, "its seed repeats it: --seed" if repeats else "bfs has: --strategy bfs"
 
 
 def checkpoints(

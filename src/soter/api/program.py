@@ -192,9 +192,7 @@ class Program:
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
 
-        how = made(RunOptions, {"seed": seed, "engine": engine, **options})
-        if how.recorded is not None and (how.real_time or until is not None):
-            raise mistake("U001", "`recorded` is over: neither `until` nor `real_time`")
+        how = made(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
         values = self._values(params)
         with telling_shares(how.progress):
             prepared = self._prepared.of(self._checked, system, values, self._bound)

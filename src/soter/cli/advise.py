@@ -71,6 +71,7 @@ class Options:
         "--delay", False, "how late commands may act, in place of the periods", SWITCH
     )
     output: str | None = option("-o --report FILE", None, "the figure (.soter/...html)")
+    NEEDS = (("!delay", "levels factors output"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -107,8 +108,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """Finds and tells, for `--delay`, how late commands of each module may act."""
-    if args.output is not None:
-        raise UsageError("`--delay` draws no figure")
     with ProgressBar(console) as progress:
         delays = program.largest_delays(
             args.module, system=args.system, params=dict(args.params), progress=progress

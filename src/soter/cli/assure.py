@@ -69,12 +69,13 @@ class Options:
     tests: bool = option("--tests", False, "explore every test of the file again", SWITCH)
     test_report: str | None = option("--test-report FILE", None, "what `soter test --json` printed")
     campaign: str | None = option("--campaign DIR", None, "the folder of a campaign")
-    flights: int = option("--flights N", 20, "so many are flown again (20)", Kind("whole"))
+    flights: int = option("--flights N", 20, "so many of it are flown again (20)", Kind("whole"))
     hazards: str | None = option(
         "--hazards FILE", None, "CSV: hazards, requirements, owners of assumptions"
     )
     params: Pairs = option(*SET)
     output: str = option("-o DIR", ..., "folder to write", keyword=False)
+    NEEDS = (("campaign", "flights"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

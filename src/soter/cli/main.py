@@ -32,6 +32,7 @@ from soter.cli.terminal.command_line import (
     format_of,
 )
 from soter.cli.terminal.console import ChildResult, Console
+from soter.diagnostics.command_records import unused
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason, utf8_text
 
 if TYPE_CHECKING:
@@ -168,7 +169,9 @@ def _run(name: str | None, arguments: list[str], console: Console) -> CommandOut
 def _done(name: str, rest: list[str], console: Console) -> CommandOutcome:
     """Runs a command; adds its program's diagnostics, and what it is about, to the outcome."""
     parser = parser_of(name)
-    args = parser.parse_args(rest)
+    args = parser.read(rest)
+    if problems := unused(parser.record, vars(args), args.written, flags=True):
+        return CommandOutcome(USAGE, problems, parser.subject(args))
     try:
         outcome = command_of(name).run(args, console)
     except UsageError as error:

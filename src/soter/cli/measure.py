@@ -17,7 +17,6 @@ from soter.cli.terminal.command_line import (
     SYSTEM,
     CommandOutcome,
     Pairs,
-    UsageError,
     file_option,
     loaded,
 )
@@ -75,15 +74,17 @@ class Options:
     )
     params: Pairs = option(*SET)
     output: str | None = option("-o FILE", None, "the file (.soter/...-times.json)")
+    NEEDS = (
+        ("!board", "until seed samples"),
+        ("board", "instruction"),
+        ("instruction", "board"),
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Measures and tells it; UsageError for `--board` without `--instruction`, or the reverse."""
+    """Measures and tells it."""
     from soter.api.measuring import DOCUMENT, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
 
-    if (args.board is None) != (args.instruction is None):
-        message = "`--board` counts instructions, and `--instruction` makes times of them: say both"
-        raise UsageError(message)
     program = loaded(args, console)
     if program.externs:
         in_child_process(console, lambda _: ())

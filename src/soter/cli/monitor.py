@@ -189,15 +189,22 @@ class Options:
     report: str | None = report_option("the judgement", ENDING)
     params: Pairs = option(*SET)
     format: str | None = option(*FORMAT)
+    NEEDS = (
+        ("log", "map"),
+        ("map", "where partial"),
+        ("emit", "alarm"),
+        ("!emit", "log until seed estimates report"),
+        ("!log", "until seed"),
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judges, or writes the node; SoterError U001 for options that do not go together."""
     logs, args.log = [*args.log], ", ".join(args.log) or None
-    if args.map is not None or args.where or args.partial or len(logs) > 1:
+    if args.map is not None:
         return _judge_foreign_log(args, logs, console)
-    if args.emit is not None and args.report is not None:
-        raise mistake("U001", "`--report` shows a judgement, and `--emit` makes none")
+    if len(logs) > 1:
+        raise mistake("U001", "several logs are one where `--map` describes them")
     program = opened(args, console)
     if program.externs and args.log is None and args.emit is None:
         in_child_process(console, lambda _: ())
@@ -207,11 +214,10 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         program.emit_monitor(args.emit, args.module, alarm=args.alarm, **what)
         console.say(f"wrote {args.emit}")
         return CommandOutcome(fields=DOCUMENT.of(Monitored(args.emit)))
-    seeds = args.seed if args.log is None else args.seed[:1]
     what |= {"until": args.until, "estimates": args.estimates}
-    by_seed = [program.monitor(args.log, args.module, seed=one, **what) for one in seeds]
-    if len(seeds) > 1:
-        return _say_runs(seeds, by_seed, args, console, program)
+    by_seed = [program.monitor(args.log, args.module, seed=one, **what) for one in args.seed]
+    if len(args.seed) > 1:
+        return _say_runs(args.seed, by_seed, args, console, program)
     return _tell_judgements(by_seed[0], args, console, program)
 
 
@@ -307,9 +313,10 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
 def _judge_foreign_log(
     args: argparse.Namespace, logs: list[str], console: Console
 ) -> CommandOutcome:
-    """Judges a log that `--map` describes; SoterError U001 for options that do not fit."""
-    if problem := _option_conflict(args):
-        raise mistake("U001", problem)
+    """Judges a log that `--map` describes; SoterError U001 for a `--where` that is no pair."""
+    wrong = next((pair for pair in args.where if "=" not in pair), None)
+    if wrong is not None:
+        raise mistake("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
     program = loaded(args, console)
     what = {"module": args.module, "system": args.system, "params": dict(args.params)}
     what |= {"where": dict(pair.split("=", 1) for pair in args.where), "partial": args.partial}
@@ -330,24 +337,6 @@ def _judge_foreign_log(
     part = min((m.judged_share for m in judged.modules), default=0.0)
     fields |= _report(args, headline, _headline_tone(code, part), told, console)
     return CommandOutcome(code, items, fields, found)
-
-
-def _option_conflict(args: argparse.Namespace) -> str:
-    """Why options do not go together, or ""."""
-    if args.map is None and args.where:
-        return "`--where` chooses rows of a log that `--map` describes"
-    if args.map is None and args.partial:
-        return "`--partial` is of a log that `--map` describes"
-    if args.map is None:
-        return "several logs are one where `--map` describes them"
-    if args.log is None:
-        return "`--map` describes a log, and none is given"
-    wrong = next((pair for pair in args.where if "=" not in pair), None)
-    if wrong is not None:
-        return f"`--where` is COLUMN=TEXT, not `{wrong}`"
-    given = {"--emit": args.emit, "--until": args.until, "--alarm": args.alarm}
-    both = [name for name, value in given.items() if value is not None]
-    return f"`{both[0]}` does not go with `--map`" if both else ""
 
 
 def _report(

@@ -62,6 +62,7 @@ class Options:
     partial: bool = option(
         "--partial", False, "with --from: of a damaged log what stands before that", SWITCH
     )
+    NEEDS = (("logs", "partial"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from soter.api import format_text, load
 from soter.cli.terminal.command_line import CommandOutcome, UsageError, file_option
 from soter.diagnostics.command_records import option, read_by
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:
@@ -70,14 +70,18 @@ class Options:
     )
     output: str | None = option("-o --output FILE", None, "write the network as Soter, or as C")
     node: str | None = option(
-        "--node PROGRAM:NAME", None, "write the C of this extern node of the program"
+        "--node PROGRAM:NAME", None, "with -o FILE.c: the C of this extern node of the program"
     )
+    NEEDS = (("output", "node"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Reads, tells and writes the policy; UsageError for options that do not fit."""
     from soter.policy.soter_source import error_bound  # noqa: PLC0415 - needs NumPy
 
+    if args.output is not None and args.output.endswith(".c") != (args.node is not None):
+        help_ = "C of a node: --node PROGRAM:NAME -o FILE.c; a function of Soter: -o FILE.soter"
+        raise mistake("U001", f"`{args.output}` has the ending of another language", help_)
     policy = _read(Path(args.file), args.statistics)
     box = _box(policy, args.within)
     bound = None if box is None else float(error_bound(policy.network, *box).max())
@@ -92,8 +96,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "bound": bound,
         "output": args.output,
     }
-    if args.node is not None and args.output is None:
-        raise UsageError("--node wants a file to write: -o learned.c")
     if args.output is not None:
         if args.node is not None:
             fields["bind"] = _write_c(Path(args.output), policy, args.node)
@@ -194,7 +196,7 @@ def _write_c(path: Path, policy: Policy, node: str) -> str:
                 (t.name.rpartition(".")[2], system.topics[x.scope.topics[t]].type) for t in topics
             ]
             if policy.keys:
-                reads = list(reads_by_name(Path(policy.path), policy.keys, reads))
+                reads = list(reads_by_name(Path(policy.path), policy.keys, policy.shapes, reads))
             unit = generate(system)
             own = unit.names[x.index]
             function = f"{name.rpartition('.')[2]}_step"

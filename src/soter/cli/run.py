@@ -27,7 +27,6 @@ from soter.cli.terminal.command_line import (
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    UsageError,
     bound,
     file_option,
     given,
@@ -74,9 +73,7 @@ class Options(RunOptions):
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Runs the system and tells it; UsageError for `--misses` without `--real-time`."""
-    if args.misses and not args.real_time:
-        raise UsageError("`--misses` needs `--real-time`")
+    """Runs the system and tells it."""
     program = opened(args, console)
     if program.externs:
         in_child_process(console, lambda process: _mend_logs(args, process))
@@ -86,7 +83,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     console.listen()
     args.home = Path.cwd()  # an extern may change the current folder
     bound(program, args)
-    if args.arm is not None and args.campaign is None:
+    if args.arm == "paper" and args.campaign is None:
         args.campaign = _campaign(program, args, first_seed)
     _look_ahead(args)
     log = _log(args)

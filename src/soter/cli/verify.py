@@ -30,6 +30,7 @@ from soter.cli.terminal.command_line import (
 from soter.cli.terminal.console import Console, ProgressBar
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
+from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
     import argparse
@@ -82,6 +83,7 @@ class Options:
         "--no-refute", False, "do not look for a counterexample to what cannot be proved", SWITCH
     )
     format: str | None = option(*FORMAT)
+    NEEDS = (("synthesize", "output"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -118,7 +120,9 @@ def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tu
     with ProgressBar(console, timed=False) as progress:
         if args.synthesize:
             written = program.synthesize(args.output, **what)
-            program = load(written[0]) if written else program
+            if not written:
+                raise mistake("U001", "`--synthesize` does nothing: no `sc synthesized` is open")
+            program = load(written[0])
         report = program.verify(
             **what,
             cert=args.cert,

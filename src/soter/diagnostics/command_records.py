@@ -4,7 +4,8 @@ A command has two records: that of its options, and that of its result. The file
 Purpose: *a result*, first in the file: a `JsonObject` makes from one list of fields a JSON document
 and its schema. *Options*, behind it: an `Option` has range, unit, words and flag in one place.
 `made` makes the record from keywords, or reports every mistake as U001; `takes` gives the method
-that accepts them its signature and docstring.
+that accepts them its signature and docstring. `NEEDS` of a record says which of its options do
+nothing without others, and `unused` reports them.
 Non-goals: which options there are (each room's record), command lines
 (`cli/terminal/command_line.py`), the schema, which `docs/site/json_schemas.py` reads off these
 lists.
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import import_module
 from operator import index
@@ -221,6 +222,12 @@ class Option:
         """Whether a command line knows it by a flag, not by its position."""
         return self.flags.startswith("-")
 
+    @property
+    def flag(self) -> str:
+        """How a command line names it: its long flag if it has one, else its first word."""
+        words = self.flags.split()
+        return next((w for w in words if w.startswith("--")), words[0]).strip("[].")
+
     def help(self, text: str = "") -> str:
         """The words for a command line; `text`: how a text is written, where one is read."""
         return self.words.format(default=self.given, text=text)
@@ -255,8 +262,37 @@ def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
     }
 
 
+def unused(
+    record: type, values: Mapping[str, object], written: Collection[str], *, flags: bool
+) -> tuple[Diagnostic, ...]:
+    """U001 for each option that was given, though by `record.NEEDS` it does nothing then.
+
+    `NEEDS`: rows of a condition and names of options: `a|b` one of them is given, `a=x,y` it has
+    one of these values; `!a` and `!a=x` the contrary. `values`: those of all options; `written`:
+    which of them were given; `flags`: told in words of a command line.
+    """
+    options, problems = options_of(record), list[Diagnostic]()
+
+    def named(name: str) -> str:
+        return options[name].flag if flags else name
+
+    for need, names in getattr(record, "NEEDS", ()):
+        negated, ways = need.startswith("!"), need.lstrip("!").split("|")
+        parts = [(n, e, v.split(",")) for n, e, v in (way.partition("=") for way in ways)]
+        holds = [str(values[n]) in wanted if e else n in written for n, e, wanted in parts]
+        words = [named(n) + f" {' or '.join(v) or '(no path)'}" * bool(e) for n, e, v in parts]
+        said = f"does nothing {'beside' if negated else 'without'} `{'` or `'.join(words)}`"
+        if any(holds) == negated:
+            idle = [n for n in names.split() if n in written]
+            problems += [Diagnostic("U001", f"`{named(n)}` {said}") for n in idle]
+    return tuple(problems)
+
+
 def made(record: type[Record], given: Mapping[str, object]) -> Record:
-    """The record of keywords; SoterError U001 with all wrong values, TypeError for a wrong name."""
+    """The record of keywords; SoterError U001 with all wrong values, TypeError for a wrong name.
+
+    A keyword that has the value of its default counts as one that is left out.
+    """
     options, problems = options_of(record, keyword=True), []
     for name, value in given.items():
         if name not in options:
@@ -265,6 +301,9 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
         if not kind.fits(value):
             message = f"`{name}` cannot be `{str(value)[:SHOWN]}`"
             problems.append(Diagnostic("U001", message, helps=(kind.allowed,)))
+    values = {name: o.given for name, o in options_of(record).items()}
+    written = {name for name, value in given.items() if value != values[name]}
+    problems = problems or [*unused(record, {**values, **given}, written, flags=False)]
     if problems:
         raise SoterError(tuple(problems))
     return record(**{name: options[name].kind.read(value) for name, value in given.items()})

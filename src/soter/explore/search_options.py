@@ -147,7 +147,7 @@ class SearchOptions:
         "--threads N",
         1,
         f"of bfs, up to {THREADS_BFS}; by default 1",
-        whole(1, 64),
+        whole(1, THREADS_BFS),
         "threads_asked",
     )
     memory: int = option(
@@ -200,16 +200,19 @@ class SearchOptions:
     )
     bug_depth: int = 3
     unguided: bool = False
+    NEEDS = (
+        (f"strategy={','.join(EXHAUSTIVE)}", "storage reduction"),
+        (f"strategy={','.join(SAMPLING)}", "runs"),
+        ("strategy=bfs", "threads checkpoint resume"),
+        ("!resume", "checkpoint"),
+        ("checkpoint|resume", "checkpoint_every"),
+        ("!output=None", "html"),
+    )
 
     def why_fewer(self, ran: int) -> str:
         """Why `ran` threads searched and not as many as were asked for; "" where as many did."""
-        if ran == self.threads:
-            return ""
-        if self.strategy != "bfs":
-            return f"only bfs searches on more than one, {self.strategy} does not"
-        if ran == THREADS_BFS:
-            return f"breadth first searches on at most {THREADS_BFS}"
-        return "its first steps were all that it took, or the machine gave no more"
+        few = "its first steps were all that it took, or the machine gave no more"
+        return "" if ran == self.threads else few
 
 
 class SearchKeywords(TypedDict, total=False):

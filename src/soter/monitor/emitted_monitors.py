@@ -32,7 +32,7 @@ from soter.diagnostics.diagnostic import (
     Span,
     reason,
 )
-from soter.language.front_end import system_of
+from soter.language.front_end import check_file, system_of
 from soter.language.model.types import leaf_name, show_ns
 from soter.language.syntax.printer import format_source
 from soter.monitor.linear_model import (
@@ -423,7 +423,7 @@ def write_monitor(
     `alarm`: a bool topic of the program; `params`: what the system was made with.
 
     `SoterError` U001 where there is no such monitor, R... where the program does not determine the
-    problem, D006 where the file cannot be written.
+    problem, D006 where the file cannot be written, N001, T... where `alarm` is no such topic.
     """
     problem = extract_sets(system, module)
     names = {
@@ -434,6 +434,9 @@ def write_monitor(
     topic = None if alarm is None else f"watched.{alarm}"
     record = record_line(system, module.name, problem, params)
     text = monitor_source(problem, imported, names, topic, record)
+    found = check_file(str(target), text).diagnostics.items  # alone nobody drives what it reads
+    if wrong := [d for d in found if d.severity is Severity.ERROR and d.code != "M005"]:
+        raise SoterError(tuple(wrong))
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:

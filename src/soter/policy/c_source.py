@@ -32,6 +32,7 @@ from soter.policy.network import (
     Standardised,
 )
 from soter.policy.policy_errors import bad_policy
+from soter.policy.policy_extern import frame_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -74,7 +75,8 @@ def c_source(
     given = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
-    body = _observation_code(policy, given)
+    rows = frame_rows(policy.path, policy.shapes.get("", ()), network.inputs, reads)
+    body = _observation_code(policy, given, rows)
     size, at = network.inputs, "x0"
     for number, layer in enumerate(network.layers, 1):
         constants, steps = _layer(layer, number, size, at)
@@ -102,23 +104,20 @@ def _statics(policy: Policy, frame: int) -> Iterator[str]:
     yield ""
 
 
-def _observation_code(policy: Policy, given: Sequence[str]) -> list[str]:
+def _observation_code(policy: Policy, given: Sequence[str], rows: int) -> list[str]:
     """Statements that make the observation: older frames move down, a new one is read."""
-    inputs, frame = policy.network.inputs, len(given)
-    if not frame or inputs % frame or (policy.keys and frame != inputs):
-        why = f"it takes {inputs} numbers, the node reads {frame}"
-        raise bad_policy(policy.path, why)
-    older = inputs - frame
+    inputs, frame, row = policy.network.inputs, len(given), len(given) // rows
+    places = np.arange(inputs).reshape(rows, -1)[:, -row:].ravel().tolist()
     lines = [f"float x0[{inputs}];"]
-    if older:
-        lines = [f"memmove(x0, x0 + {frame}, {older} * sizeof x0[0]);"]
-    lines += [f"x0[{older + k}] = (float){place};" for k, place in enumerate(given)]
+    if inputs > frame:
+        lines = [f"memmove(x0, x0 + {row}, {inputs - row} * sizeof x0[0]);"]
+    lines += [f"x0[{k}] = (float){place};" for k, place in zip(places, given, strict=True)]
     if (own := policy.per_frame) is not None:
         lines += [*_table("MEAN", own.mean), *_table("DEVIATION", own.deviation)]
         lines += _table("LIMIT", own.limit)
-        scaled = f"(x0[{older} + i] - MEAN[i]) / DEVIATION[i]"
-        clipped = f"fmin(fmax({scaled}, -LIMIT[i]), LIMIT[i])"
-        lines.append(f"for (int i = 0; i < {frame}; i++) x0[{older} + i] = (float)({clipped});")
+        at = f"x0[i / {row} * {inputs // rows} + {inputs // rows - row} + i % {row}]"
+        clipped = f"fmin(fmax(({at} - MEAN[i]) / DEVIATION[i], -LIMIT[i]), LIMIT[i])"
+        lines.append(f"for (int i = 0; i < {frame}; i++) {at} = (float)({clipped});")
     return lines
 
 

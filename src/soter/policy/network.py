@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
 Floats = npt.NDArray[np.float32]
@@ -160,7 +160,8 @@ class Policy:
     `per_frame`: what is done to each frame before frames are stacked. `box`: the least and the
     largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
     by name, the names in the order in which the network takes them, and how many numbers each has.
-    `beside`: a file that was read though nobody named it.
+    `beside`: a file that was read though nobody named it. `shapes`: of observations that are a Box,
+    by name, the axes of each; "" is the name of a single one.
     """
 
     path: str
@@ -171,6 +172,7 @@ class Policy:
     box: tuple[Doubles, Doubles] | None = None
     keys: tuple[tuple[str, int], ...] = ()
     beside: Path | None = None
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
 
 def _takes(layer: Layer) -> int | None:

@@ -13,6 +13,7 @@ mean.
 from __future__ import annotations
 
 import hashlib
+import re
 from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,8 +44,24 @@ if TYPE_CHECKING:
     Constants = Mapping[str, npt.NDArray[Any]]
 
 
-LOOP = b"Loop"
-"""The name of the one operator that repeats as often as the graph itself says."""
+DRAWN = "RandomNormal RandomNormalLike RandomUniform RandomUniformLike Multinomial Bernoulli"
+DROPPED = "Dropout BiasDropout BitmaskDropout BitmaskBiasDropout"
+REFUSED = {
+    "Loop": ("which need not end", "export the policy for one step, without a loop"),
+    **dict.fromkeys(
+        [*DRAWN.split(), *DROPPED.split(), "Sampling"],
+        (
+            "which draws: two answers to one observation would differ",
+            "export what it answers without chance, such as the mean (torch: after `model.eval()`)",
+            "or draw in a class in Python by the seed that its `reset(seed)` is given",
+        ),
+    ),
+}
+"""Why an operator is not run, and what to do: one that repeats as often as it likes, or draws.
+
+A Dropout without a third input (`training_mode`) is none of them: it changes nothing.
+"""
+REFUSED_BYTES = re.compile(b"Loop|Random|Multinomial|Bernoulli|Dropout|Sampling")
 LOCATION = b"location"
 """The key before the name of another file, in every ONNX file that names one (`onnx.proto`)."""
 
@@ -59,13 +76,13 @@ class OnnxContent(NamedTuple):
 def onnx_content(path: Path) -> OnnxContent:
     """The content of an ONNX file. SoterError X003, X014; D007 where it takes `onnx` to read it."""
     data = read_policy_bytes(path)
-    endless = LOOP in data
-    if LOCATION not in data and not endless:
+    if LOCATION not in data and REFUSED_BYTES.search(data) is None:
         return OnnxContent(data, {})
     model = parse_model(path, data)
-    if endless and any(node.op_type == "Loop" for node in _messages(model, "NodeProto")):
-        help_ = "export the policy for one step, without a loop"
-        raise bad_policy(path, "it has the operator Loop, which need not end", help_)
+    for node in _messages(model, "NodeProto"):
+        if node.op_type in REFUSED and (node.op_type != "Dropout" or any(node.input[2:3])):
+            why, *helps = REFUSED[node.op_type]
+            raise bad_policy(path, f"it has the operator {node.op_type}, {why}", *helps)
     files: dict[str, bytes] = {}
     room = FILE_MAX
     for tensor in _messages(model, "TensorProto"):

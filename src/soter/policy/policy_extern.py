@@ -9,6 +9,7 @@ of all externs in Python.
 from __future__ import annotations
 
 from hashlib import sha256
+from math import prod
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -34,7 +35,7 @@ from soter.semantics.externs import Converted
 from soter.simulate.externs.python_extern import FilePolicy
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -60,7 +61,7 @@ class PolicyExtern(FilePolicy):
         self._run, self._forget = policy.run, policy.forget
         if policy.keys:
             helps = [SAY] if binding.kind == "onnx" else []
-            reads = reads_by_name(path, policy.keys, reads, *helps)
+            reads = reads_by_name(path, policy.keys, policy.shapes, reads, *helps)
         places = [p for name, t in reads for p in _number_paths(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
@@ -68,19 +69,17 @@ class PolicyExtern(FilePolicy):
         self._build = [_value_builder(path, name, t) for name, t in answers]
         self._observation, self.clip = policy.observation, binding.clips
         size = policy.observation.size
-        frames = size // count if count and size % count == 0 else 0
-        if not frames or (frames > 1 and policy.keys):
-            names = ", ".join(f"`{name}`" for name, _ in reads)
-            why = f"it takes {numbers_text(size)}, the node reads {count} ({names})"
-            raise bad_policy(
-                path, why, "what a node `subscribes` is its observation, in this order"
-            )
-        self._older = size - count
-        self._frame = policy.observation[self._older :]
+        rows = frame_rows(path, policy.shapes.get("", ()), size, reads)
+        frames, self._row = size // count, count // rows
+        self._older = size > count
+        self._frame = policy.observation.reshape(rows, -1)[:, -self._row :]
         order = ", ".join(p if n == 1 else f"{p} ({n} numbers)" for p, n in places)
         told = [f"its observation is {order}", *policy.assumed]
         if frames > 1:
-            told.append(f"{frames} frames are stacked, the oldest first, zeros before the first")
+            along = " along the last axis" if rows > 1 else ""
+            told.append(
+                f"{frames} frames are stacked{along}, the oldest first, zeros before the first"
+            )
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
             frame = numbers_text(self._per_frame.mean.size)
@@ -97,12 +96,13 @@ class PolicyExtern(FilePolicy):
         """The answer to what the node reads."""
         if self._older:
             x = self._observation
-            x[: self._older] = x[x.size - self._older :]
+            x[: -self._row] = x[self._row :]
         assert self._get is not None
         given = self._get(inputs)
-        self._frame[:] = _join_numbers(given) if self._blocks else given
+        frame = np.asarray(_join_numbers(given) if self._blocks else given, self._frame.dtype)
         if self._per_frame is not None:
-            self._frame[:] = standardise(self._per_frame, self._frame.astype(np.float64))
+            frame = standardise(self._per_frame, frame.astype(np.float64))
+        self._frame[...] = frame.reshape(self._frame.shape)
         numbers = iter(self._run())
         return Converted([build(numbers) for build in self._build])
 
@@ -120,7 +120,8 @@ class _LoadedNetwork(NamedTuple):
     answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
     `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
     indices. `keys`: of observations by name, each name in order and how many numbers it has.
-    `per_frame`: the standardisation of each frame before frames are stacked.
+    `shapes`: as in `Policy`.
+    `per_frame`: the standardisation of each frame before they are.
     """
 
     observation: npt.NDArray[Any]
@@ -130,6 +131,7 @@ class _LoadedNetwork(NamedTuple):
     assumed: tuple[str, ...]
     whole_numbers: bool
     keys: tuple[tuple[str, int], ...]
+    shapes: Mapping[str, tuple[int, ...]]
     per_frame: Standardised | None = None
 
 
@@ -147,6 +149,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
             assumed=session.assumed,
             whole_numbers=session.is_whole,
             keys=session.keys,
+            shapes={} if session.keys else {"": session.observation.shape},
         )
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     ready = made_ready(policy.network)
@@ -158,12 +161,50 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
         assumed=policy.assumed,
         whole_numbers=bool(policy.network.choices),
         keys=policy.keys,
+        shapes=policy.shapes,
         per_frame=policy.per_frame,
     )
 
 
+def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shapes) -> int:
+    """In how many rows each frame of an observation lies; 1: it lies in one piece.
+
+    `VecFrameStack` stacks along the last axis or the first, which no file says: what the node reads
+    does. `shape`: that of the observation, () where it cannot be stacked; `size`: its numbers.
+    SoterError X014 where what is read is no frame of it, or may be one of either kind.
+    """
+    count = sum(n for name, t in reads for _, n in _number_paths(path, name, t))
+    frames, rest = divmod(size, count) if count else (0, 1)
+    fits, whole = not rest and (shape or frames == 1), shape or (size,)
+    axes = _axes(reads[0][1]) if len(reads) == 1 else []
+    rows = {}  # by the shape of a frame
+    for axis in {0, len(whole) - 1} if fits else ():
+        frame = [n // frames if k == axis else n for k, n in enumerate(whole)]
+        if whole[axis] % frames == 0 and (axes == frame or 1 in (len(axes) or 1, len(whole))):
+            rows["".join(f"[{n}]" for n in reversed(frame))] = prod(whole[:axis])
+    if len(rows) == 1:
+        return rows.popitem()[1] if frames > 1 else 1
+    told = f" ({' x '.join(map(str, whole))})" if len(whole) > 1 else ""
+    names = ", ".join(f"`{name}`" for name, _ in reads)
+    why = f"it takes {numbers_text(size)}{told}, the node reads {count} ({names})"
+    help_ = "what a node `subscribes` is its observation, in this order"
+    if rows:
+        why += f": {frames} frames, along the first axis or the last"
+        help_ = f"read one topic in the shape of a frame: `float{'` or `float'.join(rows)}`"
+    raise bad_policy(path, why, help_)
+
+
+def _axes(t: Type) -> list[int]:
+    """The sizes of an array's axes, the first one first; [] for any other type."""
+    return [t.size, *_axes(t.element)] if isinstance(t, ArrayType) else []
+
+
 def reads_by_name(
-    path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str
+    path: Path,
+    keys: Sequence[tuple[str, int]],
+    shapes: Mapping[str, tuple[int, ...]],
+    reads: Shapes,
+    *helps: str,
 ) -> Shapes:
     """What a node reads, in the order of the policy's names; SoterError X014 without one."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
@@ -179,6 +220,7 @@ def reads_by_name(
         given = sum(n for _, n in _number_paths(path, *known[key]))
         if given != count:
             raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {given}")
+        frame_rows(path, shapes.get(key, ()), count, [known[key]])  # in the shape that it has
     return [known[key] for key, _ in keys]
 
 
@@ -209,7 +251,7 @@ def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
 # ---------------------------------------------------------------- numbers in, numbers out
 
 
-def _number_paths(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
+def _number_paths(path: Path | str, name: str, t: Type) -> Iterator[tuple[str, int]]:
     """The attribute paths of a value's numbers, each with how many numbers are there."""
     if isinstance(t, RecordType):
         for field, of in t.fields:

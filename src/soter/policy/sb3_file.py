@@ -173,6 +173,7 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         _assumed(kind),
         box=seen.box,
         keys=seen.keys,
+        shapes=seen.shapes,
     )
 
 

@@ -163,12 +163,14 @@ class ObservationLayout(NamedTuple):
 
     `sizes`: for each number, among how many it chooses, 0 where it is taken as it is. `box`: the
     least and the largest numbers, where finite. `keys`: names of observations with their counts.
+    `shapes`: of each that is a Box its axes, by name, "" of a single one.
     """
 
     sizes: tuple[int, ...]
     shown: str
     box: tuple[Doubles, Doubles] | None = None
     keys: tuple[tuple[str, int], ...] = ()
+    shapes: Mapping[str, tuple[int, ...]] = {}
 
     @property
     def layers(self) -> list[Layer]:
@@ -209,7 +211,7 @@ def _box(path: Path, space: Made) -> ObservationLayout:
     if all(np.isfinite(end).all() for end in ends):
         # of stacked frames the space's bounds stand in another order
         hull = np.full(low.size, ends[0].min()), np.full(low.size, ends[1].max())
-    return ObservationLayout((0,) * low.size, space_text(path, space), hull)
+    return ObservationLayout((0,) * low.size, space_text(path, space), hull, shapes={"": shape})
 
 
 def _shape(path: Path, space: Made) -> tuple[int, ...]:
@@ -249,6 +251,7 @@ def _dict_observation(path: Path, space: Made) -> ObservationLayout:
         ", ".join(f"`{name}` {part.shown}" for name, part in parts.items()),
         _together([part.box for part in parts.values()]),
         tuple((name, len(part.sizes)) for name, part in parts.items()),
+        {name: part.shapes[""] for name, part in parts.items() if part.shapes},
     )
 
 

@@ -65,7 +65,7 @@ class RunOptions:
         "--arm A", None, "by the rules of that arm of the campaign: ac, paper, ..."
     )
     campaign: str | Path | None = option(
-        "--campaign DIR", None, "its folder; by default where `soter campaign` puts it"
+        "--campaign DIR", None, "of arm paper: its folder, by default as `soter campaign`"
     )
     engine: str = option(
         f"--engine {{{','.join(ENGINES)}}}",
@@ -96,6 +96,13 @@ class RunOptions:
     )
     partial: bool = option("", False, "on Ctrl-C give back what was reached", SWITCH)
     apart: bool = option("", False, "nodes in Python as processes (docs/externs.md)", SWITCH)
+    NEEDS = (
+        ("!recorded", "until seed flight arm engine real_time"),
+        ("arm=paper", "campaign"),
+        ("report", "self_contained"),
+        ("log=|report=", "output"),
+        ("real_time", "misses"),
+    )
 
 
 class RunKeywords(TypedDict, total=False):

@@ -164,9 +164,9 @@ def test_the_state_with_the_widest_rest_in_cells_is_halved() -> None:
     check: Any = SimpleNamespace(group=SimpleNamespace(states=(0, 1), grid=grid))
     form = [exact(0.0)] * 12
     form[10], form[11] = exact(5.0), exact(0.6)
-    for part in ChainCheck._halves_of_form(check, tuple(form)):
-        assert part[10] == 5
-        assert part[11] == exact(0.6) / 2
+    halves = ChainCheck._halves_of_form(check, tuple(form))
+    assert [(part[10], part[11]) for part in halves] == [(exact(5.0), exact(0.6) / 2)] * 2
+    assert [part[5] for part in halves] == [-exact(0.6) / 2, exact(0.6) / 2], "one on either side"
 
 
 @pytest.mark.parametrize("extra", [0.0, 0.25])

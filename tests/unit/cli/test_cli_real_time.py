@@ -110,7 +110,7 @@ def test_a_trusted_part_that_was_late_is_no_success_in_words_json_and_report(
 def test_misses_are_counted_in_real_time_only(soter: Soter) -> None:
     done = soter("run", "cart.soter", "--misses", "3")
     assert done.exit == 2
-    assert "`--misses` needs `--real-time`" in done.err
+    assert "`--misses` does nothing without `--real-time`" in done.err
 
 
 # ---------------------------------------------------------------- externs that fail

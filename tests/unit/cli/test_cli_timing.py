@@ -172,4 +172,4 @@ def test_a_margin_below_one_is_a_usage_error(soter: Soter) -> None:
 def test_counts_are_no_times_without_a_factor(soter: Soter) -> None:
     for alone in (("--board", "mps2-an500"), ("--instruction", "20ns")):
         done = soter("measure", "timed.soter", *alone, "--json")
-        assert (done.exit, done.codes) == (2, ["U003"])
+        assert (done.exit, done.codes) == (2, ["U001"])

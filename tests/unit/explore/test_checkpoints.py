@@ -160,13 +160,13 @@ def test_two_searches_do_not_write_to_one_place(program: soter.Program, tmp_path
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        ({"checkpoint": "save", "resume": "save"}, "cannot both be"),
-        ({"checkpoint": "save", "strategy": "dfs"}, "--strategy bfs"),
-        ({"checkpoint": "save", "strategy": "deepening"}, "--strategy bfs"),
-        ({"resume": "save", "strategy": "random"}, "--seed"),
+        ({"checkpoint": "save", "resume": "save"}, "`checkpoint` does nothing beside `resume`"),
+        ({"checkpoint": "save", "strategy": "dfs"}, "without `strategy bfs`"),
+        ({"checkpoint": "save", "strategy": "deepening"}, "without `strategy bfs`"),
+        ({"resume": "save", "strategy": "random"}, "`resume` does nothing without"),
         ({"checkpoint": "save", "checkpoint_every": 0}, "`checkpoint_every` cannot be `0`"),
         ({"checkpoint": "save", "checkpoint_every": True}, "`checkpoint_every` cannot be `True`"),
-        ({"checkpoint_every": 5.0}, "`checkpoint_every` alone writes nothing"),
+        ({"checkpoint_every": 5.0}, "does nothing without `checkpoint` or `resume`"),
         ({"checkpoint": ""}, "a checkpoint needs a folder"),
         ({"resume": ""}, "a checkpoint needs a folder"),
     ],

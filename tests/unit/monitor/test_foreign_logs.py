@@ -273,11 +273,11 @@ def test_options_that_do_not_go_together_are_refused(program: Any, capsys: Any) 
     from soter.cli.main import main
 
     for arguments, told in [
-        (["--where", "a=1"], "`--where` chooses rows"),
-        (["--map", "m.toml"], "none is given"),
+        (["--where", "a=1"], "`--where` does nothing without `--map`"),
+        (["--map", "m.toml"], "`--map` does nothing without `LOG`"),
         (["log.csv", "--map", "m.toml", "--where", "a"], "COLUMN=TEXT"),
-        (["log.csv", "--map", "m.toml", "--until", "1s"], "`--until` does not go with"),
-        (["log.csv", "--map", "m.toml", "--emit", "x"], "`--emit` does not go with"),
+        (["log.csv", "--map", "m.toml", "--until", "1s"], "`--until` does nothing beside `LOG`"),
+        (["log.csv", "--map", "m.toml", "--emit", "x"], "`LOG` does nothing beside `--emit`"),
     ]:
         assert main(["monitor", program.path, *arguments]) == 2
         assert told in capsys.readouterr().err

@@ -222,13 +222,22 @@ class CommandParser(argparse.ArgumentParser):
             "--json", action="store_true", help="print one JSON document (docs/json.md)"
         )
         self.add_argument("-h", "--help", action=_Help, nargs=0, help="show this text")
-        options = options_of(command.Options)
+        self.record, options = command.Options, options_of(command.Options)
         for field_name, known in options.items():
             if field_name == PARAMS:
                 self._add_settings()
             elif known.flags:
                 self._add_argument_of(field_name, known)
         self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
+
+    def read(self, line: Sequence[str]) -> argparse.Namespace:
+        """The arguments of a line; `written` has the names of those that stand there."""
+        defaults = {action.dest: action.default for action in self._actions}
+        dashed = {action.dest for action in self._actions if action.option_strings}
+        args = self.parse_args(line, argparse.Namespace(**dict.fromkeys(defaults)))
+        told = {n: v for n, v in vars(args).items() if v is not None}
+        written = {n for n, v in told.items() if n in dashed or v != defaults[n]}
+        return argparse.Namespace(**{**defaults, **told, "written": written})
 
     def subject(self, args: argparse.Namespace) -> dict[str, object]:
         """Fields of the document that say what the command was about, however it ends."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, Pairs, file_option, opened
+from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, Pairs, file_option, loaded
 from soter.diagnostics.command_records import option
 
 if TYPE_CHECKING:
@@ -44,17 +44,17 @@ class Options:
     log: str | None = option(
         "--log LOG", None, "a page that replays it, in a file, instead of an SVG"
     )
+    NEEDS = (("!output=-", "log"),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Draws the system, and writes the SVG or the page."""
-    program = opened(args, console)
+    program = loaded(args, console)
     shown = program.diagram(args.system, dict(args.params))
     ending = "svg" if args.log is None else "html"
     default = str(Path(".soter") / f"{Path(args.file).stem}-{shown.system}.{ending}")
     path = args.output or default
     if args.log is not None:
-        path = default if path == STANDARD_OUTPUT else path  # a page is a file
         shown.write_replay(args.log, path)
         console.say(f"page  {path}")
     elif path == STANDARD_OUTPUT:
