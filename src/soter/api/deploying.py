@@ -192,16 +192,16 @@ class _CertifiedTables:
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
     def built(self, problem: Problem, level_tables: Sequence[LevelTable]) -> None:
-        """Raises SoterError D020 if the certificate has other tables for the module."""
-        from soter.verify.deploy.proof_transfer import same_tables  # noqa: PLC0415 - needs NumPy
+        """Raises SoterError D020 if the module is built with other figures than are certified."""
+        from soter.verify.deploy.proof_transfer import what_differs  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
-        if reports and not same_tables(
-            self._certificate, reports[0].system, name, problem, level_tables
-        ):
-            raise _other_certificate(
-                self.folder, f"`{name}` is built with other tables than it has"
-            )
+        if not reports:
+            return
+        asked = self._certificate, reports[0].system, name, problem, level_tables
+        if differing := what_differs(*asked):
+            why = f"`{name}` is built with other {differing} than it has"
+            raise _other_certificate(self.folder, why)
 
 
 def build(

@@ -20,7 +20,7 @@ from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import points_to_try
-from soter.verify.claims.results import Vacuity
+from soter.verify.claims.results import PROVED, Vacuity
 from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ FEW = 100
 ANCHORS_MAX = 4
 LETS = {"ttf": 1, "safer": 2}
 """The bit of a predicate's truth that means: AC may have control."""
+OF_NOTHING = "of nothing: "
 NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
 OF_FRESH = "of whatever is fresh"
 ABOVE = "above"
@@ -86,6 +87,22 @@ def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
         text = f"AC never keeps control (`ttf` holds at every decision: {span} at a time at most)"
         return Vacuity(NEVER, "ttf", 0.0, text)
     return None
+
+
+def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
+    """The vacuity of a proof by tubes; `at_the_start`: why AC has no control there, or ""."""
+    text = f"nothing says that AC ever gets control ({at_the_start}, and P2b is not shown)"
+    never = Vacuity(NOT_SHOWN, "safer", 0.0, text) if at_the_start else None
+    return _vacuous_safe(problem) or never
+
+
+def say_of_nothing(result: ModuleResult) -> None:
+    """Has the row of a claim that is proved and about nothing say so, and not how it was shown."""
+    vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
+    if vacuity is not None and vacuity.how_often == NEVER and vacuity.what in rows:
+        finding = result.findings[rows[vacuity.what]]
+        if finding.verdict == PROVED:
+            finding.text = f"{OF_NOTHING}{vacuity.text}"
 
 
 def _vacuous_safe(problem: Problem) -> Vacuity | None:
