@@ -345,3 +345,52 @@ def test_where_sc_rests_is_built_as_it_was_checked(tmp_path: Path) -> None:
         train.program.build("c", tmp_path / "out", cert=tmp_path / "cert")
     assert caught.value.diagnostics[0].code == "D020"
     assert not (tmp_path / "out").exists()
+
+
+def test_times_of_written_predicates_are_those_that_were_checked(tmp_path: Path) -> None:
+    """A claim about more schedules than there are is true, and not about what is built."""
+    text = GRID[0].replace("< TOP;", "< TOP;\n  ttf abs(motion) > 7.0;\n  safer abs(motion) < 4.0;")
+    (tmp_path / "proved.soter").write_text(text)
+    (tmp_path / "robot.soter").write_text(GRID[1])
+    soter.load(tmp_path / "proved.soter").verify(cert=tmp_path / "cert", refute=False)
+    robot = soter.load(tmp_path / "robot.soter")
+    made = robot.build("c", tmp_path / "right", cert=tmp_path / "cert")
+    assert "checked again" in made.inherits[0]
+    manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())
+    manifest["modules"][0]["times"]["j_ns"] += 1
+    small_proofs.reseal(tmp_path / "cert", manifest)
+    assert soter.recheck(tmp_path / "cert").accepted
+    with pytest.raises(SoterError, match="is built with other times than it has"):
+        robot.build("c", tmp_path / "out", cert=tmp_path / "cert")
+
+
+def test_the_window_of_a_shield_is_checked_again(tmp_path: Path) -> None:
+    """W says for how long a replaced command counts: the DM may not forget it sooner."""
+    Robot(tmp_path, "shield")
+    manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())
+    times = manifest["modules"][0]["times"]
+    for by, verdict in ((1, "accepted"), (-2, "rejected")):
+        times["W_ns"] += by
+        small_proofs.reseal(tmp_path / "cert", manifest)
+        report = soter.recheck(tmp_path / "cert")
+        assert report.verdict == verdict, report.reason
+    assert "W_ns" in report.reason
+
+
+OPEN = {
+    "SC does not brake": (("brake: 1.0 }; }", "brake: 0.0 }; }"), "never gets control"),
+    "it moves further": (("by CREEP down", "by 0.0001 down"), "not shown"),
+}
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_an_open_proof_is_built_as_far_as_it_goes(name: str, tmp_path: Path) -> None:
+    """What the certificate does not claim nobody compares, and what is built is said."""
+    edit, note = OPEN[name]
+    (tmp_path / "proved.soter").write_text(PLAIN.replace(*edit))
+    (tmp_path / "robot.soter").write_text(TRAIN)
+    report = soter.load(tmp_path / "proved.soter").verify(cert=tmp_path / "cert", refute=False)
+    assert report.modules[0].findings["P2a"].verdict == "undecided"
+    made = soter.load(tmp_path / "robot.soter").build("c", tmp_path / "out", cert=tmp_path / "cert")
+    assert "safety is not established: P2a" in made.inherits[0]
+    assert any(note in x for x in made.notes)

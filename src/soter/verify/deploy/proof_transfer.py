@@ -75,24 +75,28 @@ def what_differs(
     system: str,
     module: str,
     problem: Problem,
-    built: Sequence[LevelTable],
+    built: Sequence[LevelTable] | None,
 ) -> str:
     """What a module's DM is built with that its certificate has otherwise, in words; "": nothing.
 
-    `built`: its tables, or the check that follows SC; empty: neither, and AC never gets control.
+    `built`: its tables, or the check that follows SC; empty: neither, and AC never gets control;
+    None: the program has the predicates, and figures are compared alone.
     """
+    said = (
+        (e, (e["system"], e["module"], e.get("view", ""))) for e in certificate.manifest["modules"]
+    )
+    entry = next((e for e, of in said if of == (system, module, problem.view)), None)
+    if entry is None or "induction" in entry:
+        return "predicates" if built else ""
+    if built is not None and not built:
+        followed = "rest" in entry and entry["claims"].get("P2a") == PROVED
+        return "predicates" if followed or entry.get("tables") else ""
     files: dict[str, bytes] = {}
-    ours = _by_place(built_entry(problem, built, files), files)
-    for e in certificate.manifest["modules"]:
-        if (e.get("system"), e.get("module"), e.get("view", "")) != (system, module, problem.view):
-            continue
-        if not built:
-            return "predicates" if e.get("tables") or e["claims"].get("P2a") == PROVED else ""
-        theirs = _by_place(e, certificate.contents)
-        every = sorted(ours.keys() | theirs.keys())
-        if differing := next((k for k in every if ours.get(k) != theirs.get(k)), ""):
-            return differing if differing in ("ranges", "tables", "times") else f"`{differing}`"
-    return ""
+    ours = _by_place(built_entry(problem, built or (), files), files)
+    theirs = _by_place(entry, certificate.contents)
+    every = ("ranges", "times", "wraps") if built is None else sorted(ours.keys() | theirs.keys())
+    differing = next((k for k in every if ours.get(k) != theirs.get(k)), "")
+    return differing if differing in ("", "ranges", "tables", "times") else f"`{differing}`"
 
 
 def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
@@ -162,6 +166,7 @@ class TransferredProof:
     """The inputs from outside that are covered, with the bounds that the proof allows."""
     assumptions: list[str] = field(default_factory=list)
     """The assumptions of the proof, and those about the world and the loop besides."""
+    problem: Problem | None = None
 
 
 def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
@@ -224,6 +229,7 @@ def _transferred_proof(
             text for text in texts(problem.assumptions) if text not in inheritance.assumptions
         ]
     (problem,) = problems
+    inheritance.problem = problem
     covers = module_method(problem).covers
     inheritance.covered, assumed = covers(here, there, problem, diagnostics)
     inheritance.assumptions += [*assumed, IN_TIME]

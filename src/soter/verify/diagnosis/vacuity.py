@@ -43,7 +43,7 @@ FEW = 100
 ANCHORS_MAX = 4
 LETS = {"ttf": 1, "safer": 2}
 """The bit of a predicate's truth that means: AC may have control."""
-OF_NOTHING = "of nothing: "
+OF_NOTHING, EVERY_VALUE = "of nothing: ", "every parameter value"
 NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
 OF_FRESH = "of whatever is fresh"
 ABOVE = "above"
@@ -62,7 +62,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
         return worst
     bad = {id(case) for case, _ in every}
     case = next(c for c, v in every if v is worst)
-    named = _parameter_values(case) if len(bad) < len(done) else "every parameter value"
+    named = _parameter_values(case) if len(bad) < len(done) else EVERY_VALUE
     also = f" and {len(bad) - 1} more of {len(done)}" if 1 < len(bad) < len(done) else ""
     return Vacuity(
         worst.how_often,
@@ -99,10 +99,11 @@ def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
 def say_of_nothing(result: ModuleResult) -> None:
     """Has the row of a claim that is proved and about nothing say so, and not how it was shown."""
     vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
-    if vacuity is not None and vacuity.how_often == NEVER and vacuity.what in rows:
-        finding = result.findings[rows[vacuity.what]]
-        if finding.verdict == PROVED:
-            finding.text = f"{OF_NOTHING}{vacuity.text}"
+    if vacuity is None or vacuity.how_often != NEVER or vacuity.what not in rows:
+        return
+    finding = result.findings[rows[vacuity.what]]
+    if finding.verdict == PROVED and (not vacuity.parameters or EVERY_VALUE in vacuity.text):
+        finding.text = f"{OF_NOTHING}{vacuity.text}"
 
 
 def _vacuous_safe(problem: Problem) -> Vacuity | None:

@@ -361,17 +361,12 @@ def _around_rest(
 
 def _rests_somewhere(check: TubeCheck, caller: Caller, box: Mapping[int, Interval]) -> bool:
     """Whether `rest` certainly holds in a state of the box: of an empty one all would be true."""
-    draw = random.Random(0)  # noqa: S311 - states to try, always the same
-    middles = {s: cut_to_farthest(r) for s, r in box.items()}
-    for k in range(TRIED):
-        at = {}
-        for s, r in middles.items():
-            usual = (r.low / 2 + r.high / 2, min(max(0.0, r.low), r.high), r.low, r.high)
-            x = usual[0] if k == 0 else draw.choice((*usual, draw.uniform(r.low, r.high)))
-            at[s] = Interval(x, x)
-        if caller.holds("surely_rests", region_of(check, at)):
-            return True
-    return False
+    draw, ends = random.Random(0), [(r.low, r.high) for r in box.values()]  # noqa: S311 - no secret
+    usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
+    states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
+    every = (dict(zip(box, x, strict=True)) for x in ([u[0] for u in usual], *states))
+    tried = ({s: Interval(v, v) for s, v in x.items()} for x in every)
+    return any(caller.holds("surely_rests", region_of(check, at)) for at in tried)
 
 
 def _narrow_by_powers(
