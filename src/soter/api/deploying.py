@@ -152,6 +152,9 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
         seal = _seal_of_same_program(Path(cert), report, there)
         confirmed = _confirmed_modules(report, there)
         sets = _CertifiedTables(Path(cert), seal, confirmed)
+        for m in modules:
+            if m.problem is not None:
+                sets.built(m.problem, None)
     entries = [_inheritance_entry(m, confirmed.get(m.module), seal) for m in modules]
     lines = [line for e in entries for line in _entry_lines(e, there.name, seal)]
     document: dict[str, object] = {
@@ -191,17 +194,17 @@ class _CertifiedTables:
             return None
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
-    def built(self, problem: Problem, level_tables: Sequence[LevelTable]) -> None:
-        """Raises SoterError D020 if the certificate has other tables for the module."""
-        from soter.verify.deploy.proof_transfer import same_tables  # noqa: PLC0415 - needs NumPy
+    def built(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
+        """Raises SoterError D020 if the module is built with other figures than are certified."""
+        from soter.verify.deploy.proof_transfer import what_differs  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
-        if reports and not same_tables(
-            self._certificate, reports[0].system, name, problem, level_tables
-        ):
-            raise _other_certificate(
-                self.folder, f"`{name}` is built with other tables than it has"
-            )
+        if not reports:
+            return
+        asked = self._certificate, reports[0].system, name, problem, level_tables
+        if differing := what_differs(*asked):
+            why = f"`{name}` is built with other {differing} than it has"
+            raise _other_certificate(self.folder, why)
 
 
 def build(

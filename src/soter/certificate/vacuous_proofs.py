@@ -52,11 +52,8 @@ KEEPS = "AC never keeps control"
 
 def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
     """(why the claims about a module say next to nothing, why that was not looked at), or ""."""
-    safe, scope = facts.symbol.safe, facts.module.scope
-    if not topic_reads(safe):
-        return READS_NOTHING, ""
-    if always_by_parts(safe, facts.system, scope):
-        return HOLDS_ANYWAY, ""
+    if nothing := why_safe_says_nothing(facts):
+        return nothing, ""
     for values, of_case in zip(facts.cases(), groups, strict=True):
         try:
             if facts.computed:
@@ -73,6 +70,14 @@ def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
             named = ", ".join(f"{p.name} = {v}" for p, v in pairs)
             return f"with {named} {found}" if named and found else found, unseen
     return "", ""
+
+
+def why_safe_says_nothing(facts: Facts) -> str:
+    """Why `safe` of a module says nothing of its plants; "": it may be false."""
+    safe, scope = facts.symbol.safe, facts.module.scope
+    if not topic_reads(safe):
+        return READS_NOTHING
+    return HOLDS_ANYWAY if always_by_parts(safe, facts.system, scope) else ""
 
 
 def _vacuous_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:

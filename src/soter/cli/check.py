@@ -157,11 +157,17 @@ def _say(report: CheckReport, console: Console) -> None:
         names = [p for p, v in next(iter(modules.values())).verdicts.items() if v == "proved"]
         proved = f": {' '.join(names)} hold"
     console.say(f"{ok}  {visible(report.path)}  {counted}{proved}  {report.program_sha256[:12]}")
-    unproved = dict.fromkeys(line for s in report.systems for line in s.unproved)
+    timed = {s.module for t in report.timings for s in t.switches if s.verdict == "holds"}
+    unproved = dict.fromkeys(_without_p1c(x, timed) for s in report.systems for x in s.unproved)
     for line in (*unproved, *_steps(report)):
         console.say(console.paint("muted", f"    {line}"))
     for timing in report.timings:
         say_timing(timing, console)
+
+
+def _without_p1c(line: str, timed: set[str]) -> str:
+    """A line on what is assumed, without P1c where the times of all its modules show that."""
+    return line.replace(" P1c", "", 1) if {*line.partition(": ")[0].split(", ")} <= timed else line
 
 
 def _steps(report: CheckReport) -> list[str]:

@@ -18,6 +18,7 @@ from soter.language.model.system import LEVELS_DEFAULT
 from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.grid.claims import Grids
 from soter.verify.polytope.claims import Polytopes
+from soter.verify.problem.problem import TUBES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case, GroupProof, Method
     from soter.verify.claims.results import CaseSets, ModuleResult
     from soter.verify.deploy.level_tables import LevelTable
-    from soter.verify.problem.problem import Group, Interval, Leaf, Problem, Times
+    from soter.verify.problem.problem import Group, Interval, Leaf, Problem
 
     Pairs = list[object]
 
@@ -77,20 +78,15 @@ def entry_over_sets(
         "module": problem.name.removesuffix(f" as {problem.view}"),
         "plants": plants,
         "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
-        "times": times_entry(problem.times),
-        "inputs": _all_inputs_entries(problem),
+        **figures_entry(problem),
         "cases": _case_entries(problem, result.cases, f"{stem}_", files, proved),
         "claims": claims,
         "recover_ns": recover,
     }
     if problem.view:
         entry["view"] = problem.view
-    if around := sorted(problem.quantities.turning):
-        entry["wraps"] = [problem.quantities.states[s].name for s in around]
     if result.laws:
         entry["law"] = _case_entries(problem, result.laws, f"{stem}_law", files, {"P2a"})
-    if problem.levels_open and problem.levels != LEVELS_DEFAULT:
-        entry["levels"] = problem.levels
     if problem.computed:
         entry["tables"] = _table_entries(result, stem, files)
     return entry
@@ -103,15 +99,39 @@ def _claims_entry(result: ModuleResult) -> dict[str, str]:
     return {n: f.verdict for n, f in result.findings.items() if n not in unclaimed}
 
 
-def _all_inputs_entries(problem: Problem) -> list[dict[str, str]]:
+def figures_entry(problem: Problem) -> dict[str, object]:
+    """The figures in a module's entry that its problem has: times, ranges, chosen levels.
+
+    States that are followed by tubes are on no grid, and have no ranges there.
+    """
     q = problem.quantities
-    return [
-        *inputs_entries("state", q.states, problem.states),
-        *inputs_entries("control", q.controls, problem.controls),
-        *inputs_entries("disturbance", q.disturbances, problem.disturbances),
-        *inputs_entries("error", q.errors, problem.errors),
-        *inputs_entries("other", q.others, problem.others),
-    ]
+    states = [] if problem.kind == TUBES else inputs_entries("state", q.states, problem.states)
+    entry: dict[str, object] = {
+        "times": _times_entry(problem),
+        "inputs": [
+            *states,
+            *inputs_entries("control", q.controls, problem.controls),
+            *inputs_entries("disturbance", q.disturbances, problem.disturbances),
+            *inputs_entries("error", q.errors, problem.errors),
+            *inputs_entries("other", q.others, problem.others),
+        ],
+    }
+    if around := sorted(q.turning):
+        entry["wraps"] = [q.states[s].name for s in around]
+    if problem.levels_open and problem.levels != LEVELS_DEFAULT:
+        entry["levels"] = problem.levels
+    return entry
+
+
+def built_entry(
+    problem: Problem, built: Sequence[LevelTable], files: dict[str, bytes]
+) -> dict[str, object]:
+    """What the entry of a module's proof has of all that its DM is built with; files are added."""
+    names = [s.name for s in problem.quantities.states]
+    made = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
+    if problem.kind == TUBES:
+        return figures_entry(problem) | (made[0] if made else {"rest": None})
+    return figures_entry(problem) | {"tables": made}
 
 
 def _table_entries(
@@ -135,9 +155,12 @@ def inputs_entries(
         yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
 
 
-def times_entry(times: Times) -> dict[str, int]:
-    """The entry with every time of a module, in ns."""
+def _times_entry(problem: Problem) -> dict[str, int]:
+    """The entry with every time of a module, in ns; W where its shield remembers commands."""
+    times = problem.times
+    remembers = problem.module.shield is not None and problem.kind == "flow"
     return {
+        **({"W_ns": times.acted} if remembers else {}),
         "Delta_ns": times.delta_dm,
         "delta_ns": times.delta_sc,
         "A_ns": times.age_dm,

@@ -51,7 +51,13 @@ from soter.verify.claims.results import (
 )
 from soter.verify.claims.start import why_not_entered
 from soter.verify.deploy import deployed_sensors
-from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
+from soter.verify.diagnosis.vacuity import (
+    OF_NOTHING,
+    at_the_start,
+    say_of_nothing,
+    small_cores,
+    vacuity,
+)
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.group_model import UnboundedError
@@ -117,6 +123,7 @@ def verify_module(
     result.recover_s = _return_time_s(done, result)
     result.shares = _least_shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
+    say_of_nothing(result)
     if refute:
         phase(f"{problem.name}: looking for a counterexample")
     share_done(ATTACKED)
@@ -380,7 +387,9 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
             return f"`{claim}` is computed from the sets{many}"
         finding.counts = {"cells": 0, "boxes": 0}
         what = {"ttf": "not ttf", "safer": "safer"}[claim]
-        return f"{what} implies R(H), {', '.join(_methods_in_words(done, claim, finding))}{many}"
+        where = ", ".join(_methods_in_words(done, claim, finding))
+        nothing = "" if any(finding.counts.values()) else OF_NOTHING
+        return f"{nothing}{what} implies R(H), {where}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
         if problem.module.symbol.acknowledgements:

@@ -74,8 +74,12 @@ def test_where_the_proof_counts_with_other_times_nothing_is_said_to_hold(soter: 
     assert "P1c holds" not in done.out
     (timing,) = soter("check", "timed.soter", "--json").document["timings"]
     assert timing["switches"][0]["verdict"] == "undecided"
+    assert "P1c P2a P2b P3 assumed" in done.out
     write(EXAMPLE)
-    assert soter("check", "timed.soter").out.startswith("ok  ")
+    right = soter("check", "timed.soter").out
+    assert right.startswith("ok  ")
+    assert "P1c holds" in right
+    assert "SafeCart: P2a P2b P3 assumed, not checked" in right  # and not P1c, which was
 
 
 def test_check_says_no_more_of_p1c_than_verify(soter: Soter) -> None:

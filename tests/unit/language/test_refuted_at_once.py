@@ -1,4 +1,5 @@
-"""W022: a `ttf` that meets `safe` in a thin band is not said to come too late."""
+"""What is warned of without a proof: W022, a `ttf` that comes too late (one that meets `safe` in a
+thin band does not); D019, a plant that flies less exactly than the one of the proof."""
 
 from __future__ import annotations
 
@@ -162,3 +163,46 @@ system Flown { node Fly; module Guard; until 1s; }
     (warning,) = check_file(str(path)).diagnostics.items
     assert warning.code == "W022"
     assert not any("leave both out" in help_ for help_ in warning.helps)  # R032 without them
+
+
+ABSTRACTED = """soter 1;
+param OFF: float = 0.5;
+topic pose: {{ x: float, v: float }} max_age 20ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+node Fast period 10ms {{ subscribes pose; publishes push;
+  step {{ publish push = clamp(9.0 - pose.x - pose.v, -1.0, 1.0); }} }}
+node Stop period 10ms {{ subscribes pose; publishes push;
+  step {{ publish push = clamp(-pose.x - pose.v, -1.0, 1.0); }} }}
+plant Flies period 10ms {{ reads push; drives pose = {{ x: x, v: v }};
+  state x: float; state v: float; der x = v; der v = push; {flies} }}
+plant Proved period 10ms {{ reads push; drives pose = {{ x: x, v: v }};
+  state x: float; state v: float; der x = v; der v = push; {proved} }}
+rta Guard {{ ac Fast; sc Stop; period 50ms; safe abs(pose.x) < 10.0;
+  verify {{ {view} abstracts f by p: Proved = {{ x: f.truth.x, v: f.truth.v }};
+    grid pose.x in [-10.0, 10.0] / 20, pose.v in [-5.0, 5.0] / 20; {end} }} }}
+system One {{ f: Flies; module Guard; }}
+system Two {{ r: One; }}
+"""
+EXACT = {
+    "measured pose.x within 2.0, pose.v within 0.1;": ["pose.x"],
+    "measured pose within OFF;": ["pose.v"],
+    "measured pose.v within 0.2;": ["pose.v"],
+    "measured pose.x within 0.5, pose.v within 0.1;": [],
+    "": [],
+}
+
+
+@pytest.mark.parametrize("view", [False, True])
+@pytest.mark.parametrize("flies", EXACT)
+def test_a_plant_that_flies_less_exactly_than_that_of_the_proof_is_warned_of(
+    flies: str, view: bool, tmp_path: Path
+) -> None:
+    proved = "measured pose.x within 0.5, pose.v within 0.1;"
+    around = {"view": "view all {", "end": "}"} if view else {"view": "", "end": ""}
+    path = tmp_path / "abstracted.soter"
+    path.write_text(ABSTRACTED.format(flies=flies, proved=proved, **around))
+    checked = check_file(str(path))
+    assert checked.ok, checked.diagnostics.items
+    told = [d.message for d in checked.diagnostics.items if d.code == "D019"]
+    assert len(told) == 2 * len(EXACT[flies]), "of each system"
+    assert all(any(leaf in message for leaf in EXACT[flies]) for message in told)

@@ -244,11 +244,24 @@ def _check_map(facts: Facts, setting: TimingSetting) -> None:
             raise NotRecheckedError("beside a map `max_age` must be shorter than its period")
 
 
+def acted_ns(facts: Facts) -> int:
+    """W, of a shield: a command replaced longer before a release acts on no state read there.
+
+    The state is A old at most. A command acts up to L after the next one was published; of that its
+    release alone is known, so a period of SC and the latest end of its step are added.
+    """
+    setting = facts.setting
+    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady_releases())
+    return facts.own.age + max(e.most for e in setting.effects) + setting.sc.period + out
+
+
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
 """Times that the program declares: a manifest has them unchanged."""
 DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 """Times that follow: a manifest may claim more schedules than there are, never fewer."""
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
+ACTED_KEY = "W_ns"
+"""Beside these, of a module with a shield over a flow: what its DM remembers commands for."""
 BEYOND, BEYOND_NS = 4, 1_000_000_000
 """A time beyond this multiple of ours, plus all times and so many ns, would only cost work."""
 
@@ -259,11 +272,14 @@ def compare_times(facts: Facts, given: dict[str, Any]) -> None:
     Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
     RejectedError where they are shorter, NotRecheckedError where nobody needs such long ones.
     """
-    only_keys(given, " ".join(TIME_KEYS), "`times`")
+    keys: tuple[str, ...] = TIME_KEYS
+    if ACTED_KEY in given and facts.symbol.shield is not None and facts.kind == "flow":
+        keys, facts.times[ACTED_KEY] = (*keys, ACTED_KEY), acted_ns(facts)
+    only_keys(given, " ".join(keys), "`times`")
     ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
     own_jitter = facts.times["j_ns"]
-    together = sum(facts.times[k] for k in TIME_KEYS) + sum(ages)
-    for key in TIME_KEYS:
+    together = sum(facts.times[k] for k in keys) + sum(ages)
+    for key in keys:
         value, own = given[key], facts.times[key]
         if not isinstance(value, int) or isinstance(value, bool):
             raise RejectedError(f"{key} is no time in the manifest")

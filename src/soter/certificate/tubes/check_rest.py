@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.case_check import CLAIMS, PROVED, check_static_claims, proved_claims
+from soter.certificate.case_check import CLAIMS, check_static_claims, proved_claims
 from soter.certificate.folder import hexadecimal, only_keys
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
@@ -25,6 +25,7 @@ from soter.certificate.scope import assumptions_of
 from soter.certificate.tubes.rest_claims import show_answers, show_rule_1, show_rule_2
 from soter.certificate.tubes.rest_problem import LARGEST, read_rest, shield_constants
 from soter.certificate.tubes.tube_chains import ModuleTube
+from soter.certificate.vacuous_proofs import why_safe_says_nothing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +35,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 KEYS = "system module plants claims recover_ns times inputs rest"
-REST_KEYS = "within_ns alpha_ns switches reads moves box ways"
+REST_KEYS, KEPT_KEYS = "within_ns alpha_ns switches reads moves", "box ways"
+"""What an entry has of the check of its DM, and what P2a rests on."""
 SOUND = (
     "tubes",
     "the check that the DM is compiled with encloses what SC and the plants do: tested, not proved",
@@ -60,8 +62,8 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.times = {**facts.times, "start_ns": facts.start_ns, "alpha_ns": problem.times.alpha}
-    report.in_flight = True
-    report.unseen = "its DM decides in flight"
+    report.in_flight = "P2a" in claims  # else nothing is shown of what its DM decides
+    report.vacuous, report.unseen = why_safe_says_nothing(facts), "its DM decides in flight"
     return facts, report
 
 
@@ -127,20 +129,17 @@ def _compare_entry(
     only_keys(entry, KEYS, "a module")
     rest = entry["rest"]
     problem = read_rest(flat, entry["module"])
-    judged = shield_constants(problem)
-    only_keys(rest, REST_KEYS + (" shield" if judged else ""), "`rest`")
+    judged, claims = shield_constants(problem), proved_claims(entry["claims"])
+    needed = [REST_KEYS, *["shield"] * bool(judged), *[KEPT_KEYS] * ("P2a" in claims)]
+    only_keys(rest, " ".join(needed), "`rest`", KEPT_KEYS)
     facts = problem.facts
     if entry["recover_ns"] is not None:
         raise RejectedError("no claim rests on the time to return")
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
     compare_times(facts, entry["times"])
-    proved_claims(entry["claims"])
     check_static_claims(facts, entry["claims"])
-    wrong = {"P3", "ttf", "safer", "P2b", "failsafe"} & {
-        n for n, verdict in entry["claims"].items() if verdict == PROVED
-    }
-    if wrong:
+    if wrong := {"P3", "ttf", "safer", "P2b", "failsafe"} & claims:
         raise RejectedError(f"{min(wrong)}: what is decided in flight is assumed, not proved")
     _compare_inputs(facts, entry["inputs"])
     times = problem.times
@@ -155,7 +154,9 @@ def _compare_entry(
     _compare_reads(problem, rest["reads"])
     if rest["moves"] != _moves_entry(problem):
         raise RejectedError("what `rest` moves is another in the program")
-    box, ways = (_read_ranges(problem, rest[name], name) for name in ("box", "ways"))
+    if "P2a" not in claims:
+        return problem, {}, {}  # nothing is known of where it rests
+    box, ways = (_read_ranges(problem, rest[name], name) for name in KEPT_KEYS.split())
     return problem, box, ways
 
 

@@ -30,6 +30,7 @@ there on. Where x_i stays 0 for a while, both are 0. Where no c_i is found x_i i
 
 from __future__ import annotations
 
+import random
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -42,7 +43,16 @@ from soter.certificate.reading.module_facts import topics_read_by_sc
 from soter.certificate.reading.symbolic_operations import value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
-from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, hull
+from soter.certificate.terms.linear_enclosures import (
+    HALF,
+    ONE,
+    UNIT,
+    ZERO,
+    above,
+    below,
+    exact,
+    hull,
+)
 from soter.certificate.terms.straight_line import NotCertainError
 from soter.certificate.terms.terms import Terms, atoms_under, inputs_of
 from soter.certificate.tubes.rest_problem import LARGEST, NANOSECOND, RestModel
@@ -138,6 +148,8 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
 
 HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
 """How often a slab outside of B, and B itself, is halved; steps of a hold after 0, 1, 2 cuts."""
+TRIED = 500
+"""How many states are tried until `rest` holds in one."""
 PARTS = 16
 """Into so many parts Y is cut on each side of 0, for rule 2."""
 
@@ -267,6 +279,17 @@ def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
                 name = problem.facts.states[s].name
                 raise NotRecheckedError(f"P2a: `rest` may hold outside of its box, by {name}")
         at[s] = low, high
+    if not _holds_somewhere(rest, [at[k] for k in problem.followed]):
+        raise NotRecheckedError("P2a: no state is known in which `rest` holds: of none all is true")
+
+
+def _holds_somewhere(rest: ConditionOnBoxes, box: Box) -> bool:
+    """Whether a condition certainly holds in a state of a box; a few hundred are tried."""
+    draw, ends = random.Random(0), [(below(a), above(b)) for a, b in box]  # noqa: S311 - no secret
+    usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
+    points = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
+    middle = [u[0] for u in usual]
+    return any(rest.certain([(exact(x), exact(x)) for x in p]) for p in (middle, *points))
 
 
 def _false_on_slab(

@@ -38,6 +38,7 @@ from soter.certificate.reading.module_facts import (
     topics_read,
     topics_read_by_sc,
 )
+from soter.certificate.reading.module_times import acted_ns
 from soter.certificate.reading.problem import read_facts, state_published
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.symbolic_operations import value_of_leaves
@@ -276,11 +277,8 @@ def _require_covered(facts: Facts) -> None:
 def shield_constants(problem: RestProblem) -> dict[str, int] | None:
     """The constants of the module's shield, by the program; None where it has no shield.
 
-    NotRecheckedError, RejectedError where no argument for it is known here. `acted_ns` (W): a
-    command replaced longer before a release acts on no state read there. The state is A old at
-    most. A command acts up to L after the next one was published; of that its release alone is
-    known, so a period of SC and the latest end of its step are added. `any_command_ns`: what SC
-    publishes passes once the next verdict is in force, Delta after the last good one at the
+    NotRecheckedError, RejectedError where no argument for it is known here. `any_command_ns`: what
+    SC publishes passes once the next verdict is in force, Delta after the last good one at the
     earliest, and acts L_min later; the first output that is surely in time acts at H* - A.
     """
     facts = problem.facts
@@ -288,12 +286,10 @@ def shield_constants(problem: RestProblem) -> dict[str, int] | None:
         return None
     setting, own = facts.setting, facts.own
     cells, least = command_cells(facts), min(e.least for e in setting.effects)
-    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady_releases())
-    acted = own.age + max(e.most for e in setting.effects) + setting.sc.period + out
     any_command = own.h_star - own.age - setting.dm.period - least
     return {
         "cells": cells,
-        "acted_ns": acted,
+        "acted_ns": acted_ns(facts),
         "any_command_ns": min(any_command, facts.times["H_ns"]),
     }
 

@@ -38,7 +38,7 @@ from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.proof_methods import in_method_order, method_of, pairs_of, tables_of_groups
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.rest_claims import RestClaims, show_rest_claims, too_long
+from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck, TubeLevels
 from soter.version import VERSION
 
@@ -76,7 +76,7 @@ class Known(Protocol):
         """The pairs (S_0, S_(m-2)) of every case; None: it does not know them."""
 
     def built(self, problem: Problem, level_tables: Found) -> None:
-        """Learns the tables that a module's DM is given (empty: none); may raise to refuse them."""
+        """Learns of what a module's DM is built (empty: of nothing); may raise to refuse it."""
 
 
 def open_modules(flat: System) -> list[Module]:
@@ -105,7 +105,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
             continue
         if isinstance(problem, TubeProblem):
             with between(i / len(todo), (i + 1) / len(todo)):
-                notes.append(_install_tube_predicates(flat, module, problem))
+                notes.append(_install_tube_predicates(flat, module, problem, known))
             continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
@@ -129,17 +129,26 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
     return notes
 
 
-def _install_tube_predicates(flat: System, module: Module, problem: TubeProblem) -> str:
+def _install_tube_predicates(
+    flat: System, module: Module, problem: TubeProblem, known: Known | None
+) -> str:
     """Gives a module with `rest` its predicates, unless rest is not shown; returns a note."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
     claims = rest_claims(check)
+    levels: Found = []
+    if not claims.kept:
+        levels = [TubeLevels.of(check, claims.ways, rest_entry(check, claims))]
+    if known is not None:
+        known.built(problem, levels)
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
-    install(flat, module, problem, [TubeLevels.of(check, claims.ways)])
+    install(flat, module, problem, levels)
     module.unshown = "; ".join(filter(None, (claims.moves, claims.start)))
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
-    where = "SC, followed from there, comes to rest"
+    where = "SC, followed from there, comes to rest" + (
+        "" if claims.given else ", not at the start"
+    )
     return f"{module.name}: AC may have control where {where}{missing}"
 
 

@@ -2,8 +2,8 @@
 
 Purpose: `inherited` says module by module whether the proof holds for the deployed system, and what
 is still assumed. `certified_sets` reads S_0 and S_(m-2) of every group and case from a certificate,
-so that they need not be computed; `same_tables` says whether the tables that are built are those of
-a certificate, whoever computed them.
+so that they need not be computed; `what_differs` says whether what a DM is built with of its proof
+is what a certificate has of it, whoever computed it.
 Non-goals: whether a certificate is right: the caller has had it checked (`soter.recheck`), and
 `ttf` and `safer` of the module confirmed; that both systems are the same program
 (`language/elaborate/wellformed.py`), what sensors have to give (`deployed_sensors.py`).
@@ -18,9 +18,10 @@ from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import faultless, without_held_topics
 from soter.language.elaborate.views_for_proofs import systems_by_view
+from soter.verify.claims.results import PROVED
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import texts
-from soter.verify.proof_methods import in_method_order, method_of
+from soter.verify.proof_methods import built_entry, in_method_order, method_of
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -65,30 +66,37 @@ def certified_sets(
     return case_pairs
 
 
-def same_tables(
+NAMED = {"state": ("state", "states", "wraps"), "control": ("command",)}
+"""Kind of an input -> at which keys of an entry it is named."""
+
+
+def what_differs(
     certificate: Certificate,
     system: str,
     module: str,
     problem: Problem,
-    built: Sequence[LevelTable],
-) -> bool:
-    """Whether the tables `built` for a module's DM equal those of a certificate, byte for byte.
+    built: Sequence[LevelTable] | None,
+) -> str:
+    """What a module's DM is built with that its certificate has otherwise, in words; "": nothing.
 
-    Also true of a certificate without tables of the module.
+    `built`: its tables, or the check that follows SC; empty: neither, and AC never gets control;
+    None: the program has the predicates, and figures are compared alone.
     """
-    entries = [
-        e
-        for e in certificate.manifest["modules"]
-        if (e.get("system"), e.get("module"), e.get("view", "")) == (system, module, problem.view)
-    ]
-    q, files = problem.quantities, dict[str, bytes]()
-    names = [s.name for s in q.states]
-    own = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
-    told = _resolve_names(own, {**files, **_place_by_name([*names, *(c.name for c in q.controls)])})
-    return all(
-        not e.get("tables") or (_tables_in(certificate, e) == told and _same_wrapping(e, problem))
-        for e in entries
+    said = (
+        (e, (e["system"], e["module"], e.get("view", ""))) for e in certificate.manifest["modules"]
     )
+    entry = next((e for e, of in said if of == (system, module, problem.view)), None)
+    if entry is None or "induction" in entry:
+        return "predicates" if built else ""
+    if built is not None and not built:
+        followed = "rest" in entry and entry["claims"].get("P2a") == PROVED
+        return "predicates" if followed or entry.get("tables") else ""
+    files: dict[str, bytes] = {}
+    ours = _by_place(built_entry(problem, built or (), files), files)
+    theirs = _by_place(entry, certificate.contents)
+    every = ("ranges", "times", "wraps") if built is None else sorted(ours.keys() | theirs.keys())
+    differing = next((k for k in every if ours.get(k) != theirs.get(k)), "")
+    return differing if differing in ("", "ranges", "tables", "times") else f"`{differing}`"
 
 
 def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
@@ -98,24 +106,35 @@ def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
     return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
 
 
-def _tables_in(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - any entry
-    """The tables of a module in a certificate, with names and files resolved."""
-    inputs = [i["name"] for i in entry["inputs"] if i["kind"] in ("state", "control")]
-    return _resolve_names(entry["tables"], {**certificate.contents, **_place_by_name(inputs)})
+def _by_place(entry: Mapping[str, Any], contents: Mapping[str, object]) -> dict[str, Any]:
+    """All that an entry says of what a DM is built with; names are places, and files their bytes.
+
+    Names of topics, and so of commands, differ in a file that is imported.
+    """
+    rest, inputs = entry.get("rest") or {}, entry["inputs"]
+    told = {key: entry[key] for key in ("times", "tables", "wraps", "levels") if key in entry}
+    told |= rest
+    told["reads"] = {of["state"]: of["within"] for of in rest.get("reads", {}).values()}
+    told["ranges"] = [(i["kind"], i["low"], i["high"]) for i in inputs]
+    places = {kind: [i["name"] for i in inputs if i["kind"] == kind] for kind in NAMED}
+    return {key: _resolve_names(of, contents, places, key) for key, of in told.items()}
 
 
-def _place_by_name(names: Sequence[str]) -> dict[str, object]:
-    """The place of each name of a state or control: names differ in a file that is imported."""
-    return {name: place for place, name in enumerate(names)}
-
-
-def _resolve_names(entry: Any, said: Mapping[str, object]) -> Any:  # noqa: ANN401 - manifest part
-    """An entry whose names are replaced by what they stand for: bytes of files, places."""
+def _resolve_names(
+    entry: Any,  # noqa: ANN401 - any part of a manifest
+    contents: Mapping[str, object],
+    places: Mapping[str, list[str]],
+    key: str,
+) -> Any:  # noqa: ANN401 - the same
+    """A part of an entry, found at `key`, with what its names stand for."""
     if isinstance(entry, dict):
-        return {name: _resolve_names(part, said) for name, part in entry.items()}
+        return {k: _resolve_names(of, contents, places, k) for k, of in entry.items()}
     if isinstance(entry, list):
-        return [_resolve_names(part, said) for part in entry]
-    return said.get(entry, entry) if isinstance(entry, str) else entry
+        return [_resolve_names(of, contents, places, key) for of in entry]
+    kind = next((kind for kind, keys in NAMED.items() if key in keys), "")
+    if isinstance(entry, str) and entry in places.get(kind, ()):
+        return places[kind].index(entry)
+    return contents.get(entry, entry) if isinstance(entry, str) else entry
 
 
 def _boundary_sets(
@@ -147,6 +166,7 @@ class TransferredProof:
     """The inputs from outside that are covered, with the bounds that the proof allows."""
     assumptions: list[str] = field(default_factory=list)
     """The assumptions of the proof, and those about the world and the loop besides."""
+    problem: Problem | None = None
 
 
 def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
@@ -209,6 +229,7 @@ def _transferred_proof(
             text for text in texts(problem.assumptions) if text not in inheritance.assumptions
         ]
     (problem,) = problems
+    inheritance.problem = problem
     covers = module_method(problem).covers
     inheritance.covered, assumed = covers(here, there, problem, diagnostics)
     inheritance.assumptions += [*assumed, IN_TIME]

@@ -20,7 +20,7 @@ from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import points_to_try
-from soter.verify.claims.results import Vacuity
+from soter.verify.claims.results import PROVED, Vacuity
 from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ FEW = 100
 ANCHORS_MAX = 4
 LETS = {"ttf": 1, "safer": 2}
 """The bit of a predicate's truth that means: AC may have control."""
+OF_NOTHING, EVERY_VALUE = "of nothing: ", "every parameter value"
 NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
 OF_FRESH = "of whatever is fresh"
 ABOVE = "above"
@@ -61,7 +62,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
         return worst
     bad = {id(case) for case, _ in every}
     case = next(c for c, v in every if v is worst)
-    named = _parameter_values(case) if len(bad) < len(done) else "every parameter value"
+    named = _parameter_values(case) if len(bad) < len(done) else EVERY_VALUE
     also = f" and {len(bad) - 1} more of {len(done)}" if 1 < len(bad) < len(done) else ""
     return Vacuity(
         worst.how_often,
@@ -86,6 +87,23 @@ def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
         text = f"AC never keeps control (`ttf` holds at every decision: {span} at a time at most)"
         return Vacuity(NEVER, "ttf", 0.0, text)
     return None
+
+
+def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
+    """The vacuity of a proof by tubes; `at_the_start`: why AC has no control there, or ""."""
+    text = f"nothing says that AC ever gets control ({at_the_start}, and P2b is not shown)"
+    never = Vacuity(NOT_SHOWN, "safer", 0.0, text) if at_the_start else None
+    return _vacuous_safe(problem) or never
+
+
+def say_of_nothing(result: ModuleResult) -> None:
+    """Has the row of a claim that is proved and about nothing say so, and not how it was shown."""
+    vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
+    if vacuity is None or vacuity.how_often != NEVER or vacuity.what not in rows:
+        return
+    finding = result.findings[rows[vacuity.what]]
+    if finding.verdict == PROVED and (not vacuity.parameters or EVERY_VALUE in vacuity.text):
+        finding.text = f"{OF_NOTHING}{vacuity.text}"
 
 
 def _vacuous_safe(problem: Problem) -> Vacuity | None:

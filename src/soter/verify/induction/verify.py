@@ -33,7 +33,7 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.diagnosis.vacuity import vacuity_of_nodes
+from soter.verify.diagnosis.vacuity import say_of_nothing, vacuity_of_nodes
 from soter.verify.induction.prove_or_refute import induct, refuting_run
 from soter.verify.problem.problem import Assumption, subjects_in_words
 
@@ -155,6 +155,7 @@ def verify_by_induction(
     findings["DM"] = _decision_module(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.vacuity = vacuity_of_nodes(problem, induction.never)
+    say_of_nothing(result)
     if induction.uninterpreted:
         names = ", ".join(induction.uninterpreted)
         result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)

@@ -12,7 +12,9 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.model.types import leaf_name, leaves, numbers_in
+from soter.language.evaluate.topic_ranges import always_by_parts
+from soter.language.model.typed import TypedBinary
+from soter.language.model.types import BOOL, leaf_name, leaves, numbers_in
 from soter.verify.problem.problem import TUBES, Interval, Problem
 from soter.verify.problem.supported_constructs import map_topics
 
@@ -178,6 +180,20 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
             rest.span,
             "is not followed",
             helps=("`ttf` and `safer`, or a `grid`, in the place of `rest`",),
+        )
+
+    safe, scope = problem.module.symbol.safe, problem.module.scope
+    both = TypedBinary(BOOL, rest.span, "&&", safe, rest.condition)
+    asked = (always_by_parts(e, problem.system, scope) for e in (rest.condition, safe, both))
+    if False in asked:
+        diagnostics.error(
+            "R007",
+            "`rest` holds nowhere in the sets of its topics, or nowhere where `safe` does",
+            rest.span,
+            "no state is one of rest",
+            also=((safe.span, "`safe`"),),
+            notes=("whatever is said of no state is true, and says nothing",),
+            helps=("a condition that holds where SC ends",),
         )
 
 

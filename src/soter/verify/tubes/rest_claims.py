@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import random
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from math import inf, isfinite
@@ -188,7 +189,7 @@ class Enclosures:
         return [Interval(f[2], f[3]) for f in found]
 
 
-HALVINGS = 12
+HALVINGS, TRIED = 12, 500
 
 
 @dataclass
@@ -197,6 +198,7 @@ class RestClaims:
 
     `box`: B of rule 1, `ways`: Y, the range from then on, of each state that `moves` does not name.
     `cut`: the place in `CUTS` of what showed it, and flies. `astray`: no younger read would help.
+    `given`: whether AC has control on an exact estimate of the middle of the start.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
@@ -206,6 +208,7 @@ class RestClaims:
     astray: bool = False
     moves: str = ""
     start: str = ""
+    given: bool = False
     cut: int = PLAIN
 
     def write(self, path: Path) -> None:
@@ -219,6 +222,32 @@ class RestClaims:
         for name in ("box", "ways"):
             told[name] = {int(s): Interval(**r) for s, r in told[name].items()}
         return cls(**told)
+
+
+def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
+    """What a certificate has of `rest`: constants of the check, B and Y where they are shown."""
+    problem, times = check.problem, check.times
+    names, errors = [s.name for s in problem.quantities.states], check.errors()
+    rest: dict[str, object] = {
+        "within_ns": problem.within_ns,
+        "alpha_ns": times.earliest,
+        "switches": times.switches,
+        "reads": {
+            problem.leaf(s): {"state": names[s], "within": errors[s].hex()} for s in check.states
+        },
+        "moves": {
+            names[s]: [x.hex() if isfinite(x) else None for x in (d.below, d.above)]
+            for s, d in problem.drifts.items()
+            if s in check.states
+        },
+    }
+    if not claims.kept:
+        for key, ranges in (("box", claims.box), ("ways", claims.ways)):
+            rest[key] = {names[s]: [r.low.hex(), r.high.hex()] for s, r in ranges.items()}
+    if (shield := problem.module.shield) is not None:
+        ns = {"acted_ns": problem.times.acted, "any_command_ns": times.any_command}
+        rest["shield"] = {"cells": shield.cells, **ns}
+    return rest
 
 
 def show_rest_claims(check: TubeCheck) -> RestClaims:
@@ -244,7 +273,14 @@ def show_rest_claims(check: TubeCheck) -> RestClaims:
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
         claims.moves = drift_not_shown(check, caller, at, claims.box)
     phase(f"{check.problem.name}: whether SC leads to rest from the start")
-    claims.start = claims.kept or _why_start_not_at_rest(check, Caller(check.offline(claims.ways)))
+    if claims.kept:
+        claims.start = claims.kept
+        return claims
+    caller = Caller(check.offline(claims.ways))
+    claims.start = _why_start_not_at_rest(check, caller)
+    starts, first_map = (check.problem.initial[s] for s in check.states), check.problem.first_map
+    estimate = [r.low / 2 + r.high / 2 for r in starts]
+    claims.given = caller.holds("good", estimate, *[first_map] * bool(first_map))
     return claims
 
 
@@ -301,6 +337,8 @@ def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
+    if not _rests_somewhere(check, caller, box):
+        return "no state was found in which `rest` certainly holds: nothing is said of none"
     claims.box = {s: box[s] for s in own}
     led = leads_back(check, caller, box, own)
     claims.ways, claims.astray = led.ways, led.astray
@@ -318,7 +356,17 @@ def _around_rest(
         box[s] = _narrow_by_powers(check, caller, box, s)
         for upper in (False, True):
             box[s] = _narrow_by_halving(check, caller, box, s, upper=upper)
-    return box
+    return None if caller.holds("never_rests", region_of(check, box)) else box
+
+
+def _rests_somewhere(check: TubeCheck, caller: Caller, box: Mapping[int, Interval]) -> bool:
+    """Whether `rest` certainly holds in a state of the box: of an empty one all would be true."""
+    draw, ends = random.Random(0), [(r.low, r.high) for r in box.values()]  # noqa: S311 - no secret
+    usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
+    states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
+    every = (dict(zip(box, x, strict=True)) for x in ([u[0] for u in usual], *states))
+    tried = ({s: Interval(v, v) for s, v in x.items()} for x in every)
+    return any(caller.holds("surely_rests", region_of(check, at)) for at in tried)
 
 
 def _narrow_by_powers(

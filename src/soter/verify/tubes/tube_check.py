@@ -441,6 +441,8 @@ class TubeLevels(LevelTable):
     text: str
     maps: int = 0
     """How many numbers of maps the function takes, after those of the estimate."""
+    rest: object = None
+    """What it is made of, as a certificate has it (`rest_claims.py`)."""
     two_levels = True
     ends = ()
     """Empty: there are no cells, so no breakpoints."""
@@ -448,9 +450,9 @@ class TubeLevels(LevelTable):
     samples = None
 
     @classmethod
-    def of(cls, check: TubeCheck, ways: Mapping[int, Interval]) -> TubeLevels:
+    def of(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
         """The predicates of one check; `ways`: Y, the range of each state as was shown offline."""
-        return cls(tuple(check.states), check.in_flight(ways), len(check.problem.map_leaves))
+        return cls(tuple(check.states), check.in_flight(ways), len(check.problem.map_leaves), rest)
 
     @cached_property
     def functions(self) -> Mapping[str, FunSymbol]:
@@ -488,8 +490,9 @@ class TubeLevels(LevelTable):
         return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Not implemented: the check is made from the program and is no part of a certificate."""
-        raise NotImplementedError
+        """Its constants; the check itself is made from the program."""
+        del names, stem, files
+        return {"rest": self.rest}
 
 
 def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:

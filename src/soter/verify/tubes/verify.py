@@ -10,7 +10,6 @@ Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/t
 from __future__ import annotations
 
 import time
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
@@ -28,78 +27,35 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.deploy.missing_predicates import rest_claims
+from soter.verify.diagnosis.vacuity import say_of_nothing, vacuity_of_rest
 from soter.verify.diagnosis.variations import younger_reads
 from soter.verify.problem.problem import Assumption
-from soter.verify.proof_methods import inputs_entries, times_entry
+from soter.verify.proof_methods import figures_entry
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
+from soter.verify.tubes.rest_claims import rest_entry
 from soter.verify.tubes.tube_check import TubeCheck
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
-    from soter.verify.problem.problem import Interval
     from soter.verify.tubes.rest_claims import RestClaims
 
 
 def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -> dict[str, object]:
     """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
-    problem, claims, check = result.problem, result.claims, result.check
+    problem = result.problem
     said = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     said.pop("failsafe", None)  # none is declared: there is nothing to be claimed
-    q, times = problem.quantities, check.times
-    names = [s.name for s in q.states]
-    errors = check.errors()
     return {
         "system": system,
         "module": problem.name,
         "plants": [c.name for c in problem.system.components if c.role == "plant"],
         "claims": said,
         "recover_ns": None,
-        "times": times_entry(problem.times),
-        "inputs": [
-            *inputs_entries("control", q.controls, problem.controls),
-            *inputs_entries("disturbance", q.disturbances, problem.disturbances),
-            *inputs_entries("error", q.errors, problem.errors),
-            *inputs_entries("other", q.others, problem.others),
-        ],
-        "rest": {
-            "within_ns": problem.within_ns,
-            "alpha_ns": times.earliest,
-            "switches": times.switches,
-            "reads": {
-                problem.leaf(s): {"state": names[s], "within": errors[s].hex()}
-                for s in check.states
-            },
-            "moves": {
-                names[s]: [_hex_bound(d.below), _hex_bound(d.above)]
-                for s, d in problem.drifts.items()
-                if s in check.states
-            },
-            "box": _hex_ranges(names, claims.box),
-            "ways": _hex_ranges(names, claims.ways),
-            **_shield_entry(result),
-        },
+        **figures_entry(problem),
+        "rest": rest_entry(result.check, result.claims),
     }
-
-
-def _shield_entry(result: TubeResult) -> dict[str, object]:
-    """The entry's part about judged commands; empty where the module has no `shield`."""
-    problem, shield = result.problem, result.problem.module.shield
-    if shield is None:
-        return {}
-    acted, any_command = problem.times.acted, result.check.times.any_command
-    ns = {"acted_ns": acted, "any_command_ns": any_command}
-    return {"shield": {"cells": shield.cells, **ns}}
-
-
-def _hex_ranges(names: list[str], ranges: Mapping[int, Interval]) -> dict[str, list[str]]:
-    return {names[s]: [r.low.hex(), r.high.hex()] for s, r in ranges.items()}
-
-
-def _hex_bound(length: float) -> str | None:
-    """A bound as a hexadecimal double; None for an infinite one."""
-    return length.hex() if isfinite(length) else None
 
 
 HOW = "SC followed by tubes"
@@ -118,6 +74,7 @@ KEPT = (
     "what disturbances do at rest, and errors and ages of what SC reads, has to fit into `rest`: a "
     "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
+NOT_GIVEN = "at the start the check of the DM does not let AC have control"
 CASCADE = 3
 """An SC that reads this many states or more mostly has control loops within control loops."""
 MOVES = (
@@ -192,6 +149,9 @@ def verify_by_tubes(
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
     }
     result.findings = {p: findings[p] for p in PROPERTIES}
+    result.at_the_start = NOT_GIVEN if not (why or claims.given) else ""
+    result.vacuity = vacuity_of_rest(problem, result.at_the_start)
+    say_of_nothing(result)
     result.seconds = time.perf_counter() - began
     return result
 

@@ -219,6 +219,7 @@ PROGRAMS: dict[str, tuple[tuple[str, ...], str, tuple[str, str]]] = {
     "the wind is stronger": (KEEPS, HELD, ("in [-0.2, 0.2]", "in [-1.1, 1.1]")),
     "errors are larger": (KEEPS, HELD, ("seen within 0.02", "seen within 0.25")),
     "rest is wider": (KEEPS, HELD, ("abs(seen) < 0.3", "abs(seen) < 0.31")),
+    "rest holds nowhere": (KEEPS, HELD, ("abs(seen) < 0.3", "abs(seen) < 0.3 && seen > 0.31")),
 }  # fmt: skip
 
 

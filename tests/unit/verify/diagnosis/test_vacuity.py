@@ -50,6 +50,7 @@ def test_a_safe_that_reads_nothing_says_nothing() -> None:
     assert (
         module_result.headline == "proved, but `safe` reads no topic: it says nothing of the plant"
     )
+    assert module_result.findings["P2a"].text.startswith("of nothing: `safe` reads no topic")
 
 
 def test_ttf_true_leaves_ac_nothing() -> None:
@@ -59,6 +60,19 @@ def test_ttf_true_leaves_ac_nothing() -> None:
     assert module_result.headline.startswith(
         "proved, but AC never keeps control (`ttf` holds everywhere"
     )
+    rows = {n: f.text.startswith("of nothing") for n, f in module_result.findings.items()}
+    assert [n for n, nothing in rows.items() if nothing] == ["ttf"]
+
+
+def test_each_row_that_is_about_no_estimate_says_so() -> None:
+    """Of a module that is SC alone both are, and what keeps `safe` is not."""
+    alone = changed((TTF, "ttf true;"), ("safer level > 0.4 &&", "safer level > 1.7 &&"))
+    checked = check_file("tank.soter", alone)
+    (problem,) = problems_of(modules_of(checked, None, None, {}))
+    findings = verify_module(problem, refute=False, explain=False).findings
+    rows = {n: f.text.startswith("of nothing") for n, f in findings.items()}
+    assert [n for n, nothing in rows.items() if nothing] == ["ttf", "safer"]
+    assert findings["P2a"].verdict == "proved"
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import Program
+from soter.certificate.rechecker import recheck
+from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes.generated_functions import Caller
@@ -237,3 +239,73 @@ def test_a_step_of_no_length_ends_where_it_begins() -> None:
     end, *_, found = step
     assert found
     assert all(low <= 0.0 <= high for _, _, low, high, _ in end)
+
+
+# ---------------------------------------------------------------- of nothing
+
+HELD = """soter 1;
+topic x: float in [-50.0, 50.0] max_age 10ms;
+topic a: float in [-2.0, 2.0] = 0.0;
+plant Cart period 5ms {
+  reads a;
+  drives x = s;
+  state s: float = 0.0;
+  der s = a;
+  measured x within 0.01;
+}
+node Fast period 20ms { publishes a; step { publish a = 0.1; } }
+node Careful period 20ms {
+  subscribes x;
+  publishes a;
+  step { publish a = clamp(-2.0 * x, -2.0, 2.0); }
+}
+rta Keep { ac Fast; sc Careful; period 50ms; safe abs(x) < 1.0; rest abs(x) < 0.5 within 5s; }
+system S { c: Cart; module Keep; }
+"""
+NOWHERE = {
+    "it contradicts itself": ("rest abs(x) < 0.5", "rest abs(x) < 0.5 && x > 0.6"),
+    "the set of its topic": ("rest abs(x) < 0.5", "rest x > 60.0"),
+    "where `safe` holds": ("rest abs(x) < 0.5", "rest abs(x) > 2.0"),
+    "`safe` contradicts itself": ("safe abs(x) < 1.0", "safe x < 0.5 && x > 0.6"),
+}
+
+
+@pytest.mark.parametrize("name", NOWHERE)
+def test_a_rest_that_holds_nowhere_is_refused(name: str, tmp_path: Path) -> None:
+    assert "holds nowhere" in refused(tmp_path, changed(HELD, NOWHERE[name]))
+
+
+@pytest.mark.parametrize(
+    "rest", ["x * x < 0.25 && x > 0.6", "sin(x) > 0.9 && abs(x) < 0.5", "abs(x * x + 1.0) < 0.5"]
+)
+def test_what_is_said_of_no_state_is_not_proved(rest: str, tmp_path: Path) -> None:
+    """What ranges do not decide forms may, and where none is found nothing is known."""
+    text = changed(HELD, ("rest abs(x) < 0.5", f"rest {rest}"))
+    try:
+        said = verified(tmp_path, text).findings["P2a"].verdict
+    except SoterError as error:
+        said = str(error)
+    assert said == "undecided" or "holds nowhere" in said
+
+
+def test_the_check_is_asked_at_the_start(tmp_path: Path) -> None:
+    """With commands that lead out of `safe` before SC can act AC gets control nowhere."""
+    right = verified(tmp_path, HELD)
+    assert (right.at_the_start, right.vacuity) == ("", None)
+    never = verified(tmp_path, HELD.replace("-2.0, 2.0", "-100.0, 100.0"))
+    assert (never.findings["P2a"].verdict, never.findings["start"].verdict) == ("proved", "proved")
+    assert "does not let AC have control" in never.at_the_start
+    assert never.vacuity is not None
+    assert never.vacuity.how_often == "not shown"
+    assert "nothing says that AC ever gets control" in never.headline
+    run = Program(str(tmp_path / "module.soter")).simulate(until="2s")
+    assert run.modules["Keep"].ac_share == 0.0
+
+
+def test_a_safe_that_says_nothing_is_said_of_rest_as_of_sets(tmp_path: Path) -> None:
+    m = verified(tmp_path, changed(HELD, ("abs(x) < 1.0", "abs(x) < 60.0")), tmp_path / "cert")
+    assert m.vacuity is not None
+    assert m.vacuity.what == "safe"
+    assert m.findings["P2a"].text == f"of nothing: {m.vacuity.text}"
+    (module,) = recheck(tmp_path / "cert").modules
+    assert module.vacuous == m.vacuity.text

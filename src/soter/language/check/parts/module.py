@@ -428,7 +428,8 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         return
     yield from ((group.kind, group.span) for group in verify.groups)
     yield from (("view", view.span) for view in verify.views)
-    for word, field in (("levels", "levels"), ("enters", "enters"), ("recover within", "recover")):
+    words = ("levels", "levels"), ("enters", "enters"), ("core", "core")
+    for word, field in (*words, ("recover within", "recover")):
         if (part := getattr(verify, field)) is not None:
             yield word, part.span
     if verify.induction is not None:

@@ -19,6 +19,7 @@ from soter.language.elaborate.composition_check import added
 from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
 from soter.language.elaborate.lints.refuted_at_once import (
     doubt_constants,
+    doubt_exactness,
     doubt_properties,
     doubt_readers,
     doubt_start,
@@ -182,6 +183,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         doubt_ageless(system, module, diagnostics)
         doubt_age_units(system, module, diagnostics)
         doubt_shield(system, module, diagnostics)
+        doubt_exactness(system, module, diagnostics)
         if number < TRIED_MAX:
             doubt_start(system, module, diagnostics)
             trials = tried(system, module)

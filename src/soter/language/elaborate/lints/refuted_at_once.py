@@ -2,7 +2,8 @@
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
-DM steps rarely compared with its plant), W027 (a property that the start violates).
+DM steps rarely compared with its plant), W027 (a property that the start violates), D019 (a plant
+that flies is measured less exactly than the one that it is proved with).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
@@ -27,9 +28,9 @@ from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model import typed
-from soter.language.model.system import modules_above
+from soter.language.model.system import holder_of, modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType, show_ns, write_ns
+from soter.language.model.types import FloatType, IntType, leaf_name, leaves, show_ns, write_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -407,3 +408,34 @@ def _rare_look(system: System, module: Module, plant: Component, diagnostics: Di
         notes=("AC acts unseen between two looks: a proof counts with two periods of it",),
         helps=(f"look as often as SC acts: `period {write_ns(of_sc)};`",),
     )
+
+
+def doubt_exactness(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """Warns D019 of a topic that the plant which flies publishes with more error than is proved."""
+    verify, symbol = module.symbol.verify, module.symbol
+    links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]
+    evaluator, outer = (
+        Evaluator({**module.around, **module.scope.params}),
+        holder_of(system, module),
+    )
+    read = {**system.components[module.sc].scope.topics, **module.scope.topics}
+    for link in dict.fromkeys(links):
+        name = f"{outer}.{link.instance}" if outer else link.instance
+        for m in next((c.measured for c in system.components if c.name == name), ()):
+            topic = system.topics[m.topic]
+            path = [path for path, _ in leaves(topic.type)][m.leaf]
+            own = [x for x in link.plant.measured if x.topic is topic.symbol]
+            bounds = [evaluator.value(x.within) for x in own if path[: len(x.path)] == x.path]
+            proved = max((float(b) for b in bounds if isinstance(b, float)), default=0.0)
+            driven = topic.symbol in dict(link.plant.drives) and read.get(topic.symbol) == m.topic
+            if driven and m.bound > proved:
+                leaf, within = leaf_name(topic.name, path), f"within {proved:g} of its plant"
+                diagnostics.warning(
+                    "D019",
+                    f"{link.instance} publishes `{leaf}` within {m.bound:g} of its state, and "
+                    f"`{symbol.name}` is proved with {proved:g}",
+                    link.span,
+                    f"{link.plant.name} publishes it {within}",
+                    notes=("what is proved of these modules is not about this plant",),
+                    helps=(f"`measured {leaf} within {m.bound:g}` in {link.plant.name}, too",),
+                )
