@@ -234,7 +234,8 @@ class LogJudgement:
         assumptions += units_taken(self.assumed_units)
         if self.unchecked:
             assumptions.append(
-                "no checksum covers the log's values: one that was changed in its place is not seen"
+                "no checksum covers all of the log: a value or a time that was changed in its "
+                "place is not seen"
             )
         if self.derived:
             assumptions.append(

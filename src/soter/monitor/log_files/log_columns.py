@@ -171,6 +171,9 @@ def unusable(path: Path, why: str, *helps: str) -> SoterError:
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
 
 
+NO_END = "the autopilot lost power while it wrote, or the file was cut"
+
+
 class DamagedLogError(SoterError):
     """D016 of a file that is cut, or contradicts itself; what stood before it was given."""
 

@@ -3,12 +3,15 @@
 Purpose: `mavlink_messages` reads frames of MAVLink 1 and 2, each with its checksum, decoded by
 `pymavlink` in its dialect `all`; D016 says where a file is cut or damaged. Channels are names of
 messages, whose `header.srcSystem` and `header.srcComponent` say whose they are. Times are those at
-which the ground station had them; `[time] from = "time_boot_ms"` takes the autopilot's own.
-Non-goals: frames of a dialect of one's own, which are counted; signatures.
+which the ground station had them; `[time] from = "time_boot_ms"` takes the autopilot's own. No
+checksum covers the former. Frames of a dialect of one's own are counted, if their checksums are
+those of one dialect: each begins with a byte that this dialect chose for the message.
+Non-goals: what these frames say; signatures; the raw stream (`.rlog`), which has no times.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
@@ -20,13 +23,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.monitor.log_files.log_columns import Arrived, DamagedLogError, FileFacts, Wanted
+    from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
 
 
 TIME_BYTES = 8
-AROUND = {0xFE: 8, 0xFD: 12}
+NEW = 0xFD
+AROUND = {0xFE: 8, NEW: 12}
 """Bytes of a frame around its payload, by the one that it begins with."""
 SIGNED, SIGNATURE_BYTES = 1, 13
+RAW = "an `.rlog` is the raw stream that a ground station had: nothing in it says when"
+TLOG = "give the `.tlog` that the ground station writes beside it"
 OLD = 0x55
 """The first byte of a frame of MAVLink 0.9."""
 
@@ -36,14 +42,18 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
     `facts` counts the messages of every name. SoterError D016, D007.
     """
+    if path.suffix.lower() == ".rlog":
+        raise unusable(path, RAW, TLOG)
     require_mavlink_package()
     from pymavlink.dialects.v20 import all as dialect  # noqa: PLC0415 - an extra
 
     decoder, writers, odd = dialect.MAVLink(None), Writers(), _OddFrames(path, facts)
+    facts.unchecked = True
     try:
         with opened(path) as file:
             facts.size_of(file)
             for time_us, frame in _frames(path, file, facts):
+                odd.count(frame)
                 try:
                     message = decoder.decode(frame)
                     name = message.get_type()
@@ -51,11 +61,12 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
                     number = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
                     known = dialect.mavlink_map.get(number)
                     name = getattr(known, "msgname", f"message {number}")
-                    odd.wrong(name, name in wanted and not wanted[name].unnamed, str(error))
+                    told = name in wanted and not wanted[name].unnamed
+                    odd.note(name, frame, str(error), told or odd.is_right(name))
                     continue
                 if isinstance(message, dialect.MAVLink_unknown):
                     name = f"message {message.get_msgId()}"
-                    odd.unknown += 1
+                    odd.note(name, frame, "its checksum is none of its dialect's", refused=False)
                 else:
                     odd.right(name)
                 facts.there[name] = facts.there.get(name, 0) + 1
@@ -74,42 +85,63 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 class _OddFrames:
     """Frames that no dialect knows, or whose checksum is another than its dialect says.
 
-    Messages of which all have another checksum are of another dialect; where some have, those are
-    damaged, as is one that the mapping asks for.
+    Messages of which all have the checksum of one other dialect are of that; else they are damaged,
+    as is one that the mapping asks for.
     """
 
     def __init__(self, path: Path, facts: FileFacts) -> None:
         self.path, self.facts = path, facts
-        self.unknown = 0
         self._right: set[str] = set()
-        self._wrong: dict[str, tuple[int, DamagedLogError]] = {}
+        self._seeds: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
+        self._last: dict[tuple[int, ...], int] = {}
+        self._lost = 0
+
+    def count(self, frame: bytearray) -> None:
+        """Count the frames that are missing between two of one component, by their numbers."""
+        number, *source = frame[4:7] if frame[0] == NEW else frame[2:5]
+        gap = (number - self._last.get(tuple(source), number - 1) - 1) % 256
+        self._lost += gap if gap < 128 else 0  # more: it came again, or late
+        self._last[tuple(source)] = number
 
     def right(self, name: str) -> None:
         """Count a message whose checksum is right."""
-        if name in self._wrong:
-            raise self._wrong[name][1]
+        if name in self._seeds:
+            told = f"of the messages of `{name}` before byte {self.facts.at_byte:,} each is damaged"
+            raise damaged_log(self.path, told)
         self._right.add(name)
 
-    def wrong(self, name: str, wanted: bool, why: str) -> None:
-        """Count a message whose checksum is wrong; DamagedLogError where that is a damage."""
-        told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
-        count, first = self._wrong.get(name, (0, damaged_log(self.path, told)))
-        if wanted or name in self._right:
-            raise first
-        self._wrong[name] = count + 1, first
+    def is_right(self, name: str) -> bool:
+        """Whether the checksum of a message of this name was right."""
+        return name in self._right
+
+    def note(self, name: str, frame: bytearray, why: str, refused: bool) -> None:
+        """Count another one; DamagedLogError where it is `refused`, or of no one dialect."""
+        seeds = self._seeds.get(name), *range(256)
+        seed = next((s for s in seeds if s is not None and _has_checksum(frame, s)), None)
+        if refused or seed is None or self._seeds.setdefault(name, seed) != seed:
+            told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
+            raise damaged_log(self.path, told)
+        self._counts[name] += 1
 
     @property
     def notes(self) -> list[str]:
         """Notes on such frames, which were stepped over."""
-        told = [
-            f"{n:,} messages have the number of `{name}` and another checksum: of another dialect, "
-            "or damaged; they were stepped over"
-            for name, (n, _) in self._wrong.items()
+        lost = f"{self._lost:,} frames are missing, by their numbers: on their way, or in this file"
+        return [lost] * bool(self._lost) + [
+            f"{n:,} messages have the number of `{name}` and the checksum of another dialect: they "
+            "were stepped over"
+            for name, n in self._counts.items()
         ]
-        if self.unknown:
-            count = f"{self.unknown:,} messages are of no dialect that the package `pymavlink` has"
-            told.append(f"{count}, and were stepped over without a look at their checksum")
-        return told
+
+
+def _has_checksum(frame: bytearray, seed: int) -> bool:
+    """Whether the checksum of a frame is that of a dialect which chose `seed` for the message."""
+    from pymavlink.generator.mavcrc import x25crc  # noqa: PLC0415 - an extra
+
+    end = len(frame) - 2 - (SIGNATURE_BYTES if frame[0] == NEW and frame[2] & SIGNED else 0)
+    whole = x25crc([*frame[1:end], seed])
+    return bool(whole.crc == int.from_bytes(frame[end : end + 2], "little"))
 
 
 def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int, bytearray]]:
@@ -122,7 +154,7 @@ def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int,
             raise damaged_log(path, f"at byte {at + TIME_BYTES:,} stands {old}")
         length = 0
         if len(head) == 3:
-            signed = head[0] == 0xFD and head[2] & SIGNED
+            signed = head[0] == NEW and head[2] & SIGNED
             length = AROUND[head[0]] + head[1] + (SIGNATURE_BYTES if signed else 0)
         frame = head + file.read(max(0, length - len(head)))
         if not length or len(frame) < length:

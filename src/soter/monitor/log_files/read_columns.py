@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.mapping.topic_mapping import LOG_TIME, PUBLISH_TIME, NearestSource
-from soter.monitor.log_files.autopilot_logs import dataflash_messages, ulog_messages
 from soter.monitor.log_files.csv_log import is_table, read_csv
+from soter.monitor.log_files.dataflash_log import dataflash_messages
 from soter.monitor.log_files.log_columns import (
     FileFacts,
     RowChoice,
@@ -32,6 +32,7 @@ from soter.monitor.log_files.log_columns import (
 from soter.monitor.log_files.mavlink_log import mavlink_messages
 from soter.monitor.log_files.message_decoding import mcap_messages
 from soter.monitor.log_files.ros_bags import bag_messages, is_bag, require_no_split
+from soter.monitor.log_files.ulog_log import ulog_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
