@@ -93,7 +93,7 @@ def tlog(rows: Sequence[Row]) -> bytes:
     from pymavlink.dialects.v20 import all as dialect
 
     sender = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    parts = []
+    parts: list[bytes] = []
     for now, x, v in rows:
         stamp = struct.pack(">Q", 1_700_000_000_000_000 + now)
         position = sender.local_position_ned_encode(now // 1000, x, 0.5, 0.0, v, 0.0, 0.0)

@@ -11,6 +11,7 @@ Non-goals: the messages of the topic (`topic_mapping_parser.py`); the reduction 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from soter.language.model.types import (
@@ -26,7 +27,15 @@ from soter.language.model.values import ValueShapeError, from_json
 from soter.mapping.mapping_errors import is_number, unknown
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
-from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, factor_between, standard_unit
+from soter.mapping.units import (
+    DIMENSIONS,
+    RATES,
+    SAME,
+    UNITS,
+    factor_between,
+    standard_unit,
+    turn_in,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,7 +97,7 @@ def _three_names(given: object) -> TypeGuard[list[str]]:
 
 
 class LeafReader:
-    """Reads the `fields` of a topic; `turn`: into the program's frame; `vectors` counts rows."""
+    """Reads the `fields` of a topic; `turn`: into the program's frame; `vectors`: their names."""
 
     def __init__(
         self,
@@ -99,7 +108,7 @@ class LeafReader:
     ) -> None:
         self.topic, self.problems, self.message = topic, problems, message
         self.turn = turn or SAME
-        self.vectors = 0
+        self.vectors: dict[str, list[str]] = {}
         self.types = dict(leaves(topic.type))
         self.keys = {".".join(path) or VALUE: path for path in self.types}
         self.prefixes = _leaves_by_name(self.types, self.keys)
@@ -141,7 +150,7 @@ class LeafReader:
     def _vector_leaves(
         self, name: str, paths: list[LeafPath], what: object
     ) -> dict[LeafPath, Leaf | None]:
-        self.vectors += 1
+        self.vectors[name] = []
         nothing: dict[LeafPath, Leaf | None] = dict.fromkeys(paths)
         if len(paths) != 3 or not all(
             isinstance(self.types[leaf_path], FloatType) for leaf_path in paths
@@ -161,6 +170,7 @@ class LeafReader:
         if len(set(names)) != 3:
             self.problems.add(f"`{name}` names a field twice: {', '.join(names)}")
             return nothing
+        self.vectors[name] = names
         rest = {
             rest_key: rest_value
             for rest_key, rest_value in row.items()
@@ -171,7 +181,7 @@ class LeafReader:
             given = {"from": names[component], **rest}
             leaf = self._signal_source(".".join((self.topic.name, *path)), self.types[path], given)
             if leaf is not None and sign < 0.0:
-                leaf = SignalSource(leaf.name, -leaf.scale, leaf.offset)
+                leaf = replace(leaf, scale=-leaf.scale)
             leaf_of_path[path] = leaf
         return leaf_of_path
 
@@ -232,7 +242,8 @@ class LeafReader:
             return None
         says_unit = unit is not None or standard is not None or "scale" in what
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
-        return SignalSource(field, scale, float(what.get("offset", 0)), assumed)
+        turn = turn_in(unit or standard, t.unit) if isinstance(t, FloatType) else 0.0
+        return SignalSource(field, scale, float(what.get("offset", 0)), assumed, turn)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:
         """Note what is wrong in a row, and give its unit."""

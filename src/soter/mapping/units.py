@@ -14,10 +14,13 @@ turning quaternions and covariances; transforms between places.
 from __future__ import annotations
 
 import math
+import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.mapping.message_types import MessageType
 
 
@@ -84,6 +87,12 @@ def factor_between(given: str, declared: str) -> float | None:
     return UNITS[given] / UNITS[declared]
 
 
+def turn_in(given: str | None, declared: str) -> float:
+    """A whole turn in the unit of a leaf (or in rad, if it has none); 0 where it is no angle."""
+    is_angle = DIMENSIONS.get(declared or given or "") == ANGLE
+    return math.tau / UNITS.get(declared, 1.0) if is_angle else 0.0
+
+
 WORLD, BODY = ("ENU", "NED"), ("FLU", "FRD")
 FRAMES = (*WORLD, *BODY)
 BODY_OF = {"ENU": "FLU", "NED": "FRD"}
@@ -95,6 +104,30 @@ Turn = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
 SAME: Turn = ((0, 1.0), (1, 1.0), (2, 1.0))
 _WORLD_TURN: Turn = ((1, 1.0), (0, 1.0), (2, -1.0))
 _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
+
+
+NED = re.compile(
+    r"^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
+    r"|(?<![a-z])(ned|frd|down|[pv]d)(?![a-z])",
+    re.IGNORECASE,
+)
+"""What MAVLink, PX4 and people call what is written north, east, down, or forward, right, down."""
+PLACE = re.compile(r"(?<![a-z])(lat|lon)", re.IGNORECASE)
+"""Fields of a place on Earth, which is in no such frame."""
+
+
+def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:
+    """The frame of a vector: by REP 103, or as a name says; "" where neither does.
+
+    `called`: what else the mapping calls its messages.
+    """
+    names = [*fields, *called, *(() if message is None else (message.ros1,))]
+    if any(PLACE.search(name) for name in fields):
+        return ""
+    if any(NED.search(name) for name in names):
+        return "NED"
+    of_ros = message is not None and all(standard_unit(message, name) for name in fields)
+    return "ENU" if of_ros else ""
 
 
 def turn_between(given: str, program: str) -> Turn:

@@ -1,20 +1,26 @@
 """Signals that a log does not hold, made of its own: slopes, and values after the last sample.
 
 Purpose: `slopes`, and the errors of slopes and of lines through the last two samples, all from
-samples up to then, as a monitor in flight would have them.
+samples up to then, as a monitor in flight would have them. `Turning`: angles modulo a turn.
 Non-goals: filters; anything that has seen samples that came later.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.core.layout import Floats
 
 
+ROUNDED = 1e-3
+"""Angles at the ends of a turn may be rounded by this share of it."""
 LEAST = 3
 """A parabola needs so many points."""
 
@@ -32,6 +38,39 @@ def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
         a = min(int(first[i]), max(i + 1 - LEAST, 0))
         derivatives[i] = _slope(times_s[a : i + 1] - times_s[i], values[a : i + 1])
     return derivatives
+
+
+def unwrapped(values: Floats, turn: float) -> Floats:
+    """An angle's values, (n,), without jumps of more than half a turn; as they are without one."""
+    return np.unwrap(values, period=turn) if turn else values
+
+
+@dataclass(frozen=True)
+class Turning:
+    """A signal: `turn`: a whole turn, 0 where it is no angle; `low`: where its turn begins.
+
+    NaN: it goes on counting, or is no angle.
+    """
+
+    turn: float = 0.0
+    low: float = math.nan
+
+    @classmethod
+    def of(cls, values: Sequence[float], turn: float) -> Turning:
+        """That of a column: around 0, from 0, around its middle, or counting on."""
+        if not turn:
+            return cls()
+        low, high, slack = min(values), max(values), ROUNDED * turn
+        begins = (-turn / 2, 0.0, (low + high - turn) / 2)
+        inside = (at for at in begins if at - slack <= low and high <= at + turn + slack)
+        return cls(turn, next(inside, math.nan))
+
+    def ahead(self, a: float, b: float, share: float) -> float:
+        """The line from a over b, extended by `share` of the way."""
+        x = b + share * (math.remainder(b - a, self.turn) if self.turn else b - a)
+        if self.low <= x <= self.low + self.turn or math.isnan(self.low):
+            return x
+        return self.low + (x - self.low) % self.turn
 
 
 def _slope(d: Floats, y: Floats) -> float:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.diagnostic import Span
-    from soter.monitor.log_files.log_columns import Damage
-    from soter.monitor.typed_samples import DerivedValue, FarStamps
+    from soter.monitor.log_files.log_columns import Damage, FarStamps
+    from soter.monitor.typed_samples import DerivedValue
 
 
 ASSUMED = (

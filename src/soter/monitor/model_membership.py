@@ -79,6 +79,13 @@ class Judgement:
     damage: Damage | None = None
     """The damage of the log, if any: only what stands before it was judged."""
 
+    def add_alarms(self, state: str, times_s: Sequence[float]) -> None:
+        """Count alarms at these times, in order, of a state or a command."""
+        self.alarms += len(times_s)
+        self.alarm_states[state] = self.alarm_states.get(state, 0) + len(times_s)
+        before = (self.first_alarm_s,) if self.first_alarm_s is not None else ()
+        self.first_alarm_s = min(times_s[0], *before)
+
     @property
     def judged(self) -> bool:
         """Whether a step was judged in every run: else there is no verdict.
@@ -247,6 +254,12 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
     symbols.update({i: s for s, i in problem.module.scope.topics.items()})
     flying = _scope_topics(flat, module)
     return {i: flat.topics[flying[s]].name for i, s in symbols.items() if s in flying}
+
+
+def commanded_topics(flat: System, module: Module, problem: Problem) -> set[str]:
+    """The topics, by full names, that hold the commands of the plants."""
+    names = topic_names(flat, module, problem)
+    return {names[c.owner] for c in problem.quantities.controls}
 
 
 def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:

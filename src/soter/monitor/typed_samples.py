@@ -11,6 +11,7 @@ import math
 import re
 from bisect import bisect_right
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -30,33 +31,37 @@ from soter.language.model.types import (
 )
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns
-from soter.monitor.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor.derived_signals import (
+    Turning,
+    ahead_errors,
+    quantiles,
+    slope_errors,
+    slopes,
+    unwrapped,
+)
 from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
+    FarStamps,
     RowChoice,
     is_plain,
-    parse_decimal,
     unusable,
+    whole_number,
 )
 from soter.semantics.draws import assemble
-from soter.semantics.publication_gate import make_check
-from soter.simulate.run_log import RecordedRun
+from soter.semantics.publication_gate import clip, make_check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from soter.language.model.system import System, Topic
+    from soter.language.model.system import Topic
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.semantics.publication_gate import Check
 
 
 UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
-DIGITS_MAX = 40
-"""Digits of a whole number at most: no type has more."""
-
 REASONS_MAX = 8
 """The most reasons for leaving out samples of a topic; all others count as one."""
 
@@ -70,25 +75,6 @@ class DerivedValue:
     error: tuple[float, float, float] | None
 
 
-@dataclass(frozen=True)
-class FarStamps:
-    """How many stamps are further from the log's clock than the log is long.
-
-    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
-    """
-
-    samples: int
-    offset_s: float
-    length_s: float
-
-    def __str__(self) -> str:
-        side = "before" if self.offset_s < 0 else "after"
-        return (
-            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
-            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
-        )
-
-
 @dataclass
 class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
@@ -96,7 +82,8 @@ class TopicSamples:
     `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
     `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
     how many and the first; what differs from a number on is one reason. `sources`: of several, how
-    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them.
+    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them. `turns`: of its
+    leaves, in order. `clipped`: how many values lay outside of its set, and the first.
     """
 
     topic: Topic
@@ -113,6 +100,14 @@ class TopicSamples:
     constants: list[str] = field(default_factory=list)
     assumed_units: list[str] = field(default_factory=list)
     sources: str = ""
+    turns: list[float] = field(default_factory=list)
+    clipped: tuple[int, str] = (0, "")
+
+    @cached_property
+    def turnings(self) -> list[Turning]:
+        """How its leaves turn, in order."""
+        columns = zip(*(_leaves_of(self.topic.type, v) for v in self.values), strict=True)
+        return [Turning.of(c, turn) for c, turn in zip(columns, self.turns, strict=True)]
 
     @property
     def always(self) -> bool:
@@ -161,6 +156,9 @@ class TopicSamples:
             f"left out: {count:,} samples of {name}; the first: {first}"
             for count, first in self.reasons.values()
         ]
+        if self.clipped[0]:
+            count, first = self.clipped
+            told.append(f"clipped to its set: {count:,} samples of {name}; the first: {first}")
         if self.far_stamps is not None:
             told.append(
                 f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
@@ -187,20 +185,38 @@ class TopicSamples:
         apart = self.stamps_ns[i] - self.stamps_ns[i - 1]
         if i == 0 or since > self.gap_ns or apart > self.gap_ns:
             return None
-        share = since / apart
-        return _extend_line(self.topic.type, self.values[i - 1], self.values[i], share)
+        before, last = (_leaves_of(self.topic.type, v) for v in self.values[i - 1 : i + 1])
+        ahead = (
+            turning.ahead(a, b, since / apart) if isinstance(b, float) else b
+            for turning, a, b in zip(self.turnings, before, last, strict=True)
+        )
+        return assemble(self.topic.type, ahead)
+
+    def take(self, value: Value, where: str, *, clips: bool) -> Value:
+        """A value, inside of the topic's set if what receives it clips, which is then counted."""
+        if not clips:
+            return value
+        inside = clip(self.topic.type, self.topic.bounds, value)
+        if inside != value:
+            count, first = self.clipped
+            self.clipped = count + 1, first or f"{where}: {value}"
+        return inside
+
+    def going_on(self, before: Value, value: Value) -> Value:
+        """A value whose angles lie as near to those of another as whole turns make them."""
+        both = zip(
+            self.turns, *(_leaves_of(self.topic.type, v) for v in (before, value)), strict=True
+        )
+        near = (a + math.remainder(b - a, turn) if turn else b for turn, a, b in both)
+        return assemble(self.topic.type, iter(near)) if any(self.turns) else value
 
 
-def _extend_line(t: Type, a: Value, b: Value, share: float) -> Value:
-    """Extends floats from a over b by `share` of b - a; anything else keeps its value of b."""
-    if isinstance(t, FloatType):
-        return b + share * (b - a)
-    if isinstance(t, RecordType):
-        fields = zip(t.fields, a, b, strict=True)
-        return tuple([_extend_line(f, x, y, share) for (_, f), x, y in fields])
-    if isinstance(t, ArrayType):
-        return tuple([_extend_line(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
-    return b
+def _leaves_of(t: Type, value: Value) -> list[Value]:
+    """The leaves of a value, in the order of `leaves(t)`."""
+    if isinstance(t, (RecordType, ArrayType)):
+        parts = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
+        return [x for part, v in zip(parts, value, strict=True) for x in _leaves_of(part, v)]
+    return [value]
 
 
 def read_samples(
@@ -215,6 +231,7 @@ def read_samples(
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
+        made.turns = [getattr(t.leaves[p], "turn", 0.0) for p, _ in leaves(t.topic.type)]
         made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
             _samples_of_sources(path, of, made, first)
@@ -287,7 +304,7 @@ def _samples_of_sources(
             continue
         if t.stamp is not None:
             made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
-        value, stamp, why = _source_row(path, t, columns, i, check)
+        value, stamp, why = _source_row(path, t, columns, i, check, made)
         if why:
             made.leave_out(columns.where[i], why)
         elif turns.judge(rank, stamp) == "taken":
@@ -314,7 +331,7 @@ def _constants(t: TopicMap) -> dict[LeafPath, Value]:
 
 
 def _source_row(
-    path: Path, t: TopicMap, columns: Columns, i: int, check: Check
+    path: Path, t: TopicMap, columns: Columns, i: int, check: Check, made: TopicSamples
 ) -> tuple[Value, int, str]:
     """Value and stamp of a row of one of several sources; why it says nothing, or ""."""
     assert t.stamp is not None
@@ -325,7 +342,9 @@ def _source_row(
     row, why = _cells(path, t, columns, i)
     if why:
         return None, 0, why
-    value = _built(t.topic.type, {**row, **_constants(t)})
+    value = made.take(
+        _built(t.topic.type, {**row, **_constants(t)}), columns.where[i], clips=t.clip
+    )
     try:
         check(value, t.topic.symbol.span)
     except StepFault as fault:
@@ -379,7 +398,8 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         elif isinstance(leaf, SlopeSource):
             if n < 2:
                 raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
-            values, window = np.array(read[leaf.of], dtype=np.float64), leaf.window_ns / 1e9
+            window, turn = leaf.window_ns / 1e9, getattr(t.leaves[leaf.of], "turn", 0.0)
+            values = unwrapped(np.array(read[leaf.of], dtype=np.float64), turn)
             derivatives = slopes(times_s, values, window)
             error = quantiles(slope_errors(times_s, values, window, derivatives))
             how = (
@@ -394,16 +414,17 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
     if t.linear:
         _ahead(t, made, times_s, whole)
     for i in range(n):
-        made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
+        value = _built(t.topic.type, {p: v[i] for p, v in whole.items()})
+        made.values.append(made.take(value, f"sample {i + 1}", clips=t.clip))
 
 
 def _ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
     """Note by how much straight lines miss the samples; times_s (n,)."""
-    for p, kind in leaves(t.topic.type):
+    for (p, kind), turn in zip(leaves(t.topic.type), made.turns, strict=True):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
-            values = np.array(whole[p], dtype=np.float64)
+            values = unwrapped(np.array(whole[p], dtype=np.float64), turn)
             error = quantiles(ahead_errors(times_s, values, t.gap_ns / 1e9))
             how = (
                 "on the line through the last two samples, for at most "
@@ -430,7 +451,7 @@ def _leaf(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> 
         if isinstance(t, FloatType):
             return _number(leaf, cell)
         return _other(t, cell)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         shown = str(cell)[:40]
         text = f"`{shown}` in {where}, `{leaf.name}`, is no `{t}`"
         raise unusable(path, text) from error
@@ -454,47 +475,19 @@ def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
         if isinstance(cell, bool):
             return cell
         said = TRUTHS.get(str(cell).lower())
-        return (False, True)[_between(0, _whole(cell), 1)] if said is None else said
+        return (False, True)[_between(0, whole_number(cell), 1)] if said is None else said
     if isinstance(t, EnumType):
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
         raise TypeError
-    return _between(t.low, _whole(cell), t.high) if isinstance(t, IntType) else _whole(cell)
+    return (
+        _between(t.low, whole_number(cell), t.high)
+        if isinstance(t, IntType)
+        else whole_number(cell)
+    )
 
 
 def _between(low: int, value: int, high: int) -> int:
     if not low <= value <= high:
         raise ValueError
     return value
-
-
-def _whole(cell: Any) -> int:  # noqa: ANN401 - a text, or a number
-    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
-    number = parse_decimal(cell)
-    if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
-        raise ValueError
-    return int(number)
-
-
-def record_of_samples(system: System, samples: list[TopicSamples]) -> RecordedRun:
-    """The topics at every time at which one of them was sampled, from when all are known.
-
-    Nothing is interpolated; times are those of measuring, from the first row of the log on; there
-    are no true states.
-    """
-    start = max(s.stamps_ns[0] for s in samples if not s.always)
-    topics = {t.name: t.default for t in system.topics}
-    topics.update({s.topic.name: s.values[0] for s in samples if s.always})
-    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
-    record, since = RecordedRun([], [], [], []), set[str]()
-    for at, (time_ns, k, i) in enumerate(events):
-        topics[samples[k].topic.name] = samples[k].values[i]
-        since.add(samples[k].topic.name)
-        last = at + 1 == len(events) or events[at + 1][0] != time_ns
-        if last and time_ns >= start:
-            record.times_ns.append(time_ns)
-            record.topics.append(dict(topics))
-            record.truths.append({})
-            record.published.append(since)
-            since = set()
-    return record

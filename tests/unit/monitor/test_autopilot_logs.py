@@ -157,7 +157,7 @@ def test_a_file_that_is_cut_anywhere_is_whole_up_to_there_or_refused(
             continue
         assert read == whole[: len(read)], end
         refused += facts.damage is not None
-    messages = 9 + 2 * 3 + 3
+    messages = 14 + 2 * 3
     assert refused >= len(data) - messages
 
 

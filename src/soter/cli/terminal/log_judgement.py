@@ -317,7 +317,9 @@ FOREIGN_LOG = JsonObject(
     derived=JsonObject("soter.monitor.typed_samples.DerivedValue", "name how error"),
     left_out=LEFT_OUT,
     refused=LOST,
-    far_stamps=JsonObject("soter.monitor.typed_samples.FarStamps", "samples offset_s length_s"),
+    far_stamps=JsonObject(
+        "soter.monitor.log_files.log_columns.FarStamps", "samples offset_s length_s"
+    ),
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "

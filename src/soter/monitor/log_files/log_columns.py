@@ -85,6 +85,25 @@ class Columns:
         ]
 
 
+@dataclass(frozen=True)
+class FarStamps:
+    """How many stamps are further from the log's clock than the log is long.
+
+    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
+    """
+
+    samples: int
+    offset_s: float
+    length_s: float
+
+    def __str__(self) -> str:
+        side = "before" if self.offset_s < 0 else "after"
+        return (
+            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
+            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
+        )
+
+
 @dataclass
 class FileFacts:
     """The findings on a file once its messages were read.
@@ -260,6 +279,18 @@ def parse_decimal(given: object) -> Decimal | None:
     except InvalidOperation:
         return None
     return None if isinstance(given, bool) or not number.is_finite() else number
+
+
+DIGITS_MAX = 40
+"""Digits of a whole number at most: no type has more."""
+
+
+def whole_number(cell: object) -> int:
+    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
+    number = parse_decimal(cell)
+    if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
+        raise ValueError
+    return int(number)
 
 
 COMMAS = "numbers have a point, and cells are parted by commas"

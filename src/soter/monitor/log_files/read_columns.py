@@ -81,8 +81,9 @@ def read_time_ns(given: Any) -> int:  # noqa: ANN401 - the same
             seconds, rest = (message_part(given, n) for n in names)
         except NoPartError:
             continue
-        if type(seconds) is int and type(rest) is int and 0 <= rest < 10**9:
-            return seconds * 10**9 + rest
+        whole = type(seconds) is int and type(rest) is int
+        if whole and 0 <= rest < SECOND_NS and abs(seconds) < SECONDS_MAX:
+            return int(seconds * SECOND_NS + rest)
     raise NoTimeError
 
 
@@ -130,7 +131,7 @@ def _protobuf_field(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     return value
 
 
-SECOND_NS = 10**9
+SECOND_NS, SECONDS_MAX = 10**9, 10**12
 HOUR_NS = 3600 * SECOND_NS
 OF_ALL = (
     "`[time] from` is asked of the messages of every channel that is mapped; without it their log "

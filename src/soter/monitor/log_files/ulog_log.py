@@ -17,16 +17,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
 from soter.language.load.named_files import opened
-from soter.monitor.log_files.log_columns import (
-    NO_END,
-    Writers,
-    damaged_log,
-    remedies,
-    unusable,
-)
+from soter.monitor.log_files.log_columns import NO_END, Writers, damaged_log, remedies, unusable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
@@ -49,29 +43,17 @@ CONTROLS = {*range(32)} - {*b"\t\n\r\x1b"}
 SYNC = bytes.fromhex("2f731320250cbb12")
 
 
-def _is_value(body: bytes) -> bool:
-    """Whether a body is a length, a key of so many letters with its type, and a value of that."""
-    key, value = body[1 : 1 + body[0]], body[1 + body[0] :]
-    said = KEY.fullmatch(key)
-    size = 0 if said is None else struct.calcsize(f"<{TYPES[said[1].decode('ascii')]}")
-    return said is not None and len(value) == size * int(said[2] or 1)
-
-
-def _is_text(body: bytes, at: int) -> bool:
-    """Whether a body is a level, eight bytes of a time and, from `at` on, a text."""
-    return len(body) >= at and body[0] in b"01234567" and not {*body[at:]} & CONTROLS
-
-
-OTHERS: dict[int, Callable[[bytes], bool]] = {
-    ord("I"): _is_value,
-    ord("M"): lambda body: body[0] < 2 and _is_value(body[1:]),
-    ord("P"): _is_value,
-    ord("Q"): lambda body: body[0] < 4 and _is_value(body[1:]),
-    ord("L"): lambda body: _is_text(body, 9),
-    ord("C"): lambda body: _is_text(body, 11),
-    ord("S"): lambda body: body == SYNC,
-}
-"""Kind of messages that hold no values of a topic -> whether a body is one of it."""
+def _is_other(kind: int, body: bytes) -> bool:
+    """Whether a body is one of a kind that holds no values of a topic."""
+    if kind in b"LC":
+        begin = 9 if kind == ord("L") else 11
+        return len(body) >= begin and body[0] in b"01234567" and not {*body[begin:]} & CONTROLS
+    flag, fact = (body[0], body[1:]) if kind in b"MQ" else (0, body)
+    said = KEY.fullmatch(fact[1 : 1 + fact[0]])
+    if kind not in b"IMPQ" or said is None or flag > {ord("M"): 1}.get(kind, 3):
+        return body == SYNC and kind == ord("S")
+    size = struct.calcsize(f"<{TYPES[said[1].decode('ascii')]}") * int(said[2] or 1)
+    return len(fact) == 1 + fact[0] + size
 
 
 @dataclass(frozen=True)
@@ -231,7 +213,7 @@ class _UlogReading:
     def _may_begin(self, length: int, kind: int, begun: bytes) -> bool:
         """Whether a message of a length and a kind may begin so: what a crash cut is none else."""
         if kind != ord("D") or len(begun) < 2:
-            return kind in OTHERS or kind in b"DFARO"
+            return kind in b"DFAROIMPQLCS"
         topic = self.topics.get(int.from_bytes(begun[:2], "little"))
         return topic is not None and topic.is_as_long(length)
 
@@ -251,7 +233,7 @@ class _UlogReading:
             self._flags(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
-        elif not OTHERS[kind](body):
+        elif not _is_other(kind, body):
             raise ValueError
 
     def _subscribe(self, body: bytes) -> None:
