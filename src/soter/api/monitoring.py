@@ -25,7 +25,7 @@ from soter.monitor.decidable_modules import decidable, doubts
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay
-from soter.monitor.model_membership import Judgement, commanded_topics, judge, needed_topics
+from soter.monitor.model_membership import Judgement, judge, needed_topics, topic_names
 from soter.monitor.typed_samples import read_samples
 from soter.semantics.publication_gate import make_check
 from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
@@ -133,7 +133,8 @@ def log_explained(
     (record, outside), (begin, end) = _record_of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
     for j, (m, p) in zip(made, problems, strict=True):
-        for name in commanded_topics(flat, m, p) & outside.keys():
+        names = topic_names(flat, m, p)
+        for name in {names[c.owner] for c in p.quantities.controls} & outside.keys():
             j.add_alarms(f"{name}, outside of its set", [at_s for at_s, _ in outside[name]])
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     told += [OUTSIDE.format(len(x), n, f"{x[0][0]:.3f} s: {x[0][1]}") for n, x in outside.items()]

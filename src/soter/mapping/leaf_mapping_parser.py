@@ -242,7 +242,7 @@ class LeafReader:
             return None
         says_unit = unit is not None or standard is not None or "scale" in what
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
-        turn = turn_in(unit or standard, t.unit) if isinstance(t, FloatType) else 0.0
+        turn = turn_in(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
         return SignalSource(field, scale, float(what.get("offset", 0)), assumed, turn)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:

@@ -15,6 +15,7 @@ that was taken.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal
@@ -91,14 +92,14 @@ class SignalSource:
     """`scale` * what stands in the column or field `name` + `offset`.
 
     Of a topic that goes out the field is (leaf - `offset`) / `scale`. `assumed_unit`: the one that
-    the program declares, where nobody says the field's. `turn`: of an angle, a whole turn.
+    the program declares, where nobody says the field's. `turn`: a whole one, of an angle.
     """
 
     name: str
     scale: float = 1.0
     offset: float = 0.0
     assumed_unit: str = field(default="", compare=False)
-    turn: float = field(default=0.0, compare=False)
+    turn: float = field(default=math.inf, compare=False)
 
 
 @dataclass(frozen=True)

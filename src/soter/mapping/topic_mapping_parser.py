@@ -147,7 +147,7 @@ TOPIC_KEYS = (
     "qos", "where", "clip",
 )  # fmt: skip
 SOURCE_KEYS = (
-    *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set")), *PROMISE_KEYS,
+    *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set", "clip")), *PROMISE_KEYS,
 )  # fmt: skip
 STAMP_KEYS = ("from", "unit")
 ARRIVAL = "arrival"

@@ -88,9 +88,9 @@ def factor_between(given: str, declared: str) -> float | None:
 
 
 def turn_in(given: str | None, declared: str) -> float:
-    """A whole turn in the unit of a leaf (or in rad, if it has none); 0 where it is no angle."""
+    """A whole turn in the unit of a leaf (in rad, if it has none); infinite: it is no angle."""
     is_angle = DIMENSIONS.get(declared or given or "") == ANGLE
-    return math.tau / UNITS.get(declared, 1.0) if is_angle else 0.0
+    return math.tau / UNITS.get(declared, 1.0) if is_angle else math.inf
 
 
 WORLD, BODY = ("ENU", "NED"), ("FLU", "FRD")

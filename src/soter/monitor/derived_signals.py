@@ -1,14 +1,14 @@
 """Signals that a log does not hold, made of its own: slopes, and values after the last sample.
 
 Purpose: `slopes`, and the errors of slopes and of lines through the last two samples, all from
-samples up to then, as a monitor in flight would have them. `Turning`: angles modulo a turn.
+samples up to then, as a monitor in flight would have them. Angles count modulo a
+turn, which is infinite for other signals.
 Non-goals: filters; anything that has seen samples that came later.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,37 +40,17 @@ def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
     return derivatives
 
 
-def unwrapped(values: Floats, turn: float) -> Floats:
-    """An angle's values, (n,), without jumps of more than half a turn; as they are without one."""
-    return np.unwrap(values, period=turn) if turn else values
+def turn_begins(values: Sequence[float], turn: float) -> float:
+    """Where the turn of angles begins: around 0, at 0 or around their middle; NaN: they go on."""
+    low, high, slack = min(values), max(values), ROUNDED * turn
+    begins = (-turn / 2, 0.0, (low + high - turn) / 2) if math.isfinite(turn) else ()
+    return next((a for a in begins if a - slack <= low and high <= a + turn + slack), math.nan)
 
 
-@dataclass(frozen=True)
-class Turning:
-    """A signal: `turn`: a whole turn, 0 where it is no angle; `low`: where its turn begins.
-
-    NaN: it goes on counting, or is no angle.
-    """
-
-    turn: float = 0.0
-    low: float = math.nan
-
-    @classmethod
-    def of(cls, values: Sequence[float], turn: float) -> Turning:
-        """That of a column: around 0, from 0, around its middle, or counting on."""
-        if not turn:
-            return cls()
-        low, high, slack = min(values), max(values), ROUNDED * turn
-        begins = (-turn / 2, 0.0, (low + high - turn) / 2)
-        inside = (at for at in begins if at - slack <= low and high <= at + turn + slack)
-        return cls(turn, next(inside, math.nan))
-
-    def ahead(self, a: float, b: float, share: float) -> float:
-        """The line from a over b, extended by `share` of the way."""
-        x = b + share * (math.remainder(b - a, self.turn) if self.turn else b - a)
-        if self.low <= x <= self.low + self.turn or math.isnan(self.low):
-            return x
-        return self.low + (x - self.low) % self.turn
+def ahead(a: float, b: float, share: float, turn: float, begin: float) -> float:
+    """The line from a over b, extended by `share` of the way; of angles the shorter way."""
+    x = b + share * math.remainder(b - a, turn)
+    return x if math.isnan(begin) or 0 <= x - begin <= turn else begin + (x - begin) % turn
 
 
 def _slope(d: Floats, y: Floats) -> float:

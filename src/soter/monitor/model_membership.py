@@ -256,12 +256,6 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
     return {i: flat.topics[flying[s]].name for i, s in symbols.items() if s in flying}
 
 
-def commanded_topics(flat: System, module: Module, problem: Problem) -> set[str]:
-    """The topics, by full names, that hold the commands of the plants."""
-    names = topic_names(flat, module, problem)
-    return {names[c.owner] for c in problem.quantities.controls}
-
-
 def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:
     """The topics, by full names, that a judgement on estimates needs without true states."""
     names = topic_names(flat, module, problem)

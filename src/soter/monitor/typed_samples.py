@@ -11,7 +11,6 @@ import math
 import re
 from bisect import bisect_right
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -31,14 +30,8 @@ from soter.language.model.types import (
 )
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns
-from soter.monitor.derived_signals import (
-    Turning,
-    ahead_errors,
-    quantiles,
-    slope_errors,
-    slopes,
-    unwrapped,
-)
+from soter.monitor import derived_signals as derived
+from soter.monitor.derived_signals import quantiles
 from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
@@ -62,6 +55,8 @@ if TYPE_CHECKING:
 
 
 UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
+ENDLESS = 1e300
+"""In place of an infinite turn, which NumPy does not know."""
 REASONS_MAX = 8
 """The most reasons for leaving out samples of a topic; all others count as one."""
 
@@ -83,7 +78,8 @@ class TopicSamples:
     `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
     how many and the first; what differs from a number on is one reason. `sources`: of several, how
     many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them. `turns`: of its
-    leaves, in order. `clipped`: how many values lay outside of its set, and the first.
+    leaves, in order; `begins`: where each begins, of lines. `clipped`: in words, how many
+    values lay outside of its set.
     """
 
     topic: Topic
@@ -101,13 +97,8 @@ class TopicSamples:
     assumed_units: list[str] = field(default_factory=list)
     sources: str = ""
     turns: list[float] = field(default_factory=list)
-    clipped: tuple[int, str] = (0, "")
-
-    @cached_property
-    def turnings(self) -> list[Turning]:
-        """How its leaves turn, in order."""
-        columns = zip(*(_leaves_of(self.topic.type, v) for v in self.values), strict=True)
-        return [Turning.of(c, turn) for c, turn in zip(columns, self.turns, strict=True)]
+    begins: list[float] = field(default_factory=list)
+    clipped: str = ""
 
     @property
     def always(self) -> bool:
@@ -156,9 +147,7 @@ class TopicSamples:
             f"left out: {count:,} samples of {name}; the first: {first}"
             for count, first in self.reasons.values()
         ]
-        if self.clipped[0]:
-            count, first = self.clipped
-            told.append(f"clipped to its set: {count:,} samples of {name}; the first: {first}")
+        told += [self.clipped] * bool(self.clipped)
         if self.far_stamps is not None:
             told.append(
                 f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
@@ -186,29 +175,28 @@ class TopicSamples:
         if i == 0 or since > self.gap_ns or apart > self.gap_ns:
             return None
         before, last = (_leaves_of(self.topic.type, v) for v in self.values[i - 1 : i + 1])
+        leaf_values = zip(before, last, self.turns, self.begins, strict=True)
         ahead = (
-            turning.ahead(a, b, since / apart) if isinstance(b, float) else b
-            for turning, a, b in zip(self.turnings, before, last, strict=True)
+            derived.ahead(a, b, since / apart, turn, begin) if isinstance(b, float) else b
+            for a, b, turn, begin in leaf_values
         )
         return assemble(self.topic.type, ahead)
 
-    def take(self, value: Value, where: str, *, clips: bool) -> Value:
-        """A value, inside of the topic's set if what receives it clips, which is then counted."""
-        if not clips:
-            return value
-        inside = clip(self.topic.type, self.topic.bounds, value)
-        if inside != value:
-            count, first = self.clipped
-            self.clipped = count + 1, first or f"{where}: {value}"
-        return inside
+    def clip(self) -> None:
+        """Move what lies outside of the topic's set to the nearest end of it."""
+        inside = [clip(self.topic.type, self.topic.bounds, v) for v in self.values]
+        moved = [v for v, other in zip(self.values, inside, strict=True) if v != other]
+        if moved:
+            told = f"{len(moved):,} samples of {self.topic.name}; the first: {moved[0]}"
+            self.clipped = f"clipped to its set: {told}"
+        self.values = inside
 
     def going_on(self, before: Value, value: Value) -> Value:
         """A value whose angles lie as near to those of another as whole turns make them."""
-        both = zip(
-            self.turns, *(_leaves_of(self.topic.type, v) for v in (before, value)), strict=True
-        )
-        near = (a + math.remainder(b - a, turn) if turn else b for turn, a, b in both)
-        return assemble(self.topic.type, iter(near)) if any(self.turns) else value
+        near, far = (_leaves_of(self.topic.type, v) for v in (before, value))
+        both = zip(near, far, self.turns, strict=True)
+        going = (b if math.isinf(turn) else a + math.remainder(b - a, turn) for a, b, turn in both)
+        return assemble(self.topic.type, going)
 
 
 def _leaves_of(t: Type, value: Value) -> list[Value]:
@@ -231,7 +219,7 @@ def read_samples(
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
-        made.turns = [getattr(t.leaves[p], "turn", 0.0) for p, _ in leaves(t.topic.type)]
+        made.turns = [_turn(t, p) for p, _ in leaves(t.topic.type)]
         made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
             _samples_of_sources(path, of, made, first)
@@ -239,6 +227,11 @@ def read_samples(
             _add_rows(path, t, rows, made, first)
         else:
             _always(t, made)
+        if t.clip:
+            made.clip()
+        if t.linear:
+            columns_of = zip(*(_leaves_of(t.topic.type, v) for v in made.values), strict=True)
+            made.begins = [*map(derived.turn_begins, columns_of, made.turns)]
         samples.append(made)
     return samples
 
@@ -304,7 +297,7 @@ def _samples_of_sources(
             continue
         if t.stamp is not None:
             made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
-        value, stamp, why = _source_row(path, t, columns, i, check, made)
+        value, stamp, why = _source_row(path, t, columns, i, check)
         if why:
             made.leave_out(columns.where[i], why)
         elif turns.judge(rank, stamp) == "taken":
@@ -331,7 +324,7 @@ def _constants(t: TopicMap) -> dict[LeafPath, Value]:
 
 
 def _source_row(
-    path: Path, t: TopicMap, columns: Columns, i: int, check: Check, made: TopicSamples
+    path: Path, t: TopicMap, columns: Columns, i: int, check: Check
 ) -> tuple[Value, int, str]:
     """Value and stamp of a row of one of several sources; why it says nothing, or ""."""
     assert t.stamp is not None
@@ -342,9 +335,7 @@ def _source_row(
     row, why = _cells(path, t, columns, i)
     if why:
         return None, 0, why
-    value = made.take(
-        _built(t.topic.type, {**row, **_constants(t)}), columns.where[i], clips=t.clip
-    )
+    value = _built(t.topic.type, {**row, **_constants(t)})
     try:
         check(value, t.topic.symbol.span)
     except StepFault as fault:
@@ -398,10 +389,9 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         elif isinstance(leaf, SlopeSource):
             if n < 2:
                 raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
-            window, turn = leaf.window_ns / 1e9, getattr(t.leaves[leaf.of], "turn", 0.0)
-            values = unwrapped(np.array(read[leaf.of], dtype=np.float64), turn)
-            derivatives = slopes(times_s, values, window)
-            error = quantiles(slope_errors(times_s, values, window, derivatives))
+            values, window = _going_on(t, leaf.of, read[leaf.of]), leaf.window_ns / 1e9
+            derivatives = derived.slopes(times_s, values, window)
+            error = quantiles(derived.slope_errors(times_s, values, window, derivatives))
             how = (
                 f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
                 "against the slope over half the window"
@@ -414,18 +404,27 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
     if t.linear:
         _ahead(t, made, times_s, whole)
     for i in range(n):
-        value = _built(t.topic.type, {p: v[i] for p, v in whole.items()})
-        made.values.append(made.take(value, f"sample {i + 1}", clips=t.clip))
+        made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
+
+
+def _turn(t: TopicMap, p: LeafPath) -> float:
+    """A whole turn of a leaf; infinite where it is no angle."""
+    return getattr(t.leaves[p], "turn", math.inf)
+
+
+def _going_on(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, Any]:
+    """The values of a leaf, (n,), without jumps of more than half a turn."""
+    return np.unwrap(np.array(column, dtype=np.float64), period=min(_turn(t, p), ENDLESS))
 
 
 def _ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
     """Note by how much straight lines miss the samples; times_s (n,)."""
-    for (p, kind), turn in zip(leaves(t.topic.type), made.turns, strict=True):
+    for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
-            values = unwrapped(np.array(whole[p], dtype=np.float64), turn)
-            error = quantiles(ahead_errors(times_s, values, t.gap_ns / 1e9))
+            values = _going_on(t, p, whole[p])
+            error = quantiles(derived.ahead_errors(times_s, values, t.gap_ns / 1e9))
             how = (
                 "on the line through the last two samples, for at most "
                 f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
@@ -480,11 +479,8 @@ def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
         raise TypeError
-    return (
-        _between(t.low, whole_number(cell), t.high)
-        if isinstance(t, IntType)
-        else whole_number(cell)
-    )
+    number = whole_number(cell)
+    return _between(t.low, number, t.high) if isinstance(t, IntType) else number
 
 
 def _between(low: int, value: int, high: int) -> int:

@@ -17,14 +17,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.diagnostics.diagnostic import reason
-from soter.language.load.named_files import opened
 from soter.monitor.log_files.log_columns import (
     NO_END,
     DamagedLogError,
     FileFacts,
     damaged_log,
     is_plain,
+    opened_log,
     remedies,
     unusable,
 )
@@ -138,22 +137,19 @@ def dataflash_messages(
     `facts` counts the messages of every kind. SoterError D016.
     """
     facts.unchecked = True
-    try:
-        with opened(path) as file:
-            head = file.read(TEXT_HEAD)
-            facts.size_of(file)
-            file.seek(0)
-            binary = head.startswith(DATAFLASH_MAGIC)
-            if not binary and b"FMT," not in head:
-                raise unusable(path, "it is no log of ArduPilot", *remedies(path))
-            first = _DataflashReading(path, None, FileFacts())
-            with suppress(DamagedLogError):  # which the second pass comes upon
-                deque(first.of_binary(file) if binary else first.of_text(file), maxlen=0)
-            file.seek(0)
-            reading = _DataflashReading(path, wanted, facts, first.formats)
-            yield from reading.of_binary(file) if binary else reading.of_text(file)
-    except OSError as error:
-        raise unusable(path, reason(error)) from error
+    with opened_log(path) as file:
+        head = file.read(TEXT_HEAD)
+        facts.size_of(file)
+        file.seek(0)
+        binary = head.startswith(DATAFLASH_MAGIC)
+        if not binary and b"FMT," not in head:
+            raise unusable(path, "it is no log of ArduPilot", *remedies(path))
+        first = _DataflashReading(path, None, FileFacts())
+        with suppress(DamagedLogError):  # which the second pass comes upon
+            deque(first.of_binary(file) if binary else first.of_text(file), maxlen=0)
+        file.seek(0)
+        reading = _DataflashReading(path, wanted, facts, first.formats)
+        yield from reading.of_binary(file) if binary else reading.of_text(file)
 
 
 class _DataflashReading:

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.load.named_files import opened
 from soter.mapping.message_types import HEADER_FRAME
 
@@ -191,6 +192,16 @@ def unusable(path: Path, why: str, *helps: str) -> SoterError:
 
 
 NO_END = "the autopilot lost power while it wrote, or the file was cut"
+
+
+@contextmanager
+def opened_log(path: Path) -> Iterator[BinaryIO]:
+    """The file of a log; SoterError D016 where it cannot be read."""
+    try:
+        with opened(path) as file:
+            yield file
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
 
 
 class DamagedLogError(SoterError):

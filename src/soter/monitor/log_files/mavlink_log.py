@@ -14,10 +14,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.diagnostic import reason
-from soter.language.load.named_files import opened
 from soter.mapping.mavlink_dialects import require_mavlink_package
-from soter.monitor.log_files.log_columns import Writers, damaged_log, unusable
+from soter.monitor.log_files.log_columns import Writers, damaged_log, opened_log, unusable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,36 +47,33 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
     decoder, writers, odd = dialect.MAVLink(None), Writers(), _OddFrames(path, facts)
     facts.unchecked = True
-    try:
-        with opened(path) as file:
-            facts.size_of(file)
-            for time_us, frame in _frames(path, file, facts):
-                odd.count(frame)
-                try:
-                    message = decoder.decode(frame)
-                    name = message.get_type()
-                except dialect.MAVError as error:
-                    number = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
-                    known = dialect.mavlink_map.get(number)
-                    name = getattr(known, "msgname", f"message {number}")
-                    told = name in wanted and not wanted[name].unnamed
-                    odd.note(name, frame, str(error), told or odd.is_right(name))
-                    continue
-                if isinstance(message, dialect.MAVLink_unknown):
-                    name = f"message {message.get_msgId()}"
-                    odd.note(name, frame, "its checksum is none of its dialect's", refused=False)
-                else:
-                    odd.right(name)
-                facts.there[name] = facts.there.get(name, 0) + 1
-                content = None
-                if name in wanted:
-                    system, component = message.get_srcSystem(), message.get_srcComponent()
-                    writers.note(name, f"{system}/{component}")
-                    head = {"srcSystem": system, "srcComponent": component}
-                    content = {**message.to_dict(), "header": head}
-                yield time_us * 1000, None, name, content
-    except OSError as error:
-        raise unusable(path, reason(error)) from error
+    with opened_log(path) as file:
+        facts.size_of(file)
+        for time_us, frame in _frames(path, file, facts):
+            odd.count(frame)
+            try:
+                message = decoder.decode(frame)
+                name = message.get_type()
+            except dialect.MAVError as error:
+                number = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
+                known = dialect.mavlink_map.get(number)
+                name = getattr(known, "msgname", f"message {number}")
+                asked = name in wanted and not wanted[name].unnamed
+                odd.note(name, frame, str(error), asked)
+                continue
+            if isinstance(message, dialect.MAVLink_unknown):
+                name = f"message {message.get_msgId()}"
+                odd.note(name, frame, "its checksum is none of its dialect's", asked=False)
+            else:
+                odd.right(name)
+            facts.there[name] = facts.there.get(name, 0) + 1
+            content = None
+            if name in wanted:
+                system, component = message.get_srcSystem(), message.get_srcComponent()
+                writers.note(name, f"{system}/{component}")
+                head = {"srcSystem": system, "srcComponent": component}
+                content = {**message.to_dict(), "header": head}
+            yield time_us * 1000, None, name, content
     facts.notes += [*writers.notes, *odd.notes]
 
 
@@ -111,17 +106,14 @@ class _OddFrames:
             raise damaged_log(self.path, told)
         self._right.add(name)
 
-    def is_right(self, name: str) -> bool:
-        """Whether the checksum of a message of this name was right."""
-        return name in self._right
-
-    def note(self, name: str, frame: bytearray, why: str, refused: bool) -> None:
-        """Count another one; DamagedLogError where it is `refused`, or of no one dialect."""
-        seeds = self._seeds.get(name), *range(256)
-        seed = next((s for s in seeds if s is not None and _has_checksum(frame, s)), None)
-        if refused or seed is None or self._seeds.setdefault(name, seed) != seed:
+    def note(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
+        """Count another one; DamagedLogError where it is asked for, or of no one dialect."""
+        seeds = range(256) if name not in self._seeds else (self._seeds[name],)
+        seed = next((s for s in seeds if _has_checksum(frame, s)), None)
+        if asked or name in self._right or seed is None:
             told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
             raise damaged_log(self.path, told)
+        self._seeds[name] = seed
         self._counts[name] += 1
 
     @property

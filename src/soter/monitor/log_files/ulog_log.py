@@ -15,9 +15,14 @@ import struct
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.diagnostics.diagnostic import reason
-from soter.language.load.named_files import opened
-from soter.monitor.log_files.log_columns import NO_END, Writers, damaged_log, remedies, unusable
+from soter.monitor.log_files.log_columns import (
+    NO_END,
+    Writers,
+    damaged_log,
+    opened_log,
+    remedies,
+    unusable,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -125,13 +130,10 @@ def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     `facts` counts the messages of every topic. SoterError D016.
     """
     facts.unchecked = True
-    try:
-        with opened(path) as file:
-            if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
-                raise unusable(path, "it is no ULog", *remedies(path))
-            yield from _UlogReading(path, file, wanted, facts).messages()
-    except OSError as error:
-        raise unusable(path, reason(error)) from error
+    with opened_log(path) as file:
+        if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
+            raise unusable(path, "it is no ULog", *remedies(path))
+        yield from _UlogReading(path, file, wanted, facts).messages()
 
 
 class _UlogReading:
