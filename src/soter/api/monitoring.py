@@ -25,7 +25,7 @@ from soter.monitor.decidable_modules import decidable, doubts
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay
-from soter.monitor.model_membership import Judgement, judge, needed_topics, topic_names
+from soter.monitor.model_membership import Judgement, judge, needed_topics, note_alarm, topic_names
 from soter.monitor.typed_samples import read_samples
 from soter.semantics.publication_gate import make_check
 from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
@@ -135,19 +135,18 @@ def log_explained(
     for j, (m, p) in zip(made, problems, strict=True):
         names = topic_names(flat, m, p)
         for name in {names[c.owner] for c in p.quantities.controls} & outside.keys():
-            j.add_alarms(f"{name}, outside of its set", [at_s for at_s, _ in outside[name]])
+            for at_s, _ in outside[name]:
+                note_alarm(j, at_s, [f"{name}, outside of its set"])
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
-    told += [OUTSIDE.format(len(x), n, f"{x[0][0]:.3f} s: {x[0][1]}") for n, x in outside.items()]
+    for name, found in outside.items():
+        first = "the first: {:.3f} s: {}; the model has no such, unless `clip = true`".format(
+            *found[0]
+        )
+        told.append(f"outside of its set: {len(found):,} samples of {name}, {first}")
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
     damage = next((c.damage for c in columns.values() if c.damage), None)
     return [replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made]
-
-
-OUTSIDE = (
-    "outside of its set: {:,} samples of {}; the first: {}. No run of the model has such a "
-    "command, and no such measurement is taken; `clip = true` says that what receives it clips"
-)
 
 
 def _record_of_samples(
@@ -158,10 +157,9 @@ def _record_of_samples(
     Nothing is interpolated; times are those of measuring, from the first row of the log on; there
     are no true states. Angles go on at the end of a turn. A measurement in no set is left out.
     """
-    log_ns, topics = samples[0].log_ns[0], {t.name: t.default for t in system.topics}
-    events = sorted(
-        (t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns or [log_ns])
-    )
+    topics, at_ns = {t.name: t.default for t in system.topics}, samples[0].log_ns[:1]
+    events = [(t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns or at_ns)]
+    events.sort()
     waiting, since = {s.topic.name for s in samples}, set[str]()
     record, outside = RecordedRun([], [], [], []), dict[str, list[tuple[float, str]]]()
     checks = [make_check(s.topic) for s in samples]

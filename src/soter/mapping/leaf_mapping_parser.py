@@ -27,15 +27,7 @@ from soter.language.model.values import ValueShapeError, from_json
 from soter.mapping.mapping_errors import is_number, unknown
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
-from soter.mapping.units import (
-    DIMENSIONS,
-    RATES,
-    SAME,
-    UNITS,
-    factor_between,
-    standard_unit,
-    turn_in,
-)
+from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, cycle, factor_between, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -128,9 +120,9 @@ class LeafReader:
                 given_paths.add(path)
                 if leaf is not None:
                     leaf_by_path[path] = leaf
-        left = [missing_key for missing_key, path in self.keys.items() if path not in given_paths]
+        left = [f"`{key}`" for key, path in self.keys.items() if path not in given_paths]
         if left:
-            names = ", ".join(f"`{missing_key}`" for missing_key in left)
+            names = ", ".join(left)
             self.problems.add(f"`{name}` is to be given whole, or not at all: {names} missing")
         self._check_slopes(leaf_by_path)
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
@@ -171,11 +163,7 @@ class LeafReader:
             self.problems.add(f"`{name}` names a field twice: {', '.join(names)}")
             return nothing
         self.vectors[name] = names
-        rest = {
-            rest_key: rest_value
-            for rest_key, rest_value in row.items()
-            if rest_key in ("scale", "unit")
-        }
+        rest = {key: row[key] for key in ("scale", "unit") if key in row}
         leaf_of_path: dict[LeafPath, Leaf | None] = {}
         for path, (component, sign) in zip(paths, self.turn, strict=True):
             given = {"from": names[component], **rest}
@@ -242,7 +230,7 @@ class LeafReader:
             return None
         says_unit = unit is not None or standard is not None or "scale" in what
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
-        turn = turn_in(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
+        turn = cycle(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
         return SignalSource(field, scale, float(what.get("offset", 0)), assumed, turn)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:

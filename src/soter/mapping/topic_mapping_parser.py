@@ -225,7 +225,7 @@ class TopicReader:
         if between not in ("hold", "linear"):
             problems.add(f"`between` of {where} is hold or linear, not {between!r}")
         gap = problems.duration(table, "gap", self.name) if "gap" in table else GAP_NS
-        if table.get("clip", False) not in (True, False):
+        if not isinstance(table.get("clip", False), bool):
             problems.add(f"`clip` of {where} is true or false, not {table['clip']!r}")
         message = self._message_type(table)
         leaf_reader = LeafReader(self.topic, problems, message, self._frame_turn(table))

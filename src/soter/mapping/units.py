@@ -87,7 +87,7 @@ def factor_between(given: str, declared: str) -> float | None:
     return UNITS[given] / UNITS[declared]
 
 
-def turn_in(given: str | None, declared: str) -> float:
+def cycle(given: str | None, declared: str) -> float:
     """A whole turn in the unit of a leaf (in rad, if it has none); infinite: it is no angle."""
     is_angle = DIMENSIONS.get(declared or given or "") == ANGLE
     return math.tau / UNITS.get(declared, 1.0) if is_angle else math.inf
@@ -107,27 +107,19 @@ _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
 
 
 NED = re.compile(
-    r"^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
-    r"|(?<![a-z])(ned|frd|down|[pv]d)(?![a-z])",
-    re.IGNORECASE,
+    r"(?i)^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
+    r"|(?<![a-z])(ned|frd|down|[pv]d)(?![a-z])"
 )
 """What MAVLink, PX4 and people call what is written north, east, down, or forward, right, down."""
-PLACE = re.compile(r"(?<![a-z])(lat|lon)", re.IGNORECASE)
-"""Fields of a place on Earth, which is in no such frame."""
 
 
 def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:
-    """The frame of a vector: by REP 103, or as a name says; "" where neither does.
-
-    `called`: what else the mapping calls its messages.
-    """
-    names = [*fields, *called, *(() if message is None else (message.ros1,))]
-    if any(PLACE.search(name) for name in fields):
+    """The frame of a vector, by REP 103 or as a name says; "" where neither does, or on a globe."""
+    units = [message and standard_unit(message, name) for name in fields]
+    if "deg" in units or "degE7" in units or any(re.match("(?i)lat|lon", name) for name in fields):
         return ""
-    if any(NED.search(name) for name in names):
-        return "NED"
-    of_ros = message is not None and all(standard_unit(message, name) for name in fields)
-    return "ENU" if of_ros else ""
+    names = (*fields, *called, *(() if message is None else (message.ros1,)))
+    return "NED" if any(NED.search(name) for name in names) else "ENU" if all(units) else ""
 
 
 def turn_between(given: str, program: str) -> Turn:

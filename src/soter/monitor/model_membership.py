@@ -79,13 +79,6 @@ class Judgement:
     damage: Damage | None = None
     """The damage of the log, if any: only what stands before it was judged."""
 
-    def add_alarms(self, state: str, times_s: Sequence[float]) -> None:
-        """Count alarms at these times, in order, of a state or a command."""
-        self.alarms += len(times_s)
-        self.alarm_states[state] = self.alarm_states.get(state, 0) + len(times_s)
-        before = (self.first_alarm_s,) if self.first_alarm_s is not None else ()
-        self.first_alarm_s = min(times_s[0], *before)
-
     @property
     def judged(self) -> bool:
         """Whether a step was judged in every run: else there is no verdict.
@@ -293,10 +286,11 @@ def judge(
     return judgement
 
 
-def _alarm(judgement: Judgement, record: RecordedRun, k: int, states: Sequence[str]) -> None:
+def note_alarm(judgement: Judgement, at_s: float, states: Sequence[str]) -> None:
+    """Count an alarm, and the states, or commands, that it is about."""
     judgement.alarms += 1
-    if judgement.first_alarm_s is None:
-        judgement.first_alarm_s = record.times_ns[k] / 1e9
+    first = judgement.first_alarm_s
+    judgement.first_alarm_s = at_s if first is None else min(first, at_s)
     for name in states:
         judgement.alarm_states[name] = judgement.alarm_states.get(name, 0) + 1
 
@@ -348,7 +342,7 @@ def _compare(
         judgement.share, judgement.state = float(shares[worst]), names[worst]
     wrong = [names[i] for i in np.flatnonzero(shares > 1.0)]
     if wrong:
-        _alarm(judgement, record, k, wrong)
+        note_alarm(judgement, record.times_ns[k] / 1e9, wrong)
 
 
 # ---------------------------------------------------------------- on estimates
@@ -450,7 +444,7 @@ def _on_estimates(
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
         wrong = [reader.states[i].name for i in np.flatnonzero(low > high)]
         if wrong:
-            _alarm(judgement, record, k, wrong)
+            note_alarm(judgement, record.times_ns[k] / 1e9, wrong)
             low, high = seen
         box = low, high
 

@@ -35,12 +35,12 @@ from soter.monitor.derived_signals import quantiles
 from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
-    FarStamps,
     RowChoice,
     is_plain,
     unusable,
     whole_number,
 )
+from soter.monitor.log_judgement import FarStamps
 from soter.semantics.draws import assemble
 from soter.semantics.publication_gate import clip, make_check
 
@@ -55,8 +55,6 @@ if TYPE_CHECKING:
 
 
 UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
-ENDLESS = 1e300
-"""In place of an infinite turn, which NumPy does not know."""
 REASONS_MAX = 8
 """The most reasons for leaving out samples of a topic; all others count as one."""
 
@@ -182,15 +180,6 @@ class TopicSamples:
         )
         return assemble(self.topic.type, ahead)
 
-    def clip(self) -> None:
-        """Move what lies outside of the topic's set to the nearest end of it."""
-        inside = [clip(self.topic.type, self.topic.bounds, v) for v in self.values]
-        moved = [v for v, other in zip(self.values, inside, strict=True) if v != other]
-        if moved:
-            told = f"{len(moved):,} samples of {self.topic.name}; the first: {moved[0]}"
-            self.clipped = f"clipped to its set: {told}"
-        self.values = inside
-
     def going_on(self, before: Value, value: Value) -> Value:
         """A value whose angles lie as near to those of another as whole turns make them."""
         near, far = (_leaves_of(self.topic.type, v) for v in (before, value))
@@ -219,7 +208,7 @@ def read_samples(
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
-        made.turns = [_turn(t, p) for p, _ in leaves(t.topic.type)]
+        made.turns = [getattr(t.leaves[p], "turn", math.inf) for p, _ in leaves(t.topic.type)]
         made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
             _samples_of_sources(path, of, made, first)
@@ -228,7 +217,10 @@ def read_samples(
         else:
             _always(t, made)
         if t.clip:
-            made.clip()
+            inside = [clip(t.topic.type, t.topic.bounds, value) for value in made.values]
+            moved = sum(a != b for a, b in zip(inside, made.values, strict=True))
+            made.clipped = f"clipped to its set: {moved:,} samples of {t.topic.name}" * bool(moved)
+            made.values = inside
         if t.linear:
             columns_of = zip(*(_leaves_of(t.topic.type, v) for v in made.values), strict=True)
             made.begins = [*map(derived.turn_begins, columns_of, made.turns)]
@@ -407,14 +399,10 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
 
 
-def _turn(t: TopicMap, p: LeafPath) -> float:
-    """A whole turn of a leaf; infinite where it is no angle."""
-    return getattr(t.leaves[p], "turn", math.inf)
-
-
 def _going_on(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, Any]:
     """The values of a leaf, (n,), without jumps of more than half a turn."""
-    return np.unwrap(np.array(column, dtype=np.float64), period=min(_turn(t, p), ENDLESS))
+    turn = min(getattr(t.leaves[p], "turn", math.inf), 1e300)  # NumPy knows no infinite period
+    return np.unwrap(np.array(column, dtype=np.float64), period=turn)
 
 
 def _ahead(

@@ -259,17 +259,6 @@ def test_messages_of_mavlink_that_nobody_knows_have_the_checksums_of_one_dialect
         assert "is damaged" in of_damage(log, "flight.tlog")
 
 
-def test_frames_of_a_tlog_that_are_missing_by_their_numbers_are_counted(tmp_path: Path) -> None:
-    facts = FileFacts()
-    frames, whole = tlog(flight(30)), tlog(flight(1))
-    cut = 3 * len(whole)
-    log = written(tmp_path / "a.tlog", frames[:cut] + frames[2 * cut :])
-    assert len(content(log, "LOCAL_POSITION_NED", facts)) == 27
-    assert any(note.startswith("6 frames are missing, by their numbers") for note in facts.notes)
-    assert content(written(log, frames), "LOCAL_POSITION_NED", facts := FileFacts())
-    assert not facts.notes
-
-
 def test_the_raw_stream_of_a_ground_station_has_no_times(tmp_path: Path) -> None:
     for name in ("flight.rlog", "FLIGHT.RLOG"):
         with pytest.raises(SoterError, match="nothing in it says when") as error:

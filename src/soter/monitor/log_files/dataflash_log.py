@@ -23,9 +23,8 @@ from soter.monitor.log_files.log_columns import (
     FileFacts,
     damaged_log,
     is_plain,
+    no_file_of,
     opened_log,
-    remedies,
-    unusable,
 )
 
 if TYPE_CHECKING:
@@ -143,31 +142,26 @@ def dataflash_messages(
         file.seek(0)
         binary = head.startswith(DATAFLASH_MAGIC)
         if not binary and b"FMT," not in head:
-            raise unusable(path, "it is no log of ArduPilot", *remedies(path))
+            raise no_file_of(path, "log of ArduPilot")
         first = _DataflashReading(path, None, FileFacts())
         with suppress(DamagedLogError):  # which the second pass comes upon
             deque(first.of_binary(file) if binary else first.of_text(file), maxlen=0)
         file.seek(0)
-        reading = _DataflashReading(path, wanted, facts, first.formats)
+        reading = _DataflashReading(path, wanted, facts)
+        reading.formats = first.formats
         yield from reading.of_binary(file) if binary else reading.of_text(file)
 
 
 class _DataflashReading:
     """Reads a log by the formats met so far; `now_ns`: the time of the last message with one.
 
-    `wanted`: None where only formats are read; `formats`: those that are known before.
+    `wanted`: None where only formats are read.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        wanted: dict[str, Wanted] | None,
-        facts: FileFacts,
-        formats: Mapping[int, _Format] | None = None,
-    ) -> None:
+    def __init__(self, path: Path, wanted: dict[str, Wanted] | None, facts: FileFacts) -> None:
         self.path, self.wanted, self.facts = path, wanted, facts
         first = _Format("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
-        self.formats = {FMT: first, **(formats or {})}
+        self.formats = {FMT: first}
         self.now_ns = 0
 
     def of_binary(self, file: BinaryIO) -> Iterator[Arrived]:
@@ -219,9 +213,7 @@ class _DataflashReading:
             name, _, rest = _text(raw).strip().partition(",")
             form = by_name.get(name.rstrip())
             if form is None and begun and name and self.wanted is not None:
-                raise damaged_log(
-                    self.path, f"{where} is of no kind that a `FMT` says: {name[:60]}"
-                )
+                raise damaged_log(self.path, f"{where} is of no kind that a `FMT` says")
             if form is None or self._is_left(form):
                 continue
             try:
@@ -284,8 +276,7 @@ class _DataflashReading:
             raise damaged_log(self.path, f"{told}, which are none") from error
         if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
             raise damaged_log(self.path, f"{told}, for {len(columns)} fields")
-        if before is not None:
-            form.instance = before.instance
+        form.instance = "" if before is None else before.instance
         if before not in (None, form):
             raise damaged_log(self.path, f"{told}, and one before it something else of its number")
         self.formats[said["Type"]] = form
@@ -295,8 +286,5 @@ class _DataflashReading:
         place = str(said.get("UnitIds", "")).find("#")
         if form is not None and 0 <= place < len(form.columns):
             if form.instance not in ("", form.columns[place]):
-                told = (
-                    f"two `FMTU` say otherwise which field tells the sensors of `{form.name}` apart"
-                )
-                raise damaged_log(self.path, told)
+                raise damaged_log(self.path, f"two `FMTU` of `{form.name}` contradict each other")
             form.instance = form.columns[place]

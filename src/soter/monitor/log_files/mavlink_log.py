@@ -50,7 +50,6 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
     with opened_log(path) as file:
         facts.size_of(file)
         for time_us, frame in _frames(path, file, facts):
-            odd.count(frame)
             try:
                 message = decoder.decode(frame)
                 name = message.get_type()
@@ -89,15 +88,6 @@ class _OddFrames:
         self._right: set[str] = set()
         self._seeds: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
-        self._last: dict[tuple[int, ...], int] = {}
-        self._lost = 0
-
-    def count(self, frame: bytearray) -> None:
-        """Count the frames that are missing between two of one component, by their numbers."""
-        number, *source = frame[4:7] if frame[0] == NEW else frame[2:5]
-        gap = (number - self._last.get(tuple(source), number - 1) - 1) % 256
-        self._lost += gap if gap < 128 else 0  # more: it came again, or late
-        self._last[tuple(source)] = number
 
     def right(self, name: str) -> None:
         """Count a message whose checksum is right."""
@@ -119,8 +109,7 @@ class _OddFrames:
     @property
     def notes(self) -> list[str]:
         """Notes on such frames, which were stepped over."""
-        lost = f"{self._lost:,} frames are missing, by their numbers: on their way, or in this file"
-        return [lost] * bool(self._lost) + [
+        return [
             f"{n:,} messages have the number of `{name}` and the checksum of another dialect: they "
             "were stepped over"
             for name, n in self._counts.items()

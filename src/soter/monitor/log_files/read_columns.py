@@ -11,6 +11,8 @@ Non-goals: the files (`csv_log.py`, `READERS`), decoding (`message_decoding.py`,
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from keyword import iskeyword
 from pathlib import Path
@@ -157,6 +159,7 @@ def read_messages(
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
+    orders: dict[str, list[str]] = {}
     for arrived in facts.readable(path, channel_messages(path, by_channel, facts), partial=partial):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
@@ -174,6 +177,7 @@ def read_messages(
         stamps = {source: _stamp(path, message, source, where) for source in asked.stamps}
         helps = (CLOCK_SET, UNSORTED)
         add_row(path, into, now, cells, stamps, where=where, remedies=helps)
+        _note_order(message, asked, channel, orders)
         order.note(now, where)
         counted.append((log_ns, now))
     for name, choice in choices.items():
@@ -185,7 +189,23 @@ def read_messages(
         columns.ends_ns, columns.beyond_ns = ends, beyond_ns
         columns.unchecked, columns.damage = facts.unchecked, facts.damage
         columns.notes += [*facts.notes, *order.notes, *notes]
+        columns.notes += [TWO_ORDERS.format(k, *seen) for k, seen in orders.items() if seen[1:]]
     return columns_by_channel
+
+
+ELEMENT = re.compile(r"((?:.+\.)?)(?:position|velocity|effort)\.\d+")
+"""A joint by its number, in a message that names joints in an order of its own."""
+TWO_ORDERS = "{} has two orders, {} and {}, and joints are taken by number: `where` chooses one"
+
+
+def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, list[str]]) -> None:  # noqa: ANN401 - what a message has
+    """Note the first two orders of the names of joints, unless the mapping asks for one."""
+    for path in {f"{m[1]}name" for name in asked.names if (m := ELEMENT.fullmatch(name))}:
+        with suppress(NoPartError, TypeError):
+            seen = orders.setdefault(f"`{path}` of `{channel}`", [])
+            names = ", ".join(map(str, message_part(message, path)))[:200]
+            if names not in seen and len(seen) < 2 and f"{path}.0" not in asked.names:
+                seen.append(names)
 
 
 def _ends_of_log(

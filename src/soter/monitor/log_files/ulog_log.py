@@ -15,14 +15,7 @@ import struct
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.monitor.log_files.log_columns import (
-    NO_END,
-    Writers,
-    damaged_log,
-    opened_log,
-    remedies,
-    unusable,
-)
+from soter.monitor.log_files.log_columns import NO_END, Writers, damaged_log, no_file_of, opened_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -132,7 +125,7 @@ def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     facts.unchecked = True
     with opened_log(path) as file:
         if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
-            raise unusable(path, "it is no ULog", *remedies(path))
+            raise no_file_of(path, "ULog")
         yield from _UlogReading(path, file, wanted, facts).messages()
 
 
@@ -252,7 +245,7 @@ class _UlogReading:
         """Take note of where data were appended; SoterError for a newer kind of ULog."""
         ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
         if ahead[0] & ~1 or any(ahead[1:]):
-            raise unusable(self.path, "it is a ULog of a kind that is newer than its readers")
+            raise no_file_of(self.path, "ULog of a kind that this version knows, but a newer one")
         self.appended = [n for n in offsets if n] if ahead[0] else []
         if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
             raise ValueError
