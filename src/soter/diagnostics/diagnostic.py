@@ -432,8 +432,8 @@ def legible(text: str, *, color: bool = False, words: Iterable[str] = ()) -> str
 
     `color`: but for our own colours; `words`: of the command line, of which no line may be made.
     """
-    for word in words:
-        text = text.replace(word, word.replace("\n", "\r")) if "\n" in word.strip(" \n") else text
+    for part in {w[max(0, i - 4) : i + 5] for w in words for i, c in enumerate(w) if c == "\n"}:
+        text = text.replace(part, part.replace("\n", "\r")) if len(part.strip()) > 1 else text
     text = re.sub(r"(?m)^(\s*):(?=:)|##(?=\[)", "\\1: ", text)
     parts = COLOURS.split(text) if color else [text]
     return "".join(p if k % 2 else CONTROLS.sub("\ufffd", p) for k, p in enumerate(parts))

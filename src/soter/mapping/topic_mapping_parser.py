@@ -254,8 +254,8 @@ class TopicReader:
             )
         own = [t for key in ("channel", "frame_id") if isinstance(t := table.get(key), str)]
         for name, names in leaf_reader.vectors.items() if "frame" not in table else ():
-            known = known_frame(message, names, own) or self.frame
-            if turn_between(known, self.frame) != SAME:
+            known = known_frame(message, names, own) if names else ""
+            if turn_between(known or self.frame, self.frame) != SAME:
                 problems.add(
                     f'`{name}` is in {known}, the program in {self.frame}: `frame = "{known}"` of '
                     f'{where} turns it, `frame = "{self.frame}"` takes it as it is'

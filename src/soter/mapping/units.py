@@ -108,18 +108,22 @@ _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
 
 NED = re.compile(
     r"(?i)^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
-    r"|(?<![a-z])(ned|frd|down|[pv]d)(?![a-z])"
+    r"|(?<![a-z])(ned|frd)(?![a-z])"
 )
 """What MAVLink, PX4 and people call what is written north, east, down, or forward, right, down."""
+DOWN = re.compile(r"(?i).*(?<![a-z])(down|[pv]d)")
+"""What the third field of such a vector may be called."""
 
 
 def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:
     """The frame of a vector, by REP 103 or as a name says; "" where neither does, or on a globe."""
     units = [message and standard_unit(message, name) for name in fields]
-    if "deg" in units or "degE7" in units or any(re.match("(?i)lat|lon", name) for name in fields):
+    if {"deg", "degE7"} & {*units} or any(re.match("(?i)lat|lon", name) for name in fields):
         return ""
     names = (*fields, *called, *(() if message is None else (message.ros1,)))
-    return "NED" if any(NED.search(name) for name in names) else "ENU" if all(units) else ""
+    if any(map(NED.search, names)) or DOWN.fullmatch(fields[2]):
+        return "NED"
+    return "ENU" if all(units) else ""
 
 
 def turn_between(given: str, program: str) -> Turn:

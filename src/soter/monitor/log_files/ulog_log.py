@@ -216,7 +216,8 @@ class _UlogReading:
         """Take note of what is no data; ValueError and the like where it is none of its kind."""
         if kind == ord("F"):
             name, _, fields = body.decode("ascii").partition(":")
-            if not all(FIELD.fullmatch(text) for text in fields.rstrip(";").split(";")):
+            said = (f"{name} _", *fields.rstrip(";").split(";"))
+            if not all(FIELD.fullmatch(text) for text in said):
                 raise ValueError
             if self.formats.setdefault(name, fields) != fields:
                 raise ValueError
