@@ -156,8 +156,7 @@ class TopicMap:
     messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
     as written. `constants`: fields of a message that goes out, by path. `qos`: of a topic of DDS;
     others have none. `promise`: of one of several sources of the topic. `where`: rows of a log are
-    its own where these columns, or fields, hold these texts. `clip`: what receives its values takes
-    those outside of the topic's set as the nearest end of it.
+    its own where these columns, or fields, hold these texts. `clip`: who receives them clips them.
     """
 
     topic: Topic

@@ -110,9 +110,8 @@ NED = re.compile(
     r"(?i)^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
     r"|(?<![a-z])(ned|frd)(?![a-z])"
 )
-"""What MAVLink, PX4 and people call what is written north, east, down, or forward, right, down."""
 DOWN = re.compile(r"(?i).*(?<![a-z])(down|[pv]d)")
-"""What the third field of such a vector may be called."""
+"""What MAVLink, PX4 and people call what points north, east, down; and a third field of it."""
 
 
 def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:

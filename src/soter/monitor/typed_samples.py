@@ -76,8 +76,7 @@ class TopicSamples:
     `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
     how many and the first; what differs from a number on is one reason. `sources`: of several, how
     many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them. `turns`: of its
-    leaves, in order; `begins`: where each begins, of lines. `clipped`: in words, how many
-    values lay outside of its set.
+    leaves, in order; `begins`: where each begins, of lines. `clipped`: how many were, in words.
     """
 
     topic: Topic

@@ -46,7 +46,6 @@ CODES = {
 """Letter of a format -> its code of `struct`."""
 DIVISORS = {"c": 1e2, "C": 1e2, "e": 1e2, "E": 1e2, "L": 1e7}
 TEXTS, FLOATS = {"n": 4, "N": 16, "Z": 64}, "gfdcCeEL"
-"""Letter of a text -> its bytes."""
 TIMES_NS = {"TimeUS": 1000, "T": 10**6, "TimeMS": 10**6}
 """The first of these counts: `TimeMS` beside a `T` is the time of GPS."""
 PADDING = (b"\0", b"\xff")
@@ -153,9 +152,9 @@ def dataflash_messages(
 
 
 class _DataflashReading:
-    """Reads a log by the formats met so far; `now_ns`: the time of the last message with one.
+    """Reads a log by the formats met so far, or these alone (`wanted` is None).
 
-    `wanted`: None where only formats are read.
+    `now_ns`: the time of the last message with one.
     """
 
     def __init__(self, path: Path, wanted: dict[str, Wanted] | None, facts: FileFacts) -> None:

@@ -3,9 +3,8 @@
 Purpose: `mavlink_messages` reads frames of MAVLink 1 and 2, each with its checksum, decoded by
 `pymavlink` in its dialect `all`; D016 says where a file is cut or damaged. Channels are names of
 messages, whose `header.srcSystem` and `header.srcComponent` say whose they are. Times are those at
-which the ground station had them; `[time] from = "time_boot_ms"` takes the autopilot's own. No
-checksum covers the former. Frames of a dialect of one's own are counted, if their checksums are
-those of one dialect: each begins with a byte that this dialect chose for the message.
+which the ground station had them, which no checksum covers; `[time] from = "time_boot_ms"` takes
+the autopilot's own. Frames of another dialect are counted, if their checksums are those of one.
 Non-goals: what these frames say; signatures; the raw stream (`.rlog`), which has no times.
 """
 
@@ -29,8 +28,7 @@ NEW = 0xFD
 AROUND = {0xFE: 8, NEW: 12}
 """Bytes of a frame around its payload, by the one that it begins with."""
 SIGNED, SIGNATURE_BYTES = 1, 13
-RAW = "an `.rlog` is the raw stream that a ground station had: nothing in it says when"
-TLOG = "give the `.tlog` that the ground station writes beside it"
+RAW = "an `.rlog` is a raw stream, in which nothing says when", "give the `.tlog` beside it"
 OLD = 0x55
 """The first byte of a frame of MAVLink 0.9."""
 
@@ -41,7 +39,7 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
     `facts` counts the messages of every name. SoterError D016, D007.
     """
     if path.suffix.lower() == ".rlog":
-        raise unusable(path, RAW, TLOG)
+        raise unusable(path, *RAW)
     require_mavlink_package()
     from pymavlink.dialects.v20 import all as dialect  # noqa: PLC0415 - an extra
 

@@ -1,10 +1,9 @@
 """The messages of a ULog, as PX4 writes it.
 
 Purpose: `ulog_messages` reads messages by the formats in the file, in its order; where a file is
-cut or contradicts itself it raises D016 with the place. A ULog has no checksums: each message, also
-one that nobody asks for, has to be of a kind that ULog has, and as long as what it says needs.
-`vehicle_gps_position#1` is the topic's second instance; times are the topics' own `timestamp`, us
-since the autopilot began.
+cut or contradicts itself it raises D016 with the place. It has no checksums: each message, wanted
+or not, has to be of a kind that ULog has, and as long as what it says needs. `gps#1` is a topic's
+second instance; times are the topics' own `timestamp`, us since the autopilot began.
 Non-goals: what parameters and texts say; looking for the next message behind a damaged one.
 """
 
