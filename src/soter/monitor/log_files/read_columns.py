@@ -194,7 +194,6 @@ def read_messages(
 
 
 ELEMENT = re.compile(r"((?:.+\.)?)(?:position|velocity|effort)\.\d+")
-"""A joint by its number, in a message that names joints in an order of its own."""
 TWO_ORDERS = "{} has two orders, {} and {}, and joints are taken by number: `where` chooses one"
 
 
