@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.diagnostic import Span
-    from soter.monitor.log_files.log_columns import Damage
+    from soter.monitor.log_files.log_columns import Damage, FarStamps
     from soter.monitor.typed_samples import DerivedValue
 
 
@@ -35,25 +35,6 @@ ASSUMED = (
         "judged, are taken to pass the gate"
     ),
 )
-
-
-@dataclass(frozen=True)
-class FarStamps:
-    """How many stamps are further from the log's clock than the log is long.
-
-    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
-    """
-
-    samples: int
-    offset_s: float
-    length_s: float
-
-    def __str__(self) -> str:
-        side = "before" if self.offset_s < 0 else "after"
-        return (
-            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
-            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
-        )
 
 
 @dataclass(frozen=True)

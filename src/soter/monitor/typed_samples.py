@@ -35,12 +35,12 @@ from soter.monitor.derived_signals import quantiles
 from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
+    FarStamps,
     RowChoice,
     is_plain,
     unusable,
     whole_number,
 )
-from soter.monitor.log_judgement import FarStamps
 from soter.semantics.draws import assemble
 from soter.semantics.publication_gate import clip, make_check
 

@@ -299,12 +299,12 @@ def _distance(n: NearestMargin) -> float | None:
     return n.distance if isfinite(n.distance) else None
 
 
-RESULT = "soter.monitor.log_judgement"
+RESULT, COLUMNS = "soter.monitor.log_judgement", "soter.monitor.log_files.log_columns"
 LOST = JsonObject(LostSamples, "samples first", named="samples_lost")
 LEFT_OUT = JsonObject(
     LeftOutSamples, "samples first reasons", named="samples_left_out", reasons=LOST
 )
-DAMAGE = JsonObject("soter.monitor.log_files.log_columns.Damage", "told share", named="damage")
+DAMAGE = JsonObject(f"{COLUMNS}.Damage", "told share", named="damage")
 NEAREST = JsonObject(
     f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
 )
@@ -317,7 +317,7 @@ FOREIGN_LOG = JsonObject(
     derived=JsonObject("soter.monitor.typed_samples.DerivedValue", "name how error"),
     left_out=LEFT_OUT,
     refused=LOST,
-    far_stamps=JsonObject(f"{RESULT}.FarStamps", "samples offset_s length_s"),
+    far_stamps=JsonObject(f"{COLUMNS}.FarStamps", "samples offset_s length_s"),
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "

@@ -86,6 +86,25 @@ class Columns:
         ]
 
 
+@dataclass(frozen=True)
+class FarStamps:
+    """How many stamps are further from the log's clock than the log is long.
+
+    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
+    """
+
+    samples: int
+    offset_s: float
+    length_s: float
+
+    def __str__(self) -> str:
+        side = "before" if self.offset_s < 0 else "after"
+        return (
+            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
+            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
+        )
+
+
 @dataclass
 class FileFacts:
     """The findings on a file once its messages were read.
