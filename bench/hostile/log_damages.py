@@ -1,4 +1,4 @@
-"""What happens to logs: seven kinds of them, and 40 ways in which they are damaged.
+"""What happens to logs: eleven kinds of them, and 44 ways in which they are damaged.
 
 Purpose: from a kind, a way and a seed to a log in a folder: disks, transfers, recorders that die,
 tools that copy parts.
@@ -33,10 +33,12 @@ from bench.hostile.log_records import (  # noqa: E402 - needs the path
 from mcap.records import Channel, Schema  # noqa: E402 - the same
 from mcap.writer import Writer as McapWriter  # noqa: E402 - the same
 
+from generators import autopilot_logs  # noqa: E402 - the same
 from generators.robot_logs import (  # noqa: E402 - the same
     CHANNEL,
     MS,
     T0,
+    TYPED,
     WRITERS,
     Recorded,
     odometry,
@@ -55,6 +57,8 @@ if TYPE_CHECKING:
 
 BLOCK = 512
 MESSAGES = 120
+BEGAN_US = 7_200_000_000
+"""How long an autopilot runs when the flight begins."""
 Flight = list[Recorded]
 
 
@@ -68,7 +72,7 @@ def flight() -> Flight:
     return told
 
 
-# ---------------------------------------------------------------- seven kinds
+# ---------------------------------------------------------------- eleven kinds
 
 
 def gz(path: Path, recorded: Flight) -> None:
@@ -92,13 +96,43 @@ def loose_mcap(path: Path, recorded: Flight) -> None:
         writer.finish()
 
 
+def by_autopilot(write: Callable[..., bytes]) -> Callable[[Path, Flight], None]:
+    """What an autopilot or a ground station writes of a flight."""
+
+    def written(path: Path, recorded: Flight) -> None:
+        rows = [
+            (
+                (m.arrival_ns - T0) // 1000 + BEGAN_US,
+                m.content["pose"]["pose"]["position"]["x"],
+                m.content["twist"]["twist"]["linear"]["x"],
+            )
+            for m in recorded
+        ]
+        path.write_bytes(write(rows))
+
+    return written
+
+
 @dataclass(frozen=True)
 class Kind:
-    """A kind of log: its name as a file or folder, the file that holds its messages, a writer."""
+    """A kind of log: its name as a file or folder, the file that holds its messages, a writer.
+
+    `channel`, `x`, `v`: where the flight stands in it; "": as in messages of ROS.
+    """
 
     name: str
     file: str
     write: Callable[[Path, Flight], None]
+    channel: str = ""
+    x: str = ""
+    v: str = ""
+
+    @property
+    def topic(self) -> dict[str, Any]:
+        """What a mapping says of the topic."""
+        if not self.channel:
+            return TYPED
+        return {"channel": self.channel, "fields": {"x": self.x, "v": self.v}}
 
     def written(self, folder: Path, recorded: Flight) -> Path:
         """The log, in a folder of its own."""
@@ -119,9 +153,17 @@ KINDS = {
     "ROS 1": Kind("plain.bag", "", WRITERS["plain.bag"]),
     "ROS 2, SQLite": Kind("ros2_plain", "ros2_plain.db3", WRITERS["ros2_plain"]),
     "ROS 2, MCAP": Kind("ros2_mcap", "ros2_mcap.mcap", WRITERS["ros2_mcap"]),
+    "ULog": Kind("px4.ulg", "", by_autopilot(autopilot_logs.ulog), "motion", "x", "r.v"),
+    "DataFlash": Kind("ap.bin", "", by_autopilot(autopilot_logs.dataflash), "POSE", "X", "V"),
+    "DataFlash, text": Kind(
+        "ap.log", "", by_autopilot(autopilot_logs.dataflash_text), "POSE", "X", "V"
+    ),
+    "MAVLink": Kind(
+        "gcs.tlog", "", by_autopilot(autopilot_logs.tlog), "LOCAL_POSITION_NED", "x", "vx"
+    ),
 }
 
-# ---------------------------------------------------------------- 40 ways
+# ---------------------------------------------------------------- 44 ways
 
 
 def by_bytes(change: Callable[[bytes, Random], bytes]) -> Way:
@@ -171,6 +213,25 @@ def flip_at(share: float) -> Way:
         return flipped(data, 8 * near + chance.randrange(512))
 
     return by_bytes(change)
+
+
+def without(data: bytes, chance: Random, most: int = 1) -> bytes:
+    """Up to so many bytes are gone, somewhere."""
+    place = chance.randrange(len(data))
+    return data[:place] + data[place + chance.randint(1, most) :]
+
+
+def one_more(data: bytes, chance: Random) -> bytes:
+    """A byte more, somewhere, that stands elsewhere in the file."""
+    place, other = chance.randrange(len(data)), chance.randrange(len(data))
+    return data[:place] + data[other : other + 1] + data[place:]
+
+
+def end_of_line_lost(data: bytes, chance: Random) -> bytes:
+    """The end of a line is gone: of what is no text, a byte that looks so."""
+    places = [k for k, byte in enumerate(data) if byte in b"\n"] or [len(data) // 2]
+    place = chance.choice(places)
+    return data[:place] + data[place + 1 :]
 
 
 def as_text(data: bytes, _: Random) -> bytes:
@@ -384,6 +445,10 @@ WAYS: dict[str, Way] = {
     "a bit at 60 %": flip_at(0.6),
     "a bit at 80 %": flip_at(0.8),
     "a bit of its end": flip_at(1.0),
+    "a byte is missing": by_bytes(without),
+    "up to 64 bytes are missing": by_bytes(partial(without, most=64)),
+    "a byte more": by_bytes(one_more),
+    "the end of a line is lost": by_bytes(end_of_line_lost),
     "it is empty": by_bytes(lambda _d, _c: b""),
     "the clock set back 0.45 s": by_messages(partial(moved, begin=60, by_ms=-450)),
     "the clock set back an hour": by_messages(partial(moved, begin=60, by_ms=-3_600_000)),

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_there_are_40_ways_and_7_kinds() -> None:
-    assert (len(WAYS), len(KINDS)) == (40, 7)
+def test_there_are_44_ways_and_11_kinds() -> None:
+    assert (len(WAYS), len(KINDS)) == (44, 11)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -53,9 +53,9 @@ def test_the_oracle_finds_what_is_wrong(tmp_path: Path) -> None:
     for name, what in (("MCAP, chunks", WRONG), ("CSV", UNSEEN)):
         kind, other = KINDS[name], flight()
         other[60].content["pose"]["pose"]["position"]["x"] += 1e-9
-        good = read(kind.written(tmp_path / name / "good", flight()))
-        assert outcome(kind.written(tmp_path / name / "other", other), good) == what
-        assert outcome(kind.written(tmp_path / name / "again", flight()), good) == SAME
+        good = read(kind, kind.written(tmp_path / name / "good", flight()))
+        assert outcome(kind, kind.written(tmp_path / name / "other", other), good) == what
+        assert outcome(kind, kind.written(tmp_path / name / "again", flight()), good) == SAME
 
 
 def test_bits_of_a_log_of_soter() -> None:

@@ -234,8 +234,12 @@ def build(
     def fitted(system: System) -> object:
         return None if read is None else by_name(MAPPINGS).make_log_map(read, system, file=file)
 
-    fitted(fresh)  # a wrong one is told before anything takes long
-    require_files(bound(fresh), linked=True)
+    fitted(fresh)  # a wrong one is told before anything takes long,
+    bare = bound(fresh)
+    require_files(bare, linked=True)
+    if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
+        here = bare.system, bare.core, output, fitted(bare.system)
+        build_package(target, *here, write=False)
     inherits = deployed(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.elaborate.step_times import is_measured
+from soter.language.evaluate.arithmetic import StepFault
 from soter.mapping.read_mapping import (
     make_log_map,
     named_system,
@@ -23,9 +25,10 @@ from soter.monitor.decidable_modules import decidable, doubts
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay
-from soter.monitor.model_membership import Judgement, judge, needed_topics
-from soter.monitor.typed_samples import read_samples, record_of_samples
-from soter.simulate.run_log import read_log, record_of_trace
+from soter.monitor.model_membership import Judgement, judge, needed_topics, note_alarm, topic_names
+from soter.monitor.typed_samples import read_samples
+from soter.semantics.publication_gate import make_check
+from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.mapping.topic_mapping import LogMap
+    from soter.monitor.typed_samples import TopicSamples
     from soter.simulate.result import Run
     from soter.verify.problem.problem import Problem
 
@@ -126,13 +130,59 @@ def log_explained(
     _require_given(flat, problems, given)
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)
-    record, (begin, end) = record_of_samples(flat, samples), samples[0].log_ns
+    (record, outside), (begin, end) = _record_of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    for j, (m, p) in zip(made, problems, strict=True):
+        names = topic_names(flat, m, p)
+        for name in {names[c.owner] for c in p.quantities.controls} & outside.keys():
+            for at_s, _ in outside[name]:
+                note_alarm(j, at_s, [f"{name}, outside of its set"])
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
+    for name, found in outside.items():
+        first = "the first: {:.3f} s: {}; the model has no such, unless `clip = true`".format(
+            *found[0]
+        )
+        told.append(f"outside of its set: {len(found):,} samples of {name}, {first}")
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
     damage = next((c.damage for c in columns.values() if c.damage), None)
     return [replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made]
+
+
+def _record_of_samples(
+    system: System, samples: list[TopicSamples]
+) -> tuple[RecordedRun, dict[str, list[tuple[float, str]]]]:
+    """The topics whenever one of them was sampled, from when all are known; what is in no set.
+
+    Nothing is interpolated; times are those of measuring, from the first row of the log on; there
+    are no true states. Angles go on at the end of a turn. A measurement in no set is left out.
+    """
+    topics, at_ns = {t.name: t.default for t in system.topics}, samples[0].log_ns[:1]
+    events = [(t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns or at_ns)]
+    events.sort()
+    waiting, since = {s.topic.name for s in samples}, set[str]()
+    record, outside = RecordedRun([], [], [], []), dict[str, list[tuple[float, str]]]()
+    checks = [make_check(s.topic) for s in samples]
+    for at, (time_ns, k, i) in enumerate(events):
+        topic, value, taken = samples[k].topic, samples[k].values[i], True
+        try:
+            checks[k](value, topic.symbol.span)
+        except StepFault as fault:
+            outside.setdefault(topic.name, []).append((time_ns / 1e9, fault.detail))
+            taken = not is_measured(system, topic.index)
+        if taken:
+            before = value if topic.name in waiting else topics[topic.name]
+            topics[topic.name] = samples[k].going_on(before, value)
+            since.add(topic.name)
+            waiting.discard(topic.name)
+        last = at + 1 == len(events) or events[at + 1][0] != time_ns
+        if last and since and not waiting:
+            record.times_ns.append(time_ns)
+            record.topics.append(dict(topics))
+            record.truths.append({})
+            record.published.append(since)
+            since = set()
+    return record, outside
 
 
 def _declared(

@@ -79,6 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     wanted = format_of(name, options)
     quiet = "--json" in options or wanted in ("sarif", "junit")
     with Console(json=quiet, own_process=argv is None) as console:
+        console.words = arguments
         try:
             code = _run_and_print(name, arguments, console, wanted)
             console.hand_over(code)

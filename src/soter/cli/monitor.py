@@ -53,6 +53,7 @@ from soter.cli.terminal.log_judgement import (
 )
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
 from soter.diagnostics.diagnostic import mistake
+from soter.diagnostics.render import safe
 from soter.report.templates import PageSection
 from soter.version import VERSION
 
@@ -276,7 +277,7 @@ def _outcome(
     head, rows = table
     alarms = sum(j.alarms for j in judged)
     empty = [j.module for j in judged if not j.judged]
-    notes = [n for j in judged for n in j.notes]
+    notes = [safe(n) for j in judged for n in j.notes]
     if alarms:
         notes.insert(0, ALARM)
     if empty:

@@ -59,7 +59,7 @@ def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
 
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
     """A help line with the closest known name, or all of them, or nothing."""
-    names = list(known)
+    names = [" ".join(n.splitlines()) for n in known]  # a help may have several lines, a name not
     if near := closest(name, names):
         return f"did you mean `{near[0]}`?"
     shown = ", ".join(f"`{n}`" for n in names[:8])

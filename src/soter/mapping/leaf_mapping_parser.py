@@ -11,6 +11,7 @@ Non-goals: the messages of the topic (`topic_mapping_parser.py`); the reduction 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from soter.language.model.types import (
@@ -26,7 +27,7 @@ from soter.language.model.values import ValueShapeError, from_json
 from soter.mapping.mapping_errors import is_number, unknown
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
-from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, factor_between, standard_unit
+from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, cycle, factor_between, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,7 +89,7 @@ def _three_names(given: object) -> TypeGuard[list[str]]:
 
 
 class LeafReader:
-    """Reads the `fields` of a topic; `turn`: into the program's frame; `vectors` counts rows."""
+    """Reads the `fields` of a topic; `turn`: into the program's frame; `vectors`: their names."""
 
     def __init__(
         self,
@@ -99,7 +100,7 @@ class LeafReader:
     ) -> None:
         self.topic, self.problems, self.message = topic, problems, message
         self.turn = turn or SAME
-        self.vectors = 0
+        self.vectors: dict[str, list[str]] = {}
         self.types = dict(leaves(topic.type))
         self.keys = {".".join(path) or VALUE: path for path in self.types}
         self.prefixes = _leaves_by_name(self.types, self.keys)
@@ -119,9 +120,9 @@ class LeafReader:
                 given_paths.add(path)
                 if leaf is not None:
                     leaf_by_path[path] = leaf
-        left = [missing_key for missing_key, path in self.keys.items() if path not in given_paths]
+        left = [f"`{key}`" for key, path in self.keys.items() if path not in given_paths]
         if left:
-            names = ", ".join(f"`{missing_key}`" for missing_key in left)
+            names = ", ".join(left)
             self.problems.add(f"`{name}` is to be given whole, or not at all: {names} missing")
         self._check_slopes(leaf_by_path)
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
@@ -141,7 +142,7 @@ class LeafReader:
     def _vector_leaves(
         self, name: str, paths: list[LeafPath], what: object
     ) -> dict[LeafPath, Leaf | None]:
-        self.vectors += 1
+        self.vectors[name] = []
         nothing: dict[LeafPath, Leaf | None] = dict.fromkeys(paths)
         if len(paths) != 3 or not all(
             isinstance(self.types[leaf_path], FloatType) for leaf_path in paths
@@ -161,17 +162,14 @@ class LeafReader:
         if len(set(names)) != 3:
             self.problems.add(f"`{name}` names a field twice: {', '.join(names)}")
             return nothing
-        rest = {
-            rest_key: rest_value
-            for rest_key, rest_value in row.items()
-            if rest_key in ("scale", "unit")
-        }
+        self.vectors[name] = names
+        rest = {key: row[key] for key in ("scale", "unit") if key in row}
         leaf_of_path: dict[LeafPath, Leaf | None] = {}
         for path, (component, sign) in zip(paths, self.turn, strict=True):
             given = {"from": names[component], **rest}
             leaf = self._signal_source(".".join((self.topic.name, *path)), self.types[path], given)
             if leaf is not None and sign < 0.0:
-                leaf = SignalSource(leaf.name, -leaf.scale, leaf.offset)
+                leaf = replace(leaf, scale=-leaf.scale)
             leaf_of_path[path] = leaf
         return leaf_of_path
 
@@ -232,7 +230,8 @@ class LeafReader:
             return None
         says_unit = unit is not None or standard is not None or "scale" in what
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
-        return SignalSource(field, scale, float(what.get("offset", 0)), assumed)
+        turn = cycle(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
+        return SignalSource(field, scale, float(what.get("offset", 0)), assumed, turn)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:
         """Note what is wrong in a row, and give its unit."""

@@ -77,9 +77,10 @@ class MappingProblems:
                 self.add(f"{where} says `{key}`: there are {', '.join(known)}")
 
     def duration(self, given: Mapping[str, Any], key: str, name: str) -> int:
-        """The length of time under a key in ns, above 0."""
-        if key not in given:
-            self.add(f'`{name}` needs a `{key}`, such as "0.5s"')
+        """The length of time under a key in ns, above 0; a number has to say its unit."""
+        if key not in given or is_number(given[key]):
+            bare = f"`{key}` of `{name}` is {given.get(key)} of what? It needs a unit"
+            self.add(f'{bare if key in given else f"`{name}` needs a `{key}`"}, such as "0.5s"')
             return 1
         try:
             duration = duration_ns(given[key])

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import TopicMap
 
 TIME_MIN, TIME_MAX = 1e-12, 1e12
-SECONDS_MAX = 10**12
+SECONDS_MAX, DIGITS_MAX = 10**12, 40
 DEFINITION_MAX = 1 << 20
 """Bytes of a `.msg` file."""
 KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
@@ -221,7 +221,8 @@ class _MappingReader:
             return None
         try:
             seconds = Decimal(str(given[key]))
-            if isinstance(given[key], bool) or not abs(seconds) < SECONDS_MAX:
+            far = not seconds.is_finite() or abs(seconds.adjusted()) > DIGITS_MAX
+            if isinstance(given[key], bool) or far or abs(seconds) >= SECONDS_MAX:
                 raise InvalidOperation  # noqa: TRY301 - NaN, too, is none
         except InvalidOperation:
             shown = str(given[key])[:40]

@@ -15,6 +15,7 @@ that was taken.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal
@@ -91,13 +92,14 @@ class SignalSource:
     """`scale` * what stands in the column or field `name` + `offset`.
 
     Of a topic that goes out the field is (leaf - `offset`) / `scale`. `assumed_unit`: the one that
-    the program declares, where nobody says the field's.
+    the program declares, where nobody says the field's. `turn`: a whole one, of an angle.
     """
 
     name: str
     scale: float = 1.0
     offset: float = 0.0
     assumed_unit: str = field(default="", compare=False)
+    turn: float = field(default=math.inf, compare=False)
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ class TopicMap:
     messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
     as written. `constants`: fields of a message that goes out, by path. `qos`: of a topic of DDS;
     others have none. `promise`: of one of several sources of the topic. `where`: rows of a log are
-    its own where these columns, or fields, hold these texts.
+    its own where these columns, or fields, hold these texts. `clip`: who receives them clips them.
     """
 
     topic: Topic
@@ -171,6 +173,7 @@ class TopicMap:
     qos: QualityOfService = QualityOfService()
     promise: SourcePromise | None = None
     where: Mapping[str, str] = field(default_factory=dict)
+    clip: bool = False
 
     @property
     def names(self) -> list[str]:

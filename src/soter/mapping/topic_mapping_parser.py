@@ -35,7 +35,7 @@ from soter.mapping.topic_mapping import (
     SourcePromise,
     TopicMap,
 )
-from soter.mapping.units import FRAMES, TIME_UNITS, turn_between
+from soter.mapping.units import FRAMES, SAME, TIME_UNITS, known_frame, turn_between
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -144,10 +144,10 @@ def early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
 
 TOPIC_KEYS = (
     "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",
-    "qos", "where",
+    "qos", "where", "clip",
 )  # fmt: skip
 SOURCE_KEYS = (
-    *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set")), *PROMISE_KEYS,
+    *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set", "clip")), *PROMISE_KEYS,
 )  # fmt: skip
 STAMP_KEYS = ("from", "unit")
 ARRIVAL = "arrival"
@@ -225,6 +225,8 @@ class TopicReader:
         if between not in ("hold", "linear"):
             problems.add(f"`between` of {where} is hold or linear, not {between!r}")
         gap = problems.duration(table, "gap", self.name) if "gap" in table else GAP_NS
+        if not isinstance(table.get("clip", False), bool):
+            problems.add(f"`clip` of {where} is true or false, not {table['clip']!r}")
         message = self._message_type(table)
         leaf_reader = LeafReader(self.topic, problems, message, self._frame_turn(table))
         leaf_by_path = leaf_reader.read(problems.table(table, "fields", where))
@@ -243,12 +245,21 @@ class TopicReader:
             constants=self._read_constants(problems.table(table, "set", where), message),
             qos=read_qos(problems.table(table, "qos", where), problems, f"`qos` of {where}"),
             where=problems.texts(table, "where", where),
+            clip=table.get("clip") is True,
         )
         if "frame" in table and not leaf_reader.vectors:
             problems.add(
                 f"`frame` of {where} turns nothing: a vector is three names, "
                 'such as "p" = ["x", "y", "z"]'
             )
+        own = [t for key in ("channel", "frame_id") if isinstance(t := table.get(key), str)]
+        for name, names in leaf_reader.vectors.items() if "frame" not in table else ():
+            known = known_frame(message, names, own) if names else ""
+            if turn_between(known or self.frame, self.frame) != SAME:
+                problems.add(
+                    f'`{name}` is in {known}, the program in {self.frame}: `frame = "{known}"` of '
+                    f'{where} turns it, `frame = "{self.frame}"` takes it as it is'
+                )
         filled = {leaf.name for leaf in leaf_by_path.values() if isinstance(leaf, SignalSource)}
         for path in topic_map.constants:
             if path in filled:

@@ -14,10 +14,13 @@ turning quaternions and covariances; transforms between places.
 from __future__ import annotations
 
 import math
+import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.mapping.message_types import MessageType
 
 
@@ -84,6 +87,12 @@ def factor_between(given: str, declared: str) -> float | None:
     return UNITS[given] / UNITS[declared]
 
 
+def cycle(given: str | None, declared: str) -> float:
+    """A whole turn in the unit of a leaf (in rad, if it has none); infinite: it is no angle."""
+    is_angle = DIMENSIONS.get(declared or given or "") == ANGLE
+    return math.tau / UNITS.get(declared, 1.0) if is_angle else math.inf
+
+
 WORLD, BODY = ("ENU", "NED"), ("FLU", "FRD")
 FRAMES = (*WORLD, *BODY)
 BODY_OF = {"ENU": "FLU", "NED": "FRD"}
@@ -95,6 +104,25 @@ Turn = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
 SAME: Turn = ((0, 1.0), (1, 1.0), (2, 1.0))
 _WORLD_TURN: Turn = ((1, 1.0), (0, 1.0), (2, -1.0))
 _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
+
+
+NED = re.compile(
+    r"(?i)^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
+    r"|(?<![a-z])(ned|frd)(?![a-z])"
+)
+DOWN = re.compile(r"(?i).*(?<![a-z])(down|[pv]d)")
+"""What MAVLink, PX4 and people call what points north, east, down; and a third field of it."""
+
+
+def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:
+    """The frame of a vector, by REP 103 or as a name says; "" where neither does, or on a globe."""
+    units = [message and standard_unit(message, name) for name in fields]
+    if {"deg", "degE7"} & {*units} or any(re.match("(?i)lat|lon", name) for name in fields):
+        return ""
+    names = (*fields, *called, *(() if message is None else (message.ros1,)))
+    if any(map(NED.search, names)) or DOWN.fullmatch(fields[2]):
+        return "NED"
+    return "ENU" if all(units) else ""
 
 
 def turn_between(given: str, program: str) -> Turn:

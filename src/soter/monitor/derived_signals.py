@@ -1,20 +1,26 @@
 """Signals that a log does not hold, made of its own: slopes, and values after the last sample.
 
 Purpose: `slopes`, and the errors of slopes and of lines through the last two samples, all from
-samples up to then, as a monitor in flight would have them.
+samples up to then, as a monitor in flight would have them. Angles count modulo a
+turn, which is infinite for other signals.
 Non-goals: filters; anything that has seen samples that came later.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.core.layout import Floats
 
 
+ROUNDED = 1e-3
+"""Angles at the ends of a turn may be rounded by this share of it."""
 LEAST = 3
 """A parabola needs so many points."""
 
@@ -32,6 +38,19 @@ def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
         a = min(int(first[i]), max(i + 1 - LEAST, 0))
         derivatives[i] = _slope(times_s[a : i + 1] - times_s[i], values[a : i + 1])
     return derivatives
+
+
+def turn_begins(values: Sequence[float], turn: float) -> float:
+    """Where the turn of angles begins: around 0, at 0 or around their middle; NaN: they go on."""
+    low, high, slack = min(values), max(values), ROUNDED * turn
+    begins = (-turn / 2, 0.0, (low + high - turn) / 2) if math.isfinite(turn) else ()
+    return next((a for a in begins if a - slack <= low and high <= a + turn + slack), math.nan)
+
+
+def ahead(a: float, b: float, share: float, turn: float, begin: float) -> float:
+    """The line from a over b, extended by `share` of the way; of angles the shorter way."""
+    x = b + share * math.remainder(b - a, turn)
+    return x if math.isnan(begin) or 0 <= x - begin <= turn else begin + (x - begin) % turn
 
 
 def _slope(d: Floats, y: Floats) -> float:

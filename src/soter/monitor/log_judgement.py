@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.diagnostic import Span
-    from soter.monitor.log_files.log_columns import Damage
-    from soter.monitor.typed_samples import DerivedValue, FarStamps
+    from soter.monitor.log_files.log_columns import Damage, FarStamps
+    from soter.monitor.typed_samples import DerivedValue
 
 
 ASSUMED = (
@@ -234,7 +234,8 @@ class LogJudgement:
         assumptions += units_taken(self.assumed_units)
         if self.unchecked:
             assumptions.append(
-                "no checksum covers the log's values: one that was changed in its place is not seen"
+                "no checksum covers all of the log: a value or a time that was changed in its "
+                "place is not seen"
             )
         if self.derived:
             assumptions.append(

@@ -33,6 +33,7 @@ from soter.monitor.log_files.log_columns import (
     unusable,
 )
 from soter.monitor.log_files.read_columns import (
+    READERS,
     NoPartError,
     NoTimeError,
     channel_messages,
@@ -52,7 +53,9 @@ ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
 """Longer lists, and more numbers of a message, are left out: nobody writes a program over them."""
 INT_END = 2**63
 """Whole numbers of Soter end there."""
-INT_DIGITS = 19
+INT_DIGITS, FLOAT_END = 19, 2**53
+COUNTED = re.compile(r"(?i)(?<![a-z])(id|n|num|count|seq|index|mode|state|status|flag)s?(?![a-z])")
+ANGLE = re.compile(r"(?i)(?<![a-z])(yaw|heading|hdg|course|bearing|azimuth|roll|pitch|theta|psi)")
 LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
 STAMP = "header.stamp"
@@ -116,6 +119,7 @@ class Channel:
     `late_ns`: how long after its stamp a message was logged; -1: it has none in the log's clock.
     `masks`: which fields a message had a number in, a bit each, numbered as they came; `held`: the
     number of each message's. `back`: how often time goes back; `first_back_ns`: to when at first.
+    `typed`: whether the file says of which type its numbers are, as a CSV and JSON do not.
     """
 
     times_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -126,6 +130,13 @@ class Channel:
     left_out: set[str] = field(default_factory=set)
     back: int = 0
     first_back_ns: int = 0
+    typed: bool = True
+
+    def kind(self, path: str) -> str:
+        """The type of a field; what happens to be whole is a float, unless it surely counts."""
+        n = self.fields[path]
+        counts = self.typed or COUNTED.search(path) or max(-n.low, n.high) >= FLOAT_END
+        return n.kind if counts or n.kind != "int" else "float"
 
     def note(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
         """Count a message."""
@@ -212,7 +223,8 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
             path, _rows(path, facts, found), partial=partial
         ):
             if content is not None:
-                found.channels.setdefault(name, Channel()).note(now_ns, content)
+                typed = not isinstance(content, dict) or path.suffix.lower() in READERS
+                found.channels.setdefault(name, Channel(typed=typed)).note(now_ns, content)
         found.notes += facts.notes
         if facts.damage is not None:
             found.notes.append(f"{facts.damage}; {facts.damage.told}")
@@ -321,7 +333,9 @@ def program_head(survey: LogSurvey, log: str, name: str) -> str:
         lines.append(f"type {of_type} = {{")
         for path, called in fields.items():
             n = found.fields[path]
-            lines.append(f"  {called}: {n.kind},  // {_figure(n.low)} to {_figure(n.high)}")
+            turns = '; an angle? `float unit "rad"`, or "deg", counts modulo a turn'
+            told = f"{_figure(n.low)} to {_figure(n.high)}{turns * bool(ANGLE.search(path))}"
+            lines.append(f"  {called}: {found.kind(path)},  // {told}")
         age = _first_max_age(found)
         lines += [
             "};",

@@ -286,10 +286,11 @@ def judge(
     return judgement
 
 
-def _alarm(judgement: Judgement, record: RecordedRun, k: int, states: Sequence[str]) -> None:
+def note_alarm(judgement: Judgement, at_s: float, states: Sequence[str]) -> None:
+    """Count an alarm, and the states, or commands, that it is about."""
     judgement.alarms += 1
-    if judgement.first_alarm_s is None:
-        judgement.first_alarm_s = record.times_ns[k] / 1e9
+    first = judgement.first_alarm_s
+    judgement.first_alarm_s = at_s if first is None else min(first, at_s)
     for name in states:
         judgement.alarm_states[name] = judgement.alarm_states.get(name, 0) + 1
 
@@ -341,7 +342,7 @@ def _compare(
         judgement.share, judgement.state = float(shares[worst]), names[worst]
     wrong = [names[i] for i in np.flatnonzero(shares > 1.0)]
     if wrong:
-        _alarm(judgement, record, k, wrong)
+        note_alarm(judgement, record.times_ns[k] / 1e9, wrong)
 
 
 # ---------------------------------------------------------------- on estimates
@@ -443,7 +444,7 @@ def _on_estimates(
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
         wrong = [reader.states[i].name for i in np.flatnonzero(low > high)]
         if wrong:
-            _alarm(judgement, record, k, wrong)
+            note_alarm(judgement, record.times_ns[k] / 1e9, wrong)
             low, high = seen
         box = low, high
 

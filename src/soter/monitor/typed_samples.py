@@ -30,33 +30,31 @@ from soter.language.model.types import (
 )
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns
-from soter.monitor.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor import derived_signals as derived
+from soter.monitor.derived_signals import quantiles
 from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
+    FarStamps,
     RowChoice,
     is_plain,
-    parse_decimal,
     unusable,
+    whole_number,
 )
 from soter.semantics.draws import assemble
-from soter.semantics.publication_gate import make_check
-from soter.simulate.run_log import RecordedRun
+from soter.semantics.publication_gate import clip, make_check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from soter.language.model.system import System, Topic
+    from soter.language.model.system import Topic
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.semantics.publication_gate import Check
 
 
 UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
-DIGITS_MAX = 40
-"""Digits of a whole number at most: no type has more."""
-
 REASONS_MAX = 8
 """The most reasons for leaving out samples of a topic; all others count as one."""
 
@@ -70,25 +68,6 @@ class DerivedValue:
     error: tuple[float, float, float] | None
 
 
-@dataclass(frozen=True)
-class FarStamps:
-    """How many stamps are further from the log's clock than the log is long.
-
-    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
-    """
-
-    samples: int
-    offset_s: float
-    length_s: float
-
-    def __str__(self) -> str:
-        side = "before" if self.offset_s < 0 else "after"
-        return (
-            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
-            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
-        )
-
-
 @dataclass
 class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
@@ -96,7 +75,8 @@ class TopicSamples:
     `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
     `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
     how many and the first; what differs from a number on is one reason. `sources`: of several, how
-    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them.
+    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them. `turns`: of its
+    leaves, in order; `begins`: where each begins, of lines. `clipped`: how many were, in words.
     """
 
     topic: Topic
@@ -113,6 +93,9 @@ class TopicSamples:
     constants: list[str] = field(default_factory=list)
     assumed_units: list[str] = field(default_factory=list)
     sources: str = ""
+    turns: list[float] = field(default_factory=list)
+    begins: list[float] = field(default_factory=list)
+    clipped: str = ""
 
     @property
     def always(self) -> bool:
@@ -161,6 +144,7 @@ class TopicSamples:
             f"left out: {count:,} samples of {name}; the first: {first}"
             for count, first in self.reasons.values()
         ]
+        told += [self.clipped] * bool(self.clipped)
         if self.far_stamps is not None:
             told.append(
                 f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
@@ -187,20 +171,28 @@ class TopicSamples:
         apart = self.stamps_ns[i] - self.stamps_ns[i - 1]
         if i == 0 or since > self.gap_ns or apart > self.gap_ns:
             return None
-        share = since / apart
-        return _extend_line(self.topic.type, self.values[i - 1], self.values[i], share)
+        before, last = (_leaves_of(self.topic.type, v) for v in self.values[i - 1 : i + 1])
+        leaf_values = zip(before, last, self.turns, self.begins, strict=True)
+        ahead = (
+            derived.ahead(a, b, since / apart, turn, begin) if isinstance(b, float) else b
+            for a, b, turn, begin in leaf_values
+        )
+        return assemble(self.topic.type, ahead)
+
+    def going_on(self, before: Value, value: Value) -> Value:
+        """A value whose angles lie as near to those of another as whole turns make them."""
+        near, far = (_leaves_of(self.topic.type, v) for v in (before, value))
+        both = zip(near, far, self.turns, strict=True)
+        going = (b if math.isinf(turn) else a + math.remainder(b - a, turn) for a, b, turn in both)
+        return assemble(self.topic.type, going)
 
 
-def _extend_line(t: Type, a: Value, b: Value, share: float) -> Value:
-    """Extends floats from a over b by `share` of b - a; anything else keeps its value of b."""
-    if isinstance(t, FloatType):
-        return b + share * (b - a)
-    if isinstance(t, RecordType):
-        fields = zip(t.fields, a, b, strict=True)
-        return tuple([_extend_line(f, x, y, share) for (_, f), x, y in fields])
-    if isinstance(t, ArrayType):
-        return tuple([_extend_line(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
-    return b
+def _leaves_of(t: Type, value: Value) -> list[Value]:
+    """The leaves of a value, in the order of `leaves(t)`."""
+    if isinstance(t, (RecordType, ArrayType)):
+        parts = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
+        return [x for part, v in zip(parts, value, strict=True) for x in _leaves_of(part, v)]
+    return [value]
 
 
 def read_samples(
@@ -215,6 +207,7 @@ def read_samples(
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
+        made.turns = [getattr(t.leaves[p], "turn", math.inf) for p, _ in leaves(t.topic.type)]
         made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
             _samples_of_sources(path, of, made, first)
@@ -222,6 +215,14 @@ def read_samples(
             _add_rows(path, t, rows, made, first)
         else:
             _always(t, made)
+        if t.clip:
+            inside = [clip(t.topic.type, t.topic.bounds, value) for value in made.values]
+            moved = sum(a != b for a, b in zip(inside, made.values, strict=True))
+            made.clipped = f"clipped to its set: {moved:,} samples of {t.topic.name}" * bool(moved)
+            made.values = inside
+        if t.linear:
+            columns_of = zip(*(_leaves_of(t.topic.type, v) for v in made.values), strict=True)
+            made.begins = [*map(derived.turn_begins, columns_of, made.turns)]
         samples.append(made)
     return samples
 
@@ -379,9 +380,9 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         elif isinstance(leaf, SlopeSource):
             if n < 2:
                 raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
-            values, window = np.array(read[leaf.of], dtype=np.float64), leaf.window_ns / 1e9
-            derivatives = slopes(times_s, values, window)
-            error = quantiles(slope_errors(times_s, values, window, derivatives))
+            values, window = _going_on(t, leaf.of, read[leaf.of]), leaf.window_ns / 1e9
+            derivatives = derived.slopes(times_s, values, window)
+            error = quantiles(derived.slope_errors(times_s, values, window, derivatives))
             how = (
                 f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
                 "against the slope over half the window"
@@ -397,14 +398,20 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
 
 
+def _going_on(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, Any]:
+    """The values of a leaf, (n,), without jumps of more than half a turn."""
+    turn = min(getattr(t.leaves[p], "turn", math.inf), 1e300)  # NumPy knows no infinite period
+    return np.unwrap(np.array(column, dtype=np.float64), period=turn)
+
+
 def _ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
     """Note by how much straight lines miss the samples; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
-            values = np.array(whole[p], dtype=np.float64)
-            error = quantiles(ahead_errors(times_s, values, t.gap_ns / 1e9))
+            values = _going_on(t, p, whole[p])
+            error = quantiles(derived.ahead_errors(times_s, values, t.gap_ns / 1e9))
             how = (
                 "on the line through the last two samples, for at most "
                 f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
@@ -430,7 +437,7 @@ def _leaf(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> 
         if isinstance(t, FloatType):
             return _number(leaf, cell)
         return _other(t, cell)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         shown = str(cell)[:40]
         text = f"`{shown}` in {where}, `{leaf.name}`, is no `{t}`"
         raise unusable(path, text) from error
@@ -454,47 +461,16 @@ def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
         if isinstance(cell, bool):
             return cell
         said = TRUTHS.get(str(cell).lower())
-        return (False, True)[_between(0, _whole(cell), 1)] if said is None else said
+        return (False, True)[_between(0, whole_number(cell), 1)] if said is None else said
     if isinstance(t, EnumType):
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
         raise TypeError
-    return _between(t.low, _whole(cell), t.high) if isinstance(t, IntType) else _whole(cell)
+    number = whole_number(cell)
+    return _between(t.low, number, t.high) if isinstance(t, IntType) else number
 
 
 def _between(low: int, value: int, high: int) -> int:
     if not low <= value <= high:
         raise ValueError
     return value
-
-
-def _whole(cell: Any) -> int:  # noqa: ANN401 - a text, or a number
-    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
-    number = parse_decimal(cell)
-    if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
-        raise ValueError
-    return int(number)
-
-
-def record_of_samples(system: System, samples: list[TopicSamples]) -> RecordedRun:
-    """The topics at every time at which one of them was sampled, from when all are known.
-
-    Nothing is interpolated; times are those of measuring, from the first row of the log on; there
-    are no true states.
-    """
-    start = max(s.stamps_ns[0] for s in samples if not s.always)
-    topics = {t.name: t.default for t in system.topics}
-    topics.update({s.topic.name: s.values[0] for s in samples if s.always})
-    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
-    record, since = RecordedRun([], [], [], []), set[str]()
-    for at, (time_ns, k, i) in enumerate(events):
-        topics[samples[k].topic.name] = samples[k].values[i]
-        since.add(samples[k].topic.name)
-        last = at + 1 == len(events) or events[at + 1][0] != time_ns
-        if last and time_ns >= start:
-            record.times_ns.append(time_ns)
-            record.topics.append(dict(topics))
-            record.truths.append({})
-            record.published.append(since)
-            since = set()
-    return record

@@ -184,6 +184,8 @@ def _message_mistakes(m: TopicMap) -> Iterator[str]:
     named = f"`{m.topic.name}`"
     if m.where:
         yield f"`where` of {named} chooses rows of a log: a bridge takes all messages"
+    if m.clip:
+        yield f"`clip` of {named} is of a log: a bridge refuses what lies outside of its set"
     if m.message is None:
         yield f"{named} has no `type`: which messages are its?"
     elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":

@@ -185,6 +185,8 @@ def build_package(
     mapping: object = None,
     more: Sequence[PackageFile] = (),
     onto: tuple[Board, Replay] | None = None,
+    *,
+    write: bool = True,
 ) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target, or no mapping.
 
@@ -200,7 +202,7 @@ def build_package(
     package: Package = getattr(by_name(module), name)(system, core, folder, *given)
     package.target = target
     package.files += more
-    return package.write()
+    return package.write() if write else package
 
 
 def require_options(target: str, *, mapping: bool, board: bool) -> None:

@@ -213,6 +213,9 @@ def refused(done: Any, said: str, folder: Path) -> None:
         ({"resend": "200ms", "offboard_loss": "500ms"}, "two lost set-points"),
         ({"resend": "0s"}, "no time above 0"),
         ({"delay": "soon"}, "`delay`"),
+        ({"delay": 60}, "`delay` of `mavlink` is 60 of what? It needs a unit"),
+        ({"resend": 0.05}, "`resend` of `mavlink` is 0.05 of what?"),
+        ({"offboard_loss": 1}, "`offboard_loss` of `mavlink` is 1 of what?"),
         ({"offboard_loss": "60ms", "resend": "30ms"}, "two lost set-points"),
         ({"dialect": "comon"}, "no dialect"),
         ({"dialect": "mine.xml"}, "cannot be read"),
@@ -224,6 +227,27 @@ def test_a_link_that_makes_no_sense_is_d015(
     soter: Soter, fence: Path, link: dict[str, Any], said: str
 ) -> None:
     refused(built(soter, fence, ALL, **link), said, fence)
+
+
+def test_mistakes_of_a_mapping_are_told_all_at_once_and_before_anything_is_rechecked(
+    soter: Soter, fence: Path
+) -> None:
+    """There is no certificate: who looked at it first would say so (D009)."""
+    text = (fence / "geofence.toml").read_text()
+    unframed = text.replace('frame = "NED"\n', "", 1).replace('delay = "60ms"', "delay = 60")
+    (fence / "map.toml").write_text(unframed)
+    done = soter("build", *WORDS, "--map", "map.toml", "--cert", "none", "--json")
+    messages = [d["message"] for d in done.document["diagnostics"] if d["severity"] == "error"]
+    assert done.errors == ["D015"] * 3
+    assert "`delay` of `mavlink` is 60 of what?" in messages[0]
+    assert "`motion.p` is in NED, the program in ENU" in messages[1]
+    other = text.replace("[topics.wish]", '[topics.wish]\nchannel = "a"').replace("1/192", "x")
+    (fence / "map.toml").write_text(other)
+    done = soter("build", *WORDS, "--map", "map.toml", "--cert", "none", "--json")
+    assert done.errors == ["D015"] * 2
+    assert soter("build", *WORDS, "--map", "geofence.toml", "--cert", "none", "--json").errors == [
+        "D009"
+    ]
 
 
 def test_a_law_that_would_come_after_the_autopilots_patience_is_refused(

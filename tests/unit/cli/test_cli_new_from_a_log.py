@@ -72,6 +72,48 @@ def test_ranges_gaps_and_ages_are_those_of_the_log(tmp_path: Path) -> None:
     assert found.time == ("t", "s")
 
 
+def kinds(log: Path) -> dict[str, str]:
+    """The type of each field that a log has, as a draft of it says."""
+    lines = program_head(surveyed([log]), log.name, "robot").splitlines()
+    return dict(line.strip().partition(",  //")[0].split(": ") for line in lines if ",  //" in line)
+
+
+def test_a_column_that_happens_to_be_whole_is_a_float_unless_it_counts(tmp_path: Path) -> None:
+    """A second file, with 1.5 in it, is read by what was written of the first."""
+    text = "t,x,speed_mm,mode,seq,raw_id,grid,ns\n"
+    rows = [f"{k},{k},{10 * k},{k % 2},{k},7,{k},{2**60 + k}\n" for k in range(5)]
+    found = kinds(written(tmp_path / "a.csv", (text + "".join(rows)).encode()))
+    whole = {"mode", "seq", "raw_id", "ns"}
+    assert {name for name, kind in found.items() if kind == "int"} == whole
+    assert {found[n] for n in ("x", "speed_mm", "grid")} == {"float"}
+
+
+def test_numbers_of_json_that_happen_to_be_whole_are_floats(tmp_path: Path) -> None:
+    writers = pytest.importorskip("mcap.writer", reason="the extra `logs` is not installed")
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        schema = writer.register_schema("row", "jsonschema", b"{}")
+        channel = writer.register_channel("/row", "json", schema)
+        for k in range(3):
+            writer.add_message(channel, 10**9 * k, b'{"x": %d, "count": 1, "on": true}' % k, k)
+        writer.finish()
+    assert kinds(log) == {"x": "float", "count": "int", "on": "bool"}
+
+
+def test_whole_numbers_of_a_file_that_says_its_types_stay(tmp_path: Path) -> None:
+    found = kinds(written(tmp_path / "a.ulg", ulog(flight(3))))
+    assert (found["raw_0"], found["x"]) == ("int", "float")
+
+
+def test_a_draft_asks_whether_what_is_called_so_is_an_angle(tmp_path: Path) -> None:
+    log = written(tmp_path / "a.csv", b"t,yaw,x_heading,theta_1,draw\n0,1,2,3,4\n1,1,2,3,4\n")
+    lines = program_head(surveyed([log]), "a.csv", "robot").splitlines()
+    asked = [line.split(":")[0].strip() for line in lines if "an angle?" in line]
+    assert asked == ["yaw", "x_heading", "theta_1"]
+
+
 @pytest.mark.parametrize(
     ("column", "first", "unit"),
     [

@@ -129,6 +129,51 @@ def test_a_vector_is_turned_from_the_frame_of_its_topic_into_the_programs(
     assert tuple((n, s) for n, s, _ in signals(made).values()) == turned
 
 
+TWIST = {"type": "geometry_msgs/Twist"}
+LINEAR = ["linear.x", "linear.y", "linear.z"]
+KNOWN_FRAMES: list[tuple[str, dict[str, Any], str]] = [
+    ("ENU", {"channel": "/mavros/odom_ned", "fields": {"value": ["a", "b", "c"]}}, "NED"),
+    ("ENU", {"frame_id": "map_ned", "fields": {"value": ["a", "b", "c"]}}, "NED"),
+    ("ENU", {"channel": "vehicle_local_position", "fields": {"value": ["x", "y", "z"]}}, "NED"),
+    ("ENU", {"channel": "vehicle_local_position_0.csv", "fields": {"value": list("xyz")}}, "NED"),
+    ("ENU", {"channel": "LOCAL_POSITION_NED", "fields": {"value": ["x", "y", "z"]}}, "NED"),
+    ("ENU", {"channel": "XKF1", "fields": {"value": ["VN", "VE", "VD"]}}, "NED"),
+    ("ENU", {"fields": {"value": ["north", "east", "down"]}}, "NED"),
+    ("ENU", {"fields": {"value": {"from": ["n", "e", "pos_down"], "unit": "mm"}}}, "NED"),
+    ("NED", {**TWIST, "fields": {"value": LINEAR}}, "ENU"),
+]
+"""Of the program, what the mapping says of a topic, and the frame that this is known to have."""
+
+
+@all_rows(("program", "given", "known"), KNOWN_FRAMES)
+def test_a_vector_whose_frame_is_known_and_another_says_which_is_meant(
+    system: Any, program: str, given: dict[str, Any], known: str
+) -> None:
+    (message,) = told(system, {"topics": {"wind": given}, "frame": program})
+    assert f"is in {known}, the program in {program}: " in message
+    for frame in (known, program):
+        assert f'`frame = "{frame}"`' in message
+        assert read(system, "wind", {**given, "frame": frame}, frame=program)
+    other = {"ENU": "NED", "NED": "ENU"}[program]
+    assert read(system, "wind", given, frame=other), "a program in that frame says nothing more"
+
+
+@all_rows(
+    "given",
+    [
+        {"fields": {"value": ["a", "b", "c"]}},
+        {"channel": "/opened", "fields": {"value": ["planned", "b", "c"]}},
+        {"channel": "/camera_down/pd", "fields": {"value": ["down", "b", "touchdown"]}},
+        {"channel": "GPS_NED", "fields": {"value": ["lat", "lon", "alt"]}},
+        {"channel": "ned", "fields": {"x": "a", "y": "b", "z": "c"}},
+        {**TWIST, "fields": {"value": LINEAR}},
+    ],
+)
+def test_a_vector_whose_frame_nobody_knows_is_taken_as_it_is(system: Any, given: Any) -> None:
+    made = read(system, "wind", given)
+    assert [s for _, s, _ in signals(made).values()] == [1.0] * 3
+
+
 def test_turning_there_and_back_is_nothing() -> None:
     for given, program in [("NED", "ENU"), ("FRD", "ENU")]:
         turn = turn_between(given, program)
@@ -329,6 +374,23 @@ WRONG: list[tuple[str, Any, str]] = [
     ("wind", {**ODOMETRY, "set": {"header.seq": True}}, "which takes no True"),
     ("wind", {"type": "sensor_msgs/LaserScan", "set": {"ranges.0": 1.0}}, "may not be there"),
     ("wind", {"fields": {"value": ["a", "b", "c"]}, "set": {"a": 1}}, "which its fields have, too"),
+    ("wind", {"clip": 1}, "`clip` of `wind` is true or false, not 1"),
+    ("wind", {"gap": 0.3}, "`gap` of `wind` is 0.3 of what? It needs a unit"),
+    ("wind", {"gap": "0.3"}, "write a number with its unit"),
+    ("wind", {"gap": 10**400}, "`gap` of `wind`"),
+    (
+        "flight",
+        {"fields": {"turn": {"slope": "at.x", "window": 1}}},
+        "is 1 of what? It needs a unit",
+    ),
+    (
+        "wind",
+        {"fields": {"value": {"from": ["a", "b", "c"], "scale": 10**400}}},
+        "no finite number",
+    ),
+    ("push", {"fields": {"value": {"constant": 10**400}}}, "`constant`"),
+    ("push", {"fields": {"value": {"constant": "1e99999999"}}}, "`constant`"),
+    ("wind", {"fields": {"value": {"from": ["a", "b", "c"], "clip": True}}}, "says `clip`"),
 ]
 
 

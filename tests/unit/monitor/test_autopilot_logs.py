@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from generators.autopilot_logs import (
+    FMTU,
+    SAID,
     dataflash,
     dataflash_text,
     flight,
@@ -139,7 +142,7 @@ def of_damage(log: Path, name: str) -> str:
 def test_a_file_that_is_cut_anywhere_is_whole_up_to_there_or_refused(
     tmp_path: Path, name: str
 ) -> None:
-    data = MADE[name][0](flight(8))
+    data = MADE[name][0](flight(3))
     whole = content(written(tmp_path / name, data), MADE[name][1])
     refused = 0
     for end in range(len(data)):
@@ -154,7 +157,7 @@ def test_a_file_that_is_cut_anywhere_is_whole_up_to_there_or_refused(
             continue
         assert read == whole[: len(read)], end
         refused += facts.damage is not None
-    messages = 2 + 2 * 8 + 8
+    messages = 14 + 2 * 3
     assert refused >= len(data) - messages
 
 
@@ -228,11 +231,202 @@ def test_a_message_of_mavlink_with_another_checksum_is_refused_where_it_is_asked
     data[20] ^= 1
     log = written(tmp_path / "flight.tlog", bytes(data))
     assert "the `LOCAL_POSITION_NED` at byte 0 is damaged" in of_damage(log, "flight.tlog")
+
+
+def of_other_dialect(number: int, seed: int) -> bytes:
+    """A `LOCAL_POSITION_NED` with the number of another message, sealed as some dialect has it."""
+    from pymavlink.generator.mavcrc import x25crc
+
     frame = tlog(flight(1))[8:40]
-    strange = struct.pack(">Q", 1_700_000_004_000_000) + frame[:7] + b"\x05\0\0" + frame[10:]
-    facts = FileFacts()
-    log = written(tmp_path / "flight.tlog", strange + tlog(flight()))
+    frame = frame[:4] + b"\xff\x09" + frame[6:7] + number.to_bytes(3, "little") + frame[10:-2]
+    crc = x25crc([*frame[1:], seed]).crc
+    return struct.pack(">Q", 1_700_000_004_000_000) + frame + struct.pack("<H", crc)
+
+
+@pytest.mark.parametrize("number", [5, 54321])
+def test_messages_of_mavlink_that_nobody_knows_have_the_checksums_of_one_dialect(
+    tmp_path: Path, number: int
+) -> None:
+    """tlog: 5 is `CHANGE_OPERATOR_CONTROL`, and no dialect has 54321."""
+    log, facts = tmp_path / "flight.tlog", FileFacts()
+    strange = of_other_dialect(number, 77)
+    written(log, strange * 2 + tlog(flight()))
     assert len(content(log, "LOCAL_POSITION_NED", facts)) == 40
+    assert "2 messages have the number of" in " ".join(facts.notes)
+    damaged = strange[:30] + bytes([strange[30] ^ 4]) + strange[31:]
+    for other in (damaged, of_other_dialect(number, 78)):
+        written(log, strange + other + tlog(flight()))
+        assert "is damaged" in of_damage(log, "flight.tlog")
+
+
+def test_the_raw_stream_of_a_ground_station_has_no_times(tmp_path: Path) -> None:
+    for name in ("flight.rlog", "FLIGHT.RLOG"):
+        with pytest.raises(SoterError, match="nothing says when") as error:
+            content(written(tmp_path / name, tlog(flight())), "HEARTBEAT")
+        assert ".tlog" in error.value.diagnostics[0].helps[0]
+
+
+# ---------------------------------------------------------------- garbage is no message
+
+
+def with_message(kind: str, body: bytes) -> bytes:
+    """A ULog with one more message, in its middle."""
+    data, end = ulog(flight()), len(ulog(flight()[:20]))
+    return data[:end] + struct.pack("<HB", len(body), ord(kind)) + body + data[end:]
+
+
+TIME = struct.pack("<Q", 5_000_000)
+NO_MESSAGES = (
+    ("\x93", b"a kind that ULog has not"), ("X", b"\0"), ("b", bytes(40)),
+    ("I", b"\x10char[3] sys_name" + b"PX44"), ("I", b"\x10char[3] sys_name" + b"PX"),
+    ("I", b"\x0ffloat MPC_XY_Z1"), ("I", b"\x09quad NAME" + bytes(4)), ("I", b"\xff"),
+    ("I", bytes(9)),
+    ("M", b"\2\x0cchar[2] perfok"), ("M", b"\0\x0cchar[2] perfokk"), ("M", b"\0"),
+    ("P", b"\x0ffloat MPC_XY_Z1" + bytes(8)), ("P", b"\x0ffloat MPC_XY\0Z1" + bytes(4)),
+    ("Q", b"\x90\x0dint32_t MAV_1" + bytes(4)), ("Q", b"\1\x0dint32_t MAV_1" + bytes(3)),
+    ("L", b"9" + TIME + b"text"), ("L", b"6" + TIME[:5]), ("L", b"6" + TIME + b"te\0xt"),
+    ("C", b"4\0\0" + TIME + b"\x01\x02"), ("S", bytes(8)), ("S", b"\x2f\x73"),
+    ("O", bytes(3)), ("R", b"\x07"), ("R", b"\x63\0"), ("B", bytes(40)), ("D", b"\x07\0"),
+    ("F", b"other:uint64_t timestamp;\xff\x01"), ("F", b"other"), ("F", b"x:float;"),
+    ("A", b"\0\x30\0nobody"), ("A", b"\0"),
+)  # fmt: skip
+"""Kind and body of what is no message of a ULog, whatever it is taken for."""
+
+
+@pytest.mark.parametrize(("kind", "body"), NO_MESSAGES, ids=lambda x: repr(x)[:20])
+def test_what_is_no_message_of_a_ulog_is_refused(tmp_path: Path, kind: str, body: bytes) -> None:
+    log = written(tmp_path / "flight.ulg", with_message(kind, body))
+    said = of_damage(log, "flight.ulg")
+    assert "none that its formats allow" in said
+    assert f"at byte {len(ulog(flight()[:20])):,}" in said
+
+
+def test_messages_of_every_kind_that_ulog_has_are_read_over(tmp_path: Path) -> None:
+    fine = (
+        ("I", b"\x0euint32_t ver_x" + bytes(4)), ("M", b"\1\x0cchar[2] perf" + b"ok"),
+        ("P", b"\x0ffloat MPC_XY_Z1" + bytes(4)), ("Q", b"\2\x0dint32_t MAV_1" + bytes(4)),
+        ("L", b"3" + TIME + "größer\t\n".encode()), ("L", b"0" + TIME),
+        ("C", b"7\1\0" + TIME + b"text"), ("O", b"\1\0"), ("F", b"a/b-c:d-e[2] x;"),
+    )  # fmt: skip
+    for kind, body in fine:
+        log = written(tmp_path / "flight.ulg", with_message(kind, body))
+        assert len(content(log, "motion")) == 40, kind
+    ended = ulog(flight()) + b"\x02\x00R\x08\x00"
+    assert len(content(written(tmp_path / "flight.ulg", ended), "motion")) == 40
+
+
+@pytest.mark.parametrize("name", ["flight.ulg", "flight.BIN", "flight.tlog"])
+def test_a_byte_that_is_missing_or_one_more_anywhere_is_refused_or_changes_nothing(
+    tmp_path: Path, name: str
+) -> None:
+    make, channel, _ = MADE[name]
+    data = make(flight(3))
+    whole, refused = content(written(tmp_path / name, data), channel), 0
+    for at in range(Random(name).randrange(17), len(data), 17):  # noqa: S311 - a test
+        for damaged in (data[:at] + data[at + 1 :], data[:at] + b"\x5a" + data[at:]):
+            try:
+                assert content(written(tmp_path / name, damaged), channel) == whole, at
+            except SoterError as error:
+                refused += error.diagnostics[0].code == "D016"
+    assert refused >= 2 * len(data) // 17 - 3
+
+
+def test_what_a_crash_cut_begins_as_a_message_of_its_topic(tmp_path: Path) -> None:
+    data, log = ulog(flight()), tmp_path / "flight.ulg"
+    head = struct.pack("<8x8s3Q", b"\1", len(data) - 20, 0, 0)
+    begun = data[:19] + head + data[59:-20]
+    rest = data[len(ulog(flight()[:39])) :]
+    facts = FileFacts()
+    assert len(content(written(log, begun + rest), "motion#1", facts)) == 40
+    assert "was cut at byte" in " ".join(facts.notes)
+    at = len(ulog(flight()[:30]))
+    for broken in (begun[:at] + begun[at + 1 :], begun[: at + 3] + b"\x44" + begun[at + 3 :]):
+        with pytest.raises(SoterError, match="D016"):
+            content(written(log, broken + rest), "motion")
+
+
+def test_two_numbers_of_one_instance_are_told_as_its_writers(tmp_path: Path) -> None:
+    data, facts = ulog(flight()), FileFacts()
+    mixed = data.replace(b"A\1\x08\0motion", b"A\0\x08\0motion")
+    log = written(tmp_path / "flight.ulg", mixed)
+    assert len(content(log, "motion", facts)) == 80
+    assert "`motion` has 2 writers" in " ".join(facts.notes)
+
+
+POSE_LINE = "POSE, 5200000, 0, 0.2, 0.125, -12.34"
+LINES = (
+    ("a lost line end", POSE_LINE + ", " + POSE_LINE),
+    ("a decimal comma", "POSE, 5200000, 0, 0,2, 0.125, -12.34"),
+    ("a cell too few", "POSE, 5200000, 0, 0.2, 0.125"),
+    ("a name that nobody has", "POSF, 5200000, 0, 0.2, 0.125, -12.34"),
+    ("a number in no byte", "POSE, 5200000, 256, 0.2, 0.125, -12.34"),
+    ("a number below 0", "POSE, -5200000, 0, 0.2, 0.125, -12.34"),
+    ("5,000 digits", f"POSE, {'9' * 5000}, 0, 0.2, 0.125, -12.34"),
+    ("a text and the next line", "MSG, 5200000, Ready" + POSE_LINE),
+    ("a text with a comma and the next line", "MSG, 5200000, by 255, READY" + POSE_LINE),
+    ("a text that is too long", "MSG, 5200000, " + "x" * 65),
+)
+
+
+@pytest.mark.parametrize("line", [line for _, line in LINES], ids=[name for name, _ in LINES])
+def test_a_line_that_its_format_does_not_allow_is_refused(tmp_path: Path, line: str) -> None:
+    text = dataflash_text(flight()).decode()
+    before, after = text[: text.index("POSE, 5200000, 0")], text[text.index("POSE, 5200000, 1") :]
+    good = written(tmp_path / "flight.log", (before + POSE_LINE + "\n" + after).encode())
+    assert len(content(good, "POSE")) == 40
+    log = written(tmp_path / "flight.log", (before + line + "\n" + after).encode())
+    assert f"line {before.count(chr(10)) + 1} is" in of_damage(log, "flight.log")
+
+
+def test_a_last_line_of_a_dataflash_text_has_an_end(tmp_path: Path) -> None:
+    log = written(tmp_path / "flight.log", dataflash_text(flight())[:-3])
+    assert "has no end" in of_damage(log, "flight.log")
+
+
+def test_a_text_that_stands_last_keeps_its_commas(tmp_path: Path) -> None:
+    log = written(tmp_path / "flight.log", dataflash_text(flight()))
+    assert {c["Message"] for _, c in content(log, "MSG")} == {SAID}
+
+
+# ---------------------------------------------------------------- what holds for the whole log
+
+
+def late_units(data: bytes) -> bytes:
+    """The log with its `FMTU` at its end."""
+    text = data.startswith(b"FMT")
+    begin = data.index(b"FMTU, 5" if text else b"\xa3\x95\x82")
+    end = data.index(b"\n", begin) + 1 if text else begin + FMTU[1]
+    return data[:begin] + data[end:] + data[begin:end]
+
+
+@pytest.mark.parametrize("name", ["flight.BIN", "flight.log"])
+def test_a_description_holds_for_messages_before_it(tmp_path: Path, name: str) -> None:
+    data = MADE[name][0](flight())
+    first = content(written(tmp_path / name, data), "POSE#1")
+    assert content(written(tmp_path / name, late_units(data)), "POSE#1") == first
+    assert len(content(written(tmp_path / name, late_units(data)), "POSE")) == 40
+
+
+def test_a_format_of_a_text_holds_for_lines_before_it(tmp_path: Path) -> None:
+    lines = dataflash_text(flight()).splitlines(keepends=True)
+    moved = [lines[0], *lines[2:], lines[1]]
+    assert len(content(written(tmp_path / "flight.log", b"".join(moved)), "POSE")) == 40
+
+
+@pytest.mark.parametrize("name", ["flight.BIN", "flight.log"])
+def test_a_number_of_dataflash_has_one_format_and_one_instance(tmp_path: Path, name: str) -> None:
+    data, log = MADE[name][0](flight()), tmp_path / name
+    for a, b in ((b"TimeUS,I,X,V,Tilt", b"TimeUS,I,V,X,Tilt"), (b"s#mnd", b"#smnd")):
+        other = data.replace(a, b)
+        assert content(written(log, data + data), "POSE"), "the same again is no contradiction"
+        with pytest.raises(SoterError, match="D016"):
+            content(written(log, data + other), "POSE")
+
+
+def test_a_name_of_a_dataflash_text_has_one_format(tmp_path: Path) -> None:
+    again = b"FMT, 140, 25, POSE, Qdd, TimeUS,X,V\n"
+    log = written(tmp_path / "flight.log", dataflash_text(flight()) + again)
+    assert "what one before it does not" in of_damage(log, "flight.log")
 
 
 # ---------------------------------------------------------------- several CSVs

@@ -6,6 +6,7 @@ Non-goals: the model monitor on logs of its own (`tests/correct/test_model_monit
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
@@ -41,7 +42,7 @@ def explained(folder: Path, rows: list[Row], program: Path = SHUTTLE) -> Judgeme
     log = folder / "drive.csv"
     log.write_text("t,x,u,y\n" + "\n".join(",".join(map(str, r.values())) for r in rows) + "\n")
     topics = {"position": {"fields": {"value": "x"}}, "speed": {"fields": {"value": "u"}}}
-    if program != SHUTTLE:
+    if "topic other" in program.read_text():
         topics["other"] = {"fields": {"value": "y"}}
     mapping = {"time": {"from": "t"}, "topics": topics}
     (folder / "map.json").write_text(json.dumps({"system": "Track", **mapping}))
@@ -153,3 +154,60 @@ def test_a_command_that_is_a_field_of_another_topic_is_missed_with_what_to_do(
     (problem,) = error.value.diagnostics
     assert (problem.code, problem.notes) == ("D017", ("missing: speed",))
     assert "a topic of its own in the mapping" in problem.helps[0]
+
+
+# ---------------------------------------------------------------- sets
+
+
+def test_commands_outside_of_their_set_are_no_run_of_the_model(tmp_path: Path) -> None:
+    """It moves as it is told, at 500 m/s of a declared +-1."""
+    place = {"x": lambda k, _: 0.2 + EVERY_S * (k > 10) * 5.0, "u": lambda k, _: 500.0 * (k == 10)}
+    found = explained(tmp_path, drive(**place))
+    assert found.alarm_states["speed, outside of its set"] == 1
+    assert found.first_alarm_s == pytest.approx(0.05)
+    assert any(note.startswith("outside of its set: 1 samples of speed") for note in found.notes)
+    inside = explained(tmp_path, drive())
+    assert (inside.alarms, [n for n in inside.notes if "set" in n]) == (0, [])
+
+
+def test_who_commands_faster_than_the_set_explains_nothing(tmp_path: Path, capsys: Any) -> None:
+    explained(tmp_path, drive(x=lambda k, _: 2.0 * EVERY_S * k, u=lambda _k, _: 2.0))
+    arguments = ["monitor", str(SHUTTLE), str(tmp_path / "drive.csv"), "--estimates"]
+    assert main([*arguments, "--map", str(tmp_path / "map.json")]) == 3
+    assert "200 samples of speed" in capsys.readouterr().out
+
+
+def test_a_measurement_outside_of_its_set_is_not_taken(tmp_path: Path) -> None:
+    found = explained(tmp_path, drive(x=lambda k, v: 51.0 if k % 3 == 2 else v))
+    assert (found.alarms, found.steps) == (0, ROWS - 1 - ROWS // 3)
+    assert any(
+        note.startswith("outside of its set: 66 samples of position") for note in found.notes
+    )
+    nothing = explained(tmp_path, drive(x=lambda _k, _: 51.0))
+    assert (nothing.steps, nothing.judged) == (0, False)
+
+
+def clipped(folder: Path, rows: list[Row]) -> Judgement:
+    explained(folder, rows)
+    given = json.loads((folder / "map.json").read_text())
+    given["topics"]["speed"]["clip"] = True
+    (found,) = log_explained(load(SHUTTLE).flat, folder / "drive.csv", given)
+    return found
+
+
+def test_a_drive_that_clips_its_commands_says_so_in_the_mapping(tmp_path: Path) -> None:
+    found = clipped(tmp_path, drive(u=lambda k, v: 500.0 if k % 2 else v))
+    assert found.alarms == 0
+    assert "clipped to its set: 100 samples of speed" in found.notes
+    assert "clipped" not in " ".join(clipped(tmp_path, drive()).notes)
+
+
+def test_an_angle_is_explained_across_the_end_of_its_turn(tmp_path: Path) -> None:
+    text = SHUTTLE.read_text().replace(
+        'topic position: float unit "m"', 'topic position: float unit "rad"'
+    )
+    program = tmp_path / "turning.soter"
+    program.write_text(text)
+    place = drive(x=lambda k, _: (3.0 + EVERY_S * k + math.pi) % math.tau - math.pi)
+    found = explained(tmp_path, place, program)
+    assert (found.alarms, found.steps) == (0, ROWS - 1)

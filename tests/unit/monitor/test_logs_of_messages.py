@@ -192,6 +192,42 @@ def test_an_element_beyond_the_end_of_a_list_leaves_the_message_out(tmp_path: Pa
         assert (judged.samples["motion"], judged.left_out["motion"][0]) == (10, 20)
 
 
+def joints(first: int, *names: tuple[str, ...]) -> list[Recorded]:
+    """States of joints; the names of message k are those of `names` in turn, from `first` on."""
+    told = []
+    for k in range(30):
+        order = names[0] if k < first else names[k % len(names)]
+        place = {"elbow": 1.0, "wrist": 2.0}
+        content = {
+            "header": robot_logs.stamped(T0 + k * 10 * MS),
+            "name": list(order),
+            "position": [place[name] for name in order],
+        }
+        told.append(Recorded(T0 + k * 10 * MS, content, CHANNEL, "sensor_msgs/msg/JointState"))
+    return told
+
+
+BOTH = (("elbow", "wrist"), ("wrist", "elbow"))
+JOINTS: dict[str, Any] = {
+    "type": "sensor_msgs/JointState",
+    "fields": {"x": "position.0", "v": {"constant": 0.0}},
+}
+
+
+@pytest.mark.parametrize("name", ["cdr.mcap", "json.mcap", "plain.bag", "ros2_plain"])
+def test_joints_by_number_are_told_where_two_orders_of_them_meet(tmp_path: Path, name: str) -> None:
+    told = "`name` of `/odom` has two orders, elbow, wrist and wrist, elbow, and joints"
+    for count, first in ((1, 7), (2, 7), (2, 30)):
+        folder = tmp_path / f"{count} {first}"
+        folder.mkdir()
+        log = written(folder, name, joints(first, *BOTH[:count]))
+        notes = " ".join(judge(log, **JOINTS).notes)
+        assert (told in notes) == (count == 2 and first < 30)
+    one = judge(tmp_path / "2 7" / name, where={"name.0": "elbow"}, **JOINTS)
+    assert told not in " ".join(one.notes)
+    assert 15 <= one.samples["motion"] < 25
+
+
 # ---------------------------------------------------------------- logs that do not fit
 
 

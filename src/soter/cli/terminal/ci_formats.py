@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -24,7 +25,7 @@ from xml.etree import ElementTree as ET
 
 from soter.cli.terminal.command_line import CiFinding, CommandOutcome, of_diagnostics, place
 from soter.diagnostics.codes import explain, title
-from soter.diagnostics.diagnostic import Diagnostic, Severity
+from soter.diagnostics.diagnostic import Diagnostic, Severity, legible
 from soter.explore.results import BOUND, VIOLATED, ExploreReport, TestResult
 from soter.version import VERSION
 
@@ -69,7 +70,10 @@ LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
 
 def written(format_: str, command: str, outcome: CommandOutcome) -> str:
     """The outcome in one of the formats, as text; "" for `github` where all is well."""
-    findings = [*of_diagnostics(outcome.diagnostics), *outcome.found]
+    findings = [
+        replace(f, text=legible(f.text), details=tuple(map(legible, f.details)))
+        for f in (*of_diagnostics(outcome.diagnostics), *outcome.found)
+    ]
     if format_ == "sarif":
         return sarif(command, findings, outcome.exit)
     if format_ == "github":

@@ -26,6 +26,7 @@ from threading import Event, Thread
 from typing import IO, TYPE_CHECKING
 
 from soter.diagnostics.current_phase import lasting, listening_to_phases
+from soter.diagnostics.diagnostic import legible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -136,7 +137,7 @@ class Console:
     """The two output streams of one command; a context that restores `sys.stdout` at its end."""
 
     def __init__(self, *, json: bool, own_process: bool = False) -> None:
-        self.json = json
+        self.json, self.words = json, list[str]()
         self.own_process = own_process
         """Whether this process is the command, not another program that calls `main`."""
 
@@ -211,7 +212,7 @@ class Console:
     def say(self, text: str = "") -> None:
         """Writes a line of the result, for people; nothing with `--json`."""
         if not self.json:
-            self.write(text + "\n")
+            self.write(legible(text, color=self.color_out, words=self.words) + "\n")
 
     def document(self, text: str) -> None:
         """Writes the document: JSON, or a format of continuous integration."""
@@ -220,6 +221,7 @@ class Console:
     def note(self, text: str) -> None:
         """Writes a line that is not of the result to standard error."""
         if self.err is not None:
+            text = legible(text, color=self.color_err, words=self.words)
             with suppress(OSError, ValueError):
                 self.err.write((plainly(text) if self._plain_err else text) + "\n")
                 self.err.flush()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, Severity
+from soter.diagnostics.render import safe
 from soter.report.templates import PageSection
 
 if TYPE_CHECKING:
@@ -214,14 +215,13 @@ def _module_lines(m: ModuleOfLog) -> Iterator[str]:
 
 def lost_of(j: LogJudgement) -> Iterator[str]:
     """Lines for samples that were not used, components that faulted, and damage of the file."""
-    for text in j.lost:
-        yield f"\n{text}"
+    told = [*j.lost]
     for name, (count, first) in j.refused.items():
-        yield f"\nrefused by the gate: {count:,} samples of {name}; the first: {first}"
-    for name, told in j.faulted.items():
-        yield f"\n{name} faulted and latched: {told}"
-    for told in (*sorted({m.damage.told for m in j.modules if m.damage}), *j.notes):
-        yield f"\nof the file: {told}"
+        told.append(f"refused by the gate: {count:,} samples of {name}; the first: {first}")
+    told += [f"{name} faulted and latched: {why}" for name, why in j.faulted.items()]
+    damages = sorted({m.damage.told for m in j.modules if m.damage})
+    told += [f"of the file: {text}" for text in (*damages, *j.notes)]
+    yield from (f"\n{safe(text)}" for text in told)
 
 
 def _log_lines(j: LogJudgement) -> Iterator[str]:
@@ -299,12 +299,12 @@ def _distance(n: NearestMargin) -> float | None:
     return n.distance if isfinite(n.distance) else None
 
 
-RESULT = "soter.monitor.log_judgement"
+RESULT, COLUMNS = "soter.monitor.log_judgement", "soter.monitor.log_files.log_columns"
 LOST = JsonObject(LostSamples, "samples first", named="samples_lost")
 LEFT_OUT = JsonObject(
     LeftOutSamples, "samples first reasons", named="samples_left_out", reasons=LOST
 )
-DAMAGE = JsonObject("soter.monitor.log_files.log_columns.Damage", "told share", named="damage")
+DAMAGE = JsonObject(f"{COLUMNS}.Damage", "told share", named="damage")
 NEAREST = JsonObject(
     f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
 )
@@ -317,7 +317,7 @@ FOREIGN_LOG = JsonObject(
     derived=JsonObject("soter.monitor.typed_samples.DerivedValue", "name how error"),
     left_out=LEFT_OUT,
     refused=LOST,
-    far_stamps=JsonObject("soter.monitor.typed_samples.FarStamps", "samples offset_s length_s"),
+    far_stamps=JsonObject(f"{COLUMNS}.FarStamps", "samples offset_s length_s"),
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "

@@ -324,7 +324,7 @@ def duration_ns(given: float | str) -> int:
     elif isinstance(given, bool) or not hasattr(given, "__float__"):
         raise WrongTextError(f"expected a text such as '30s', or seconds, found {given!r}")
     else:
-        seconds = float(given)
+        seconds = math.inf if abs(given) > DURATION_NS_MAX else float(given)
         if not math.isfinite(seconds):
             raise WrongTextError(f"{seconds} is no length of time")
         ns = round(Fraction(repr(seconds)) * 10**9)

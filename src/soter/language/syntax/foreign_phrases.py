@@ -68,7 +68,7 @@ def type_of(value: str) -> str | None:
 
 def next_number(text: str) -> str:
     """The text for one more: `4` for `3`, `n + 1` for `n`."""
-    return str(int(text) + 1) if text.isdigit() else f"{text} + 1"
+    return str(int(text) + 1) if text.isdigit() and len(text) < 20 else f"{text} + 1"
 
 
 def parameters(text: str) -> str | None:

@@ -14,9 +14,7 @@ import zlib
 from fractions import Fraction
 from typing import IO, TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.diagnostic import reason
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.load.named_files import opened
 from soter.monitor.log_files.log_columns import (
     COMMAS,
     FileFacts,
@@ -24,6 +22,7 @@ from soter.monitor.log_files.log_columns import (
     add_row,
     damaged_log,
     moment,
+    opened_log,
     remedies,
     unusable,
 )
@@ -179,10 +178,8 @@ def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) 
 def csv_head(path: Path) -> list[str]:
     """The names of a CSV's columns; SoterError D016."""
     try:
-        with opened(path) as data, _text(path, data) as file:
+        with opened_log(path) as data, _text(path, data) as file:
             return [h.strip() for h in next(csv.reader(_lines(file, FileFacts())), [])]
-    except OSError as error:
-        raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
         raise damaged_log(path, f"it is no CSV: {error}", *remedies(path)) from error
 
@@ -195,7 +192,7 @@ def csv_rows(
     SoterError D016; DamagedLogError where rows before it were whole.
     """
     try:
-        with opened(path) as data, _text(path, data) as file:
+        with opened_log(path) as data, _text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
             reader = csv.reader(_lines(file, facts), strict=True)
             rows = _checked_rows(path, reader)
@@ -214,8 +211,6 @@ def csv_rows(
                     raise damaged_log(path, text)
                 cells = {name: row[at] for name, at in places.items()}
                 yield reader.line_num, [row[at] for at in clock], cells
-    except OSError as error:
-        raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
         raise damaged_log(path, f"it is no CSV: {error}", *remedies(path)) from error
 

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.load.named_files import opened
 from soter.mapping.message_types import HEADER_FRAME
 
@@ -83,6 +84,25 @@ class Columns:
             *self.notes,
             f"{told} and count in the order of the file; the first: {self.first_equal}",
         ]
+
+
+@dataclass(frozen=True)
+class FarStamps:
+    """How many stamps are further from the log's clock than the log is long.
+
+    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
+    """
+
+    samples: int
+    offset_s: float
+    length_s: float
+
+    def __str__(self) -> str:
+        side = "before" if self.offset_s < 0 else "after"
+        return (
+            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
+            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
+        )
 
 
 @dataclass
@@ -171,6 +191,24 @@ def unusable(path: Path, why: str, *helps: str) -> SoterError:
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
 
 
+NO_END = "the autopilot lost power while it wrote, or the file was cut"
+
+
+@contextmanager
+def opened_log(path: Path) -> Iterator[BinaryIO]:
+    """The file of a log; SoterError D016 where it cannot be read."""
+    try:
+        with opened(path) as file:
+            yield file
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+
+
+def no_file_of(path: Path, what: str) -> SoterError:
+    """SoterError D016 for a file that does not begin as its name says."""
+    return unusable(path, f"it is no {what}", *remedies(path))
+
+
 class DamagedLogError(SoterError):
     """D016 of a file that is cut, or contradicts itself; what stood before it was given."""
 
@@ -257,6 +295,18 @@ def parse_decimal(given: object) -> Decimal | None:
     except InvalidOperation:
         return None
     return None if isinstance(given, bool) or not number.is_finite() else number
+
+
+DIGITS_MAX = 40
+"""Digits of a whole number at most: no type has more."""
+
+
+def whole_number(cell: object) -> int:
+    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
+    number = parse_decimal(cell)
+    if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
+        raise ValueError
+    return int(number)
 
 
 COMMAS = "numbers have a point, and cells are parted by commas"

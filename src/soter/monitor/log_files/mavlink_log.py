@@ -3,30 +3,32 @@
 Purpose: `mavlink_messages` reads frames of MAVLink 1 and 2, each with its checksum, decoded by
 `pymavlink` in its dialect `all`; D016 says where a file is cut or damaged. Channels are names of
 messages, whose `header.srcSystem` and `header.srcComponent` say whose they are. Times are those at
-which the ground station had them; `[time] from = "time_boot_ms"` takes the autopilot's own.
-Non-goals: frames of a dialect of one's own, which are counted; signatures.
+which the ground station had them, which no checksum covers; `[time] from = "time_boot_ms"` takes
+the autopilot's own. Frames of another dialect are counted, if their checksums are those of one.
+Non-goals: what these frames say; signatures; the raw stream (`.rlog`), which has no times.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.diagnostic import reason
-from soter.language.load.named_files import opened
 from soter.mapping.mavlink_dialects import require_mavlink_package
-from soter.monitor.log_files.log_columns import Writers, damaged_log, unusable
+from soter.monitor.log_files.log_columns import Writers, damaged_log, opened_log, unusable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.monitor.log_files.log_columns import Arrived, DamagedLogError, FileFacts, Wanted
+    from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
 
 
 TIME_BYTES = 8
-AROUND = {0xFE: 8, 0xFD: 12}
+NEW = 0xFD
+AROUND = {0xFE: 8, NEW: 12}
 """Bytes of a frame around its payload, by the one that it begins with."""
 SIGNED, SIGNATURE_BYTES = 1, 13
+RAW = "an `.rlog` is a raw stream, in which nothing says when", "give the `.tlog` beside it"
 OLD = 0x55
 """The first byte of a frame of MAVLink 0.9."""
 
@@ -36,80 +38,89 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
     `facts` counts the messages of every name. SoterError D016, D007.
     """
+    if path.suffix.lower() == ".rlog":
+        raise unusable(path, *RAW)
     require_mavlink_package()
     from pymavlink.dialects.v20 import all as dialect  # noqa: PLC0415 - an extra
 
     decoder, writers, odd = dialect.MAVLink(None), Writers(), _OddFrames(path, facts)
-    try:
-        with opened(path) as file:
-            facts.size_of(file)
-            for time_us, frame in _frames(path, file, facts):
-                try:
-                    message = decoder.decode(frame)
-                    name = message.get_type()
-                except dialect.MAVError as error:
-                    number = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
-                    known = dialect.mavlink_map.get(number)
-                    name = getattr(known, "msgname", f"message {number}")
-                    odd.wrong(name, name in wanted and not wanted[name].unnamed, str(error))
-                    continue
-                if isinstance(message, dialect.MAVLink_unknown):
-                    name = f"message {message.get_msgId()}"
-                    odd.unknown += 1
-                else:
-                    odd.right(name)
-                facts.there[name] = facts.there.get(name, 0) + 1
-                content = None
-                if name in wanted:
-                    system, component = message.get_srcSystem(), message.get_srcComponent()
-                    writers.note(name, f"{system}/{component}")
-                    head = {"srcSystem": system, "srcComponent": component}
-                    content = {**message.to_dict(), "header": head}
-                yield time_us * 1000, None, name, content
-    except OSError as error:
-        raise unusable(path, reason(error)) from error
+    facts.unchecked = True
+    with opened_log(path) as file:
+        facts.size_of(file)
+        for time_us, frame in _frames(path, file, facts):
+            try:
+                message = decoder.decode(frame)
+                name = message.get_type()
+            except dialect.MAVError as error:
+                number = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
+                known = dialect.mavlink_map.get(number)
+                name = getattr(known, "msgname", f"message {number}")
+                asked = name in wanted and not wanted[name].unnamed
+                odd.note(name, frame, str(error), asked)
+                continue
+            if isinstance(message, dialect.MAVLink_unknown):
+                name = f"message {message.get_msgId()}"
+                odd.note(name, frame, "its checksum is none of its dialect's", asked=False)
+            else:
+                odd.right(name)
+            facts.there[name] = facts.there.get(name, 0) + 1
+            content = None
+            if name in wanted:
+                system, component = message.get_srcSystem(), message.get_srcComponent()
+                writers.note(name, f"{system}/{component}")
+                head = {"srcSystem": system, "srcComponent": component}
+                content = {**message.to_dict(), "header": head}
+            yield time_us * 1000, None, name, content
     facts.notes += [*writers.notes, *odd.notes]
 
 
 class _OddFrames:
     """Frames that no dialect knows, or whose checksum is another than its dialect says.
 
-    Messages of which all have another checksum are of another dialect; where some have, those are
-    damaged, as is one that the mapping asks for.
+    Messages of which all have the checksum of one other dialect are of that; else they are damaged,
+    as is one that the mapping asks for.
     """
 
     def __init__(self, path: Path, facts: FileFacts) -> None:
         self.path, self.facts = path, facts
-        self.unknown = 0
         self._right: set[str] = set()
-        self._wrong: dict[str, tuple[int, DamagedLogError]] = {}
+        self._seeds: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
 
     def right(self, name: str) -> None:
         """Count a message whose checksum is right."""
-        if name in self._wrong:
-            raise self._wrong[name][1]
+        if name in self._seeds:
+            told = f"of the messages of `{name}` before byte {self.facts.at_byte:,} each is damaged"
+            raise damaged_log(self.path, told)
         self._right.add(name)
 
-    def wrong(self, name: str, wanted: bool, why: str) -> None:
-        """Count a message whose checksum is wrong; DamagedLogError where that is a damage."""
-        told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
-        count, first = self._wrong.get(name, (0, damaged_log(self.path, told)))
-        if wanted or name in self._right:
-            raise first
-        self._wrong[name] = count + 1, first
+    def note(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
+        """Count another one; DamagedLogError where it is asked for, or of no one dialect."""
+        seeds = range(256) if name not in self._seeds else (self._seeds[name],)
+        seed = next((s for s in seeds if _has_checksum(frame, s)), None)
+        if asked or name in self._right or seed is None:
+            told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
+            raise damaged_log(self.path, told)
+        self._seeds[name] = seed
+        self._counts[name] += 1
 
     @property
     def notes(self) -> list[str]:
         """Notes on such frames, which were stepped over."""
-        told = [
-            f"{n:,} messages have the number of `{name}` and another checksum: of another dialect, "
-            "or damaged; they were stepped over"
-            for name, (n, _) in self._wrong.items()
+        return [
+            f"{n:,} messages have the number of `{name}` and the checksum of another dialect: they "
+            "were stepped over"
+            for name, n in self._counts.items()
         ]
-        if self.unknown:
-            count = f"{self.unknown:,} messages are of no dialect that the package `pymavlink` has"
-            told.append(f"{count}, and were stepped over without a look at their checksum")
-        return told
+
+
+def _has_checksum(frame: bytearray, seed: int) -> bool:
+    """Whether the checksum of a frame is that of a dialect which chose `seed` for the message."""
+    from pymavlink.generator.mavcrc import x25crc  # noqa: PLC0415 - an extra
+
+    end = len(frame) - 2 - (SIGNATURE_BYTES if frame[0] == NEW and frame[2] & SIGNED else 0)
+    whole = x25crc([*frame[1:end], seed])
+    return bool(whole.crc == int.from_bytes(frame[end : end + 2], "little"))
 
 
 def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int, bytearray]]:
@@ -122,7 +133,7 @@ def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int,
             raise damaged_log(path, f"at byte {at + TIME_BYTES:,} stands {old}")
         length = 0
         if len(head) == 3:
-            signed = head[0] == 0xFD and head[2] & SIGNED
+            signed = head[0] == NEW and head[2] & SIGNED
             length = AROUND[head[0]] + head[1] + (SIGNATURE_BYTES if signed else 0)
         frame = head + file.read(max(0, length - len(head)))
         if not length or len(frame) < length:

@@ -32,7 +32,7 @@ from soter.mapping.message_types import (
     MessageTypes,
     require_ros_package,
 )
-from soter.monitor.log_files.log_columns import Writers, damaged_log, remedies, unusable
+from soter.monitor.log_files.log_columns import Writers, damaged_log, no_file_of, unusable
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
@@ -297,7 +297,7 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
 def _require_mcap(path: Path, file: BinaryIO) -> None:
     """SoterError D016 where it does not begin as an MCAP does."""
     if file.read(len(MAGIC)) != MAGIC:
-        raise unusable(path, "it is no MCAP", *remedies(path))
+        raise no_file_of(path, "MCAP")
     file.seek(0)
 
 

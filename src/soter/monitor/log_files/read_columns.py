@@ -11,6 +11,8 @@ Non-goals: the files (`csv_log.py`, `READERS`), decoding (`message_decoding.py`,
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from keyword import iskeyword
 from pathlib import Path
@@ -18,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.mapping.topic_mapping import LOG_TIME, PUBLISH_TIME, NearestSource
-from soter.monitor.log_files.autopilot_logs import dataflash_messages, ulog_messages
 from soter.monitor.log_files.csv_log import is_table, read_csv
+from soter.monitor.log_files.dataflash_log import dataflash_messages
 from soter.monitor.log_files.log_columns import (
     FileFacts,
     RowChoice,
@@ -32,6 +34,7 @@ from soter.monitor.log_files.log_columns import (
 from soter.monitor.log_files.mavlink_log import mavlink_messages
 from soter.monitor.log_files.message_decoding import mcap_messages
 from soter.monitor.log_files.ros_bags import bag_messages, is_bag, require_no_split
+from soter.monitor.log_files.ulog_log import ulog_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -80,8 +83,9 @@ def read_time_ns(given: Any) -> int:  # noqa: ANN401 - the same
             seconds, rest = (message_part(given, n) for n in names)
         except NoPartError:
             continue
-        if type(seconds) is int and type(rest) is int and 0 <= rest < 10**9:
-            return seconds * 10**9 + rest
+        whole = type(seconds) is int and type(rest) is int
+        if whole and 0 <= rest < SECOND_NS and abs(seconds) < SECONDS_MAX:
+            return int(seconds * SECOND_NS + rest)
     raise NoTimeError
 
 
@@ -129,7 +133,7 @@ def _protobuf_field(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     return value
 
 
-SECOND_NS = 10**9
+SECOND_NS, SECONDS_MAX = 10**9, 10**12
 HOUR_NS = 3600 * SECOND_NS
 OF_ALL = (
     "`[time] from` is asked of the messages of every channel that is mapped; without it their log "
@@ -155,6 +159,7 @@ def read_messages(
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
+    orders: dict[str, list[str]] = {}
     for arrived in facts.readable(path, channel_messages(path, by_channel, facts), partial=partial):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
@@ -172,6 +177,7 @@ def read_messages(
         stamps = {source: _stamp(path, message, source, where) for source in asked.stamps}
         helps = (CLOCK_SET, UNSORTED)
         add_row(path, into, now, cells, stamps, where=where, remedies=helps)
+        _note_order(message, asked, channel, orders)
         order.note(now, where)
         counted.append((log_ns, now))
     for name, choice in choices.items():
@@ -183,7 +189,22 @@ def read_messages(
         columns.ends_ns, columns.beyond_ns = ends, beyond_ns
         columns.unchecked, columns.damage = facts.unchecked, facts.damage
         columns.notes += [*facts.notes, *order.notes, *notes]
+        columns.notes += [TWO_ORDERS.format(k, *seen) for k, seen in orders.items() if seen[1:]]
     return columns_by_channel
+
+
+ELEMENT = re.compile(r"((?:.+\.)?)(?:position|velocity|effort)\.\d+")
+TWO_ORDERS = "{} has two orders, {} and {}, and joints are taken by number: `where` chooses one"
+
+
+def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, list[str]]) -> None:  # noqa: ANN401 - what a message has
+    """Note the first two orders of the names of joints, unless the mapping asks for one."""
+    for path in {f"{m[1]}name" for name in asked.names if (m := ELEMENT.fullmatch(name))}:
+        with suppress(NoPartError, TypeError):
+            seen = orders.setdefault(f"`{path}` of `{channel}`", [])
+            names = ", ".join(map(str, message_part(message, path)))[:200]
+            if names not in seen and len(seen) < 2 and f"{path}.0" not in asked.names:
+                seen.append(names)
 
 
 def _ends_of_log(

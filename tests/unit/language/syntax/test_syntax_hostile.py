@@ -32,8 +32,15 @@ def statements(text: str) -> str:
     return f"soter 1;\nfun f(x: float): float {{ {text} }}\n"
 
 
+DIGITS = "1" * 5000
+"""More than Python makes an int of."""
 _BYTES = _RANDOM.randbytes(MILLION)
 HOSTILE = {
+    "a duration of 5,000 digits": inside(f"x + seconds(0.{DIGITS}ms) +"),
+    "a list of 5,000 digits": f"soter 1;\nconst A: float[2] = [0.0 for i in range({DIGITS})];\n",
+    "a loop to 5,000 digits": statements(f"for (int i = 0; i <= {DIGITS}; i++) {{ }} return x;"),
+    "an index of 5,000 digits": inside(f"x[{DIGITS}] + {DIGITS}.0 + 0x{DIGITS}"),
+    "a version of 5,000 digits": f"soter {DIGITS};\n",
     "random bytes as utf-8": _BYTES.decode("utf-8", "replace"),
     "random bytes as latin-1": _BYTES.decode("latin-1"),
     "random bytes as surrogates": _BYTES.decode("utf-8", "surrogateescape"),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -139,7 +140,7 @@ def _duration(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
         return _too_large(cursor, span, "a duration (about 292 years at most)")
     if 0 < approximate < 1e-3 or (approximate == 0 and "e" in digits.lower()):
         return tree.DurationLit(span, None, text)  # far below a nanosecond
-    exact = Fraction(digits.replace("_", "")) * unit
+    exact = Fraction(Decimal(digits)) * unit  # Python makes no int of 5,000 digits of a text
     value = exact.numerator if exact.denominator == 1 else None
     return tree.DurationLit(span, value, text)
 

@@ -1,0 +1,289 @@
+"""The messages of a DataFlash log, as ArduPilot writes it: binary (`.bin`), or as text (`.log`).
+
+Purpose: `dataflash_messages` reads messages by the formats in the file, in its order; where a file
+is cut or contradicts itself it raises D016 with the place. What `FMT` and `FMTU` say holds for the
+whole file, wherever they stand: a first pass looks at them alone. `IMU#1` is the instance 1 of
+`IMU`, where the file says which field that is; times are `TimeUS`, us since the autopilot began,
+`TimeMS` or `T` of old logs in ms; a message that has none came with the one before it.
+Non-goals: looking for the next message behind a damaged one; GPS time; units (`UNIT`, `MULT`).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from soter.monitor.log_files.log_columns import (
+    NO_END,
+    DamagedLogError,
+    FileFacts,
+    damaged_log,
+    is_plain,
+    no_file_of,
+    opened_log,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from soter.monitor.log_files.log_columns import Arrived, Wanted
+
+
+DATAFLASH_MAGIC = b"\xa3\x95"
+FMT, HEAD_BYTES = 128, 3
+TEXT_HEAD, LINE_MAX = 1 << 16, 1 << 16
+"""Bytes in which a text has to say its first format, and of a line."""
+CODES = {
+    "a": "64s", "b": "b", "B": "B", "g": "e", "h": "h", "H": "H", "i": "i", "I": "I", "f": "f",
+    "d": "d", "n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i",
+    "M": "b", "q": "q", "Q": "Q",
+}  # fmt: skip
+"""Letter of a format -> its code of `struct`."""
+DIVISORS = {"c": 1e2, "C": 1e2, "e": 1e2, "E": 1e2, "L": 1e7}
+TEXTS, FLOATS = {"n": 4, "N": 16, "Z": 64}, "gfdcCeEL"
+TIMES_NS = {"TimeUS": 1000, "T": 10**6, "TimeMS": 10**6}
+"""The first of these counts: `TimeMS` beside a `T` is the time of GPS."""
+PADDING = (b"\0", b"\xff")
+
+
+@dataclass
+class _Format:
+    """A kind of messages, from its `FMT`. `instance`: the field that tells its sensors apart."""
+
+    name: str
+    length: int
+    letters: str
+    columns: tuple[str, ...]
+    instance: str = ""
+    layout: struct.Struct = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self.layout = struct.Struct("<" + "".join(CODES[letter] for letter in self.letters))
+
+    def content(self, raw: Sequence[Any]) -> dict[str, Any]:
+        """The content of a binary message, from what `layout` reads of it."""
+        made: dict[str, Any] = {}
+        for letter, name, value in zip(self.letters, self.columns, raw, strict=True):
+            if letter in TEXTS:
+                made[name] = _text(value)
+            elif letter == "a":
+                made[name] = list(struct.unpack("<32h", value))
+            else:
+                made[name] = value / DIVISORS[letter] if letter in DIVISORS else value
+        return made
+
+    def typed(self, cells: Sequence[str]) -> list[Any]:
+        """A line of a text; ValueError where it is none. A mode may stand there by name."""
+        return [_typed(letter, cell) for letter, cell in zip(self.letters, cells, strict=True)]
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line behind its name; a text that stands last may have commas."""
+        text_last = self.letters[-1:] in TEXTS
+        return [c.strip() for c in line.split(",", len(self.letters) - 1 if text_last else -1)]
+
+    def of_text(self, raw: Sequence[Any]) -> dict[str, Any]:
+        """The content of a message of a text, from what `typed` reads of it."""
+        return dict(zip(self.columns, raw, strict=True))
+
+    def channel(self, raw: Sequence[Any]) -> str:
+        """The channel of a message: its name, and the instance where that is not the first."""
+        if not self.instance:
+            return self.name
+        number = raw[self.columns.index(self.instance)]
+        number = _text(number) if isinstance(number, bytes) else number
+        return f"{self.name}#{number}" if number not in (0, "", "0") else self.name
+
+    def time_ns(self, raw: Sequence[Any]) -> int | None:
+        """The time at which a message was written; None where it does not say so."""
+        for name, unit_ns in TIMES_NS.items():
+            if name in self.columns:
+                given = raw[self.columns.index(name)]
+                return given * unit_ns if isinstance(given, int) else None
+        return None
+
+
+def _text(raw: bytes) -> str:
+    ended = raw.partition(b"\0")[0]
+    try:
+        return ended.decode("utf-8")
+    except UnicodeDecodeError:
+        return ended.decode("latin-1")
+
+
+def _typed(letter: str, cell: str) -> float | int | str:
+    """A cell of a text; ValueError where its letter has no such value."""
+    is_text = letter in TEXTS or letter in "aM"
+    if len(cell.encode("utf-8")) > TEXTS.get(letter, LINE_MAX) or not (is_text or is_plain(cell)):
+        raise ValueError
+    if is_text or letter in FLOATS:
+        return cell if is_text else float(cell)
+    number = int(cell)
+    struct.pack(CODES[letter], number)
+    return number
+
+
+def dataflash_messages(
+    path: Path, wanted: dict[str, Wanted], facts: FileFacts
+) -> Iterator[Arrived]:
+    """Time, kind and content of each message; None for that of a kind nobody wants.
+
+    `facts` counts the messages of every kind. SoterError D016.
+    """
+    facts.unchecked = True
+    with opened_log(path) as file:
+        head = file.read(TEXT_HEAD)
+        facts.size_of(file)
+        file.seek(0)
+        binary = head.startswith(DATAFLASH_MAGIC)
+        if not binary and b"FMT," not in head:
+            raise no_file_of(path, "log of ArduPilot")
+        first = _DataflashReading(path, None, FileFacts())
+        with suppress(DamagedLogError):  # which the second pass comes upon
+            deque(first.of_binary(file) if binary else first.of_text(file), maxlen=0)
+        file.seek(0)
+        reading = _DataflashReading(path, wanted, facts)
+        reading.formats = first.formats
+        yield from reading.of_binary(file) if binary else reading.of_text(file)
+
+
+class _DataflashReading:
+    """Reads a log by the formats met so far, or these alone (`wanted` is None).
+
+    `now_ns`: the time of the last message with one.
+    """
+
+    def __init__(self, path: Path, wanted: dict[str, Wanted] | None, facts: FileFacts) -> None:
+        self.path, self.wanted, self.facts = path, wanted, facts
+        first = _Format("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
+        self.formats = {FMT: first}
+        self.now_ns = 0
+
+    def of_binary(self, file: BinaryIO) -> Iterator[Arrived]:
+        while head := file.read(HEAD_BYTES):
+            at = self.facts.at_byte = file.tell() - len(head)
+            if head[:2] != DATAFLASH_MAGIC:
+                self._require_padding(head, file, at)
+                return
+            form = self.formats.get(head[2]) if len(head) == HEAD_BYTES else None
+            if form is None and len(head) == HEAD_BYTES:
+                told = f"the message at byte {at:,} is of kind {head[2]}, which no `FMT` says"
+                raise damaged_log(self.path, told)
+            body = b"" if form is None else file.read(form.length - HEAD_BYTES)
+            if form is None or len(body) < form.length - HEAD_BYTES:
+                told = f"its last message, at byte {at:,}, has no end: {NO_END}"
+                raise damaged_log(self.path, told)
+            if self._is_left(form):
+                continue
+            try:
+                raw = form.layout.unpack(body)
+                yield from self._take_message(form, raw, form.content, f"at byte {at:,}")
+            except (struct.error, ValueError) as error:
+                told = (
+                    f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
+                )
+                raise damaged_log(self.path, f"{told} what its fields need") from error
+
+    def _require_padding(self, head: bytes, file: BinaryIO, at: int) -> None:
+        """D016 where something else than erased flash stands behind the last message."""
+        fill, count = head[:1], len(head)
+        while fill in PADDING and head == fill * len(head):
+            head = file.read(1 << 16)
+            count += len(head)
+            if not head:
+                self.facts.notes.append(f"{count:,} bytes of `{fill.hex()}` stand behind its end")
+                return
+        raise damaged_log(self.path, f"at byte {at:,} stands no message")
+
+    def of_text(self, file: BinaryIO) -> Iterator[Arrived]:
+        by_name = {form.name: form for form in self.formats.values()}
+        begun = False
+        for number, raw in enumerate(iter(partial(file.readline, LINE_MAX + 1), b""), 1):
+            self.facts.at_byte = file.tell() - len(raw)
+            where = f"line {number}"
+            if len(raw) > LINE_MAX or b"\0" in raw:
+                raise damaged_log(self.path, f"{where} is longer than any is, or no text")
+            if not raw.endswith(b"\n"):
+                raise damaged_log(self.path, f"its last line, {where}, has no end: {NO_END}")
+            name, _, rest = _text(raw).strip().partition(",")
+            form = by_name.get(name.rstrip())
+            if form is None and begun and name and self.wanted is not None:
+                raise damaged_log(self.path, f"{where} is of no kind that a `FMT` says")
+            if form is None or self._is_left(form):
+                continue
+            try:
+                values = form.typed(form.cells(rest))
+            except (ValueError, struct.error):  # the latter of a number that is too large
+                values = []
+            if not values or self._has_line(values[-1], by_name):
+                told = f"{where} is no `{name}`: {_text(raw).strip()[:60]}"
+                raise damaged_log(self.path, told)
+            yield from self._take_message(form, values, form.of_text, f"in {where}")
+            if name == "FMT":
+                begun, said = True, self.formats[values[0]]
+                if by_name.setdefault(said.name, said).columns != said.columns:
+                    told = f"the `FMT` in {where} says of `{said.name}` what one before it does not"
+                    raise damaged_log(self.path, told)
+
+    def _has_line(self, cell: Any, by_name: Mapping[str, _Format]) -> bool:  # noqa: ANN401 - as typed
+        """Whether a text that stands last ends with another line, whose own begin was lost."""
+        for name in by_name if isinstance(cell, str) and "," in cell else ():
+            _, found, rest = cell.rpartition(f"{name},")
+            with suppress(ValueError, struct.error):
+                if found and by_name[name].typed(by_name[name].cells(rest)):
+                    return True
+        return False
+
+    def _is_left(self, form: _Format) -> bool:
+        """Whether a message says nothing to a pass that reads formats alone."""
+        return self.wanted is None and form.name not in ("FMT", "FMTU")
+
+    def _take_message(
+        self,
+        form: _Format,
+        raw: Sequence[Any],
+        content: Callable[[Sequence[Any]], dict[str, Any]],
+        where: str,
+    ) -> Iterator[Arrived]:
+        """A message, unless nobody wants it and it does not say when it was."""
+        if form.name == "FMT":
+            self._define(content(raw), where)
+        elif form.name == "FMTU":
+            self._say_instance(content(raw))
+        time_ns = form.time_ns(raw)
+        self.now_ns = self.now_ns if time_ns is None else time_ns
+        channel = form.channel(raw)
+        self.facts.there[channel] = self.facts.there.get(channel, 0) + 1
+        if self.wanted is not None and channel in self.wanted:
+            yield self.now_ns, None, channel, content(raw)
+        elif time_ns is not None:
+            yield self.now_ns, None, channel, None
+
+    def _define(self, said: dict[str, Any], where: str) -> None:
+        columns = tuple(filter(None, said["Columns"].split(",")))
+        if said["Name"] == "FMT":
+            return  # it is the one that reads this
+        told = f"the `FMT` {where} says that `{said['Name']}` has the formats `{said['Format']}`"
+        before = self.formats.get(said["Type"])
+        try:
+            form = _Format(said["Name"], said["Length"], said["Format"], columns)
+        except KeyError as error:
+            raise damaged_log(self.path, f"{told}, which are none") from error
+        if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
+            raise damaged_log(self.path, f"{told}, for {len(columns)} fields")
+        form.instance = "" if before is None else before.instance
+        if before not in (None, form):
+            raise damaged_log(self.path, f"{told}, and one before it something else of its number")
+        self.formats[said["Type"]] = form
+
+    def _say_instance(self, said: dict[str, Any]) -> None:
+        form = self.formats.get(said.get("FmtType", -1))
+        place = str(said.get("UnitIds", "")).find("#")
+        if form is not None and 0 <= place < len(form.columns):
+            if form.instance not in ("", form.columns[place]):
+                raise damaged_log(self.path, f"two `FMTU` of `{form.name}` contradict each other")
+            form.instance = form.columns[place]

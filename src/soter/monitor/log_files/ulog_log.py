@@ -1,0 +1,272 @@
+"""The messages of a ULog, as PX4 writes it.
+
+Purpose: `ulog_messages` reads messages by the formats in the file, in its order; where a file is
+cut or contradicts itself it raises D016 with the place. It has no checksums: each message, wanted
+or not, has to be of a kind that ULog has, and as long as what it says needs. `gps#1` is a topic's
+second instance; times are the topics' own `timestamp`, us since the autopilot began.
+Non-goals: what parameters and texts say; looking for the next message behind a damaged one.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from soter.monitor.log_files.log_columns import NO_END, Writers, damaged_log, no_file_of, opened_log
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
+
+
+ULOG_MAGIC = b"ULog\x01\x12\x35"
+HEADER_BYTES = 16
+HEAD = struct.Struct("<HB")
+TYPES = {
+    "int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i",
+    "uint32_t": "I", "int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "bool": "?",
+    "char": "s",
+}  # fmt: skip
+FIELD = re.compile(r"([\w/-]{1,99})(?:\[(\d{1,5})\])? (\w{1,99})", re.ASCII)
+FORMAT_MAX, DEPTH_MAX = 1 << 16, 8
+"""Bytes of a message, as their count has two bytes; formats in formats."""
+KEY = re.compile(rb"(\w{1,9})(?:\[(\d{1,5})\])? [!-~]{1,255}")
+CONTROLS = {*range(32)} - {*b"\t\n\r\x1b"}
+"""Bytes that no text has."""
+SYNC = bytes.fromhex("2f731320250cbb12")
+
+
+def _is_other(kind: int, body: bytes) -> bool:
+    """Whether a body is one of a kind that holds no values of a topic."""
+    if kind in b"LC":
+        begin = 9 if kind == ord("L") else 11
+        return len(body) >= begin and body[0] in b"01234567" and not {*body[begin:]} & CONTROLS
+    flag, fact = (body[0], body[1:]) if kind in b"MQ" else (0, body)
+    said = KEY.fullmatch(fact[1 : 1 + fact[0]])
+    if kind not in b"IMPQ" or said is None or flag > {ord("M"): 1}.get(kind, 3):
+        return body == SYNC and kind == ord("S")
+    size = struct.calcsize(f"<{TYPES[said[1].decode('ascii')]}") * int(said[2] or 1)
+    return len(fact) == 1 + fact[0] + size
+
+
+@dataclass(frozen=True)
+class _Field:
+    """A field: `count` 0 is no array; `inner`: of another format, None: a number or a text."""
+
+    name: str
+    code: str
+    count: int
+    size: int
+    inner: tuple[_Field, ...] | None = None
+
+    @property
+    def codes(self) -> str:
+        """The codes of `struct` for the field."""
+        if self.inner is not None:
+            return "".join(f.codes for f in self.inner) * max(1, self.count)
+        return f"{self.count or 1}s" if self.code == "s" else self.code * max(1, self.count)
+
+    def read(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - a number, text, list or table
+        """The value of the field, taken from the numbers that follow."""
+        if self.code == "s":
+            return next(values).partition(b"\0")[0].decode("utf-8", "replace")
+        if self.count:
+            return [self._read_one(values) for _ in range(self.count)]
+        return self._read_one(values)
+
+    def _read_one(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - the same
+        return next(values) if self.inner is None else _content(self.inner, values)
+
+
+def _content(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[str, Any]:
+    """The fields of a message by name, without those that only fill room."""
+    read = {f.name: f.read(values) for f in fields}
+    return {name: value for name, value in read.items() if not name.startswith("_padding")}
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """The topic logged under an id: `name` with its instance; end padding may be left out."""
+
+    name: str
+    fields: tuple[_Field, ...]
+    layout: struct.Struct = field(compare=False)
+    longest: int
+    time_at: int
+
+    @classmethod
+    def of(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
+        """The topic of these fields; ValueError where no `timestamp` is among them."""
+        longest = sum(f.size for f in fields)
+        while fields and fields[-1].name.startswith("_padding"):
+            fields = fields[:-1]
+        before = [f.name for f in fields].index("timestamp")
+        if fields[before].codes != "Q":
+            raise ValueError
+        time_at = sum(f.size for f in fields[:before])
+        layout = struct.Struct("<" + "".join(f.codes for f in fields))
+        return cls(name, fields, layout, longest, time_at)
+
+    def is_as_long(self, length: int) -> bool:
+        """Whether a message of it, with its id of two bytes, may have so many bytes."""
+        return self.layout.size <= length - 2 <= self.longest
+
+
+def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    """Time, topic and content of each message; None for that of a topic nobody wants.
+
+    `facts` counts the messages of every topic. SoterError D016.
+    """
+    facts.unchecked = True
+    with opened_log(path) as file:
+        if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
+            raise no_file_of(path, "ULog")
+        yield from _UlogReading(path, file, wanted, facts).messages()
+
+
+class _UlogReading:
+    """Reads a log by the formats and topics met so far."""
+
+    def __init__(
+        self, path: Path, file: BinaryIO, wanted: dict[str, Wanted], facts: FileFacts
+    ) -> None:
+        self.path, self.file, self.wanted, self.facts = path, file, wanted, facts
+        self.size = facts.size_of(file)
+        self.formats: dict[str, str] = {}
+        self.known: dict[str, _Topic] = {}
+        self.topics: dict[int, _Topic] = {}
+        self.appended: list[int] = []
+        self.times_us: dict[str, int] = {}
+        self.lost, self.lost_ms = 0, 0
+        self.writers = Writers()
+
+    def messages(self) -> Iterator[Arrived]:
+        if len(self.file.read(HEADER_BYTES)) < HEADER_BYTES:
+            raise damaged_log(self.path, f"its head has no end: {NO_END}")
+        while (found := self._next()) is not None:
+            kind, body = found
+            try:
+                if kind == ord("D"):
+                    yield from self._data(body)
+                else:
+                    self._other(kind, body)
+            except (ValueError, KeyError, IndexError, struct.error) as error:
+                shown = f"the message of kind `{chr(kind)}` at byte {self.facts.at_byte:,}"
+                raise damaged_log(self.path, f"{shown} is none that its formats allow") from error
+        if self.lost:
+            told = f"the recorder could not keep up {self.lost:,} times, for {self.lost_ms:,} ms"
+            self.facts.notes.append(f"{told} in all: messages are missing there")
+        self.facts.notes += self.writers.notes
+
+    def _next(self) -> tuple[int, bytes] | None:
+        """Kind and body of the next message, None at the end; D016 where it is cut."""
+        at = self.facts.at_byte = self.file.tell()
+        head = self.file.read(HEAD.size)
+        if not head:
+            return None
+        length, kind = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
+        if self.appended and at + HEAD.size + length > self.appended[0]:
+            begun = self.file.read(max(0, self.appended[0] - at - HEAD.size))
+            if at + HEAD.size < self.appended[0] and not self._may_begin(length, kind, begun):
+                raise damaged_log(self.path, f"at byte {at:,} stands no message")
+            told = f"it was cut at byte {at:,} by a crash, and what was written after it is read"
+            self.facts.notes.append(told)
+            self.file.seek(self.appended.pop(0))
+            return self._next()
+        body = self.file.read(length)
+        if len(head) < HEAD.size or len(body) < length:
+            raise damaged_log(self.path, f"its last message, at byte {at:,}, has no end: {NO_END}")
+        if not (kind and length):
+            raise damaged_log(self.path, f"at byte {at:,} stands no message")
+        return kind, body
+
+    def _data(self, body: bytes) -> Iterator[Arrived]:
+        """A message of a wanted topic; of any other its time alone, if that is later than before.
+
+        Some say 0 all the time, or once a time of long ago or long after.
+        """
+        number = int.from_bytes(body[:2], "little")
+        topic = self.topics[number]
+        if not topic.is_as_long(len(body)):
+            raise ValueError
+        self.facts.there[topic.name] = self.facts.there.get(topic.name, 0) + 1
+        (time_us,) = struct.unpack_from("<Q", body, 2 + topic.time_at)
+        before = self.times_us.get(topic.name, time_us)
+        self.times_us[topic.name] = time_us
+        if topic.name in self.wanted:
+            self.writers.note(topic.name, f"id {number}")
+            content = _content(topic.fields, iter(topic.layout.unpack_from(body, 2)))
+            yield time_us * 1000, None, topic.name, content
+        elif time_us > before:
+            yield time_us * 1000, None, topic.name, None
+
+    def _may_begin(self, length: int, kind: int, begun: bytes) -> bool:
+        """Whether a message of a length and a kind may begin so: what a crash cut is none else."""
+        if kind != ord("D") or len(begun) < 2:
+            return kind in b"DFAROIMPQLCS"
+        topic = self.topics.get(int.from_bytes(begun[:2], "little"))
+        return topic is not None and topic.is_as_long(length)
+
+    def _other(self, kind: int, body: bytes) -> None:
+        """Take note of what is no data; ValueError and the like where it is none of its kind."""
+        if kind == ord("F"):
+            name, _, fields = body.decode("ascii").partition(":")
+            said = (f"{name} _", *fields.rstrip(";").split(";"))
+            if not all(FIELD.fullmatch(text) for text in said):
+                raise ValueError
+            if self.formats.setdefault(name, fields) != fields:
+                raise ValueError
+        elif kind == ord("A"):
+            self._subscribe(body)
+        elif kind == ord("R"):
+            del self.topics[struct.unpack("<H", body)[0]]
+        elif kind == ord("B") and self.facts.at_byte == HEADER_BYTES:
+            self._flags(body)
+        elif kind == ord("O"):
+            self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
+        elif not _is_other(kind, body):
+            raise ValueError
+
+    def _subscribe(self, body: bytes) -> None:
+        """Note which topic an id stands for; ValueError where it stands for another already."""
+        instance, number = struct.unpack_from("<BH", body)
+        name = body[3:].decode("ascii")
+        channel = f"{name}#{instance}" if instance else name
+        topic = replace(self._topic(name), name=channel)
+        if self.topics.setdefault(number, topic) != topic:
+            raise ValueError
+        self.facts.there.setdefault(channel, 0)
+
+    def _flags(self, body: bytes) -> None:
+        """Take note of where data were appended; SoterError for a newer kind of ULog."""
+        ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
+        if ahead[0] & ~1 or any(ahead[1:]):
+            raise no_file_of(self.path, "ULog of a kind that this version knows, but a newer one")
+        self.appended = [n for n in offsets if n] if ahead[0] else []
+        if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
+            raise ValueError
+
+    def _topic(self, name: str) -> _Topic:
+        """The topic of a format, made once; its instances share it."""
+        if name not in self.known:
+            self.known[name] = _Topic.of(name, self._fields(name, DEPTH_MAX))
+        return self.known[name]
+
+    def _fields(self, name: str, depth: int) -> tuple[_Field, ...]:
+        """The fields of a format; ValueError where it is longer than a message, or in itself."""
+        made: list[_Field] = []
+        for text in filter(None, self.formats[name].split(";")):
+            match = FIELD.fullmatch(text)
+            if match is None or not depth:
+                raise ValueError
+            code, count = TYPES.get(match[1], ""), int(match[2] or 0)
+            inner = None if code else self._fields(match[1], depth - 1)
+            one = struct.calcsize(f"<{code}") if inner is None else sum(f.size for f in inner)
+            made.append(_Field(match[3], code, count, max(1, count) * one, inner))
+            if not 0 < sum(f.size for f in made) <= FORMAT_MAX:
+                raise ValueError
+        return tuple(made)
