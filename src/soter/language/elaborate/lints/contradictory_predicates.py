@@ -153,7 +153,7 @@ def _turned_round(
     name, gap = turned
     predicate = symbol.ttf if name == "ttf" else symbol.safer
     assert predicate is not None
-    other = _opposite(predicate)
+    other = opposite(predicate)
     turn = replace(predicate.span, other, f"the other way round: `{name} {other};`")
     diagnostics.warning(
         "W013",
@@ -167,7 +167,7 @@ def _turned_round(
     return True
 
 
-def _opposite(e: typed.TypedExpr) -> str:
+def opposite(e: typed.TypedExpr) -> str:
     """Source text of the negation of `e`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         return e.operand.span.text
