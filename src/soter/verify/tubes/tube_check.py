@@ -11,6 +11,7 @@ Non-goals: asking it (`rest_claims.py`), putting predicates into a module
 
 from __future__ import annotations
 
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.model import typed as t
-from soter.language.model.tree_walk import cost_of
+from soter.language.model.tree_walk import MAX_OPERATIONS, cost_of
 from soter.language.model.types import FLOAT, INT, ArrayType, leaves
 from soter.verify.deploy.level_tables import LevelTable, estimate
 from soter.verify.deploy.shield_tables import command_edges
@@ -30,6 +31,7 @@ from soter.verify.tubes.expression_graph import NoExpressionError, in_order, mid
 from soter.verify.tubes.generated_functions import (
     MAP,
     RANGES,
+    TooLongError,
     certain,
     function,
     functions_of,
@@ -173,8 +175,14 @@ class TubeCheck:
         """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
         shorter = copy(self)
         shorter.times = replace(self.times, switches=switches)
-        functions = functions_of(shorter.offline({}))
+        functions = functions_of(shorter.offline({s: Interval(-1.0, 1.0) for s in self.states}))
         return max(cost_of(f).operations for f in functions.values())
+
+    def fits(self, switches: int) -> bool:
+        """Whether a step can do the dearest function, for `switches` outputs of SC."""
+        with suppress(TooLongError):
+            return self.operations(switches) <= MAX_OPERATIONS
+        return False
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The text of `in_flight` with the functions that are asked before anything flies."""

@@ -10,11 +10,15 @@ Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/t
 from __future__ import annotations
 
 import time
+from contextlib import suppress
+from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
-from soter.language.model.types import show_ns
+from soter.diagnostics.diagnostic import SoterError, texts
+from soter.language.elaborate.lints.rest_lints import rest_claim
+from soter.language.model.types import show_ns, write_ns
 from soter.verify.claims.claims import static_claims
 from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
@@ -118,6 +122,10 @@ KEPT = (
     "what disturbances do at rest, and errors and ages of what SC reads, has to fit into `rest`: a "
     "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
+UNSAID = "`rest` says nothing of {}: bound it there, or say in `moves` how far SC moves it; or "
+AT_START = (
+    "a longer `within`, or a `rest` that lies in `safe` with all that SC leads through from there"
+)
 CASCADE = 3
 """An SC that reads this many states or more mostly has control loops within control loops."""
 MOVES = (
@@ -191,6 +199,9 @@ def verify_by_tubes(
         "failsafe": Finding(ASSUMED, text=NO_LAW),
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
     }
+    if claims.start and not why:
+        tried = _with_longer_time(problem) if refute or explain else ""
+        findings["start"].hint = tried or _doubt_in_words(problem) or AT_START
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.seconds = time.perf_counter() - began
     return result
@@ -204,12 +215,31 @@ def _advice_on_rest(
 ) -> str:
     """Advice where rest is not shown; `ask`: younger reads are tried for it."""
     endless = _missing_bounds(check, claims)
-    asked = ask and not (endless or claims.astray)
+    asked = ask and not (endless or claims.astray is not None)
     tried = _with_younger_reads(check.problem) if asked else ""
+    if doubt := _doubt_in_words(check.problem):
+        return doubt
     if not claims.kept:
         return MOVES
     kept = endless or KEPT.format("".join(f"{what}, " for what in _what_delays_sc(check, tried)))
-    return kept if claims.box else ""
+    by_sc = check.read_by_law | {claims.astray}
+    unsaid = [check.problem.leaf(s) for s in claims.box if s in by_sc - check.read_by_rest]
+    return f"{UNSAID.format(', '.join(unsaid)) if unsaid else ''}{kept}" if claims.box else ""
+
+
+def _doubt_in_words(problem: TubeProblem) -> str:
+    """What `soter check` says of `rest` (W022), with its help; "": nothing."""
+    found = rest_claim(problem.system, problem.module)
+    return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
+
+
+def _with_longer_time(problem: TubeProblem) -> str:
+    """A `within` with which the start is shown, as was tried; "": none."""
+    for ns in (2 * problem.within_ns, 4 * problem.within_ns):
+        with suppress(SoterError):
+            if not rest_claims(TubeCheck(replace(problem, within_ns=ns))).start:
+                return f"`within {write_ns(ns)}` (tried: the start is shown)"
+    return ""
 
 
 def _with_younger_reads(problem: TubeProblem) -> str:

@@ -1,8 +1,8 @@
 """Warns of a module whose `rest`, `moves` or `within` a few runs of SC contradict.
 
-Purpose: W022 of a `rest` that bounds nothing, or does not hold where SC ends; of numbers that SC
-moves further than `moves` says; of a `within` that is over too soon. SC is followed from the start,
-and from where commands at the ends of their sets bring the plants in some periods of the DM.
+Purpose: W022 of a `rest` that bounds nothing, or holds where `safe` does not, or not where SC ends;
+of numbers that SC moves further than `moves` says; of a `within` that is over too soon. SC is
+followed from the start, and from where commands at the ends of their sets bring the plants.
 Non-goals: a proof; errors, delays, disturbances off their middle; an SC that is extern or keeps
 something; a `rest` that no values satisfy.
 """
@@ -15,7 +15,12 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, cast
 
 from soter.diagnostics.diagnostic import Span, replace
-from soter.language.elaborate.lints.contradictory_predicates import flat, opposite, rebuilt
+from soter.language.elaborate.lints.contradictory_predicates import (
+    flat,
+    numbers_in,
+    opposite,
+    rebuilt,
+)
 from soter.language.elaborate.lints.refuted_at_once import at_first
 from soter.language.evaluate.arithmetic import StepFault, zipper
 from soter.language.evaluate.environment import BudgetExceeded, Environment
@@ -40,15 +45,14 @@ if TYPE_CHECKING:
 
 BUDGET = 2_000_000
 """Most operations of the runs of a module: some tenths of a second."""
-PUSHES = (2, 10)
+SHORT, PUSHES = 2, (2, 10)
 """For how many periods of the DM commands are at ends of their sets before SC has control."""
 COMBINED = 3
 """Of so many commands all combinations of ends are tried, of more all low and all high."""
 STEPS, HOLDS, LATELY = 8, 400, 30
 """Steps of integration in a period; periods of SC in a run; those in which it comes to its end."""
-SETTLED = 0.01
+SETTLED, FAR = 0.01, 1e9
 """As a share of a number's way: how much it moves `LATELY` where a run has come to its end."""
-FAR = 1e9
 
 
 class _Run:
@@ -78,10 +82,11 @@ class _Runs:
         self.sc, self.own = system.components[module.sc], Evaluator.of(module.scope)
         self.plants = [(c, c.plant) for c in system.components if c.plant is not None]
         self.driven = sorted({i for c, _ in self.plants for i in c.writes})
-        topics = [system.topics[i] for i in self.driven]
-        self.numbers = [(i, k) for i in self.driven for k, _ in enumerate(system.topics[i].bounds)]
-        self.names = [leaf_name(t.name, path) for t in topics for path, _ in leaves(t.type)]
-        self.parts, self.read = conjuncts(rest.condition), self._numbers_of(rest.condition)
+        topics = [(i, system.topics[i]) for i in self.driven]
+        self.numbers = {(i, k): b for i, t in topics for k, b in enumerate(t.bounds)}
+        self.names = [leaf_name(t.name, path) for _, t in topics for path, _ in leaves(t.type)]
+        self.parts = [(p, self._numbers_of(p)) for p in conjuncts(rest.condition)]
+        self.read = sorted({k for _, read in self.parts for k in read})
         calls = [f for _, plant in self.plants for f in calls_in(*plant_code(plant))]
         self.cost = STEPS * (50 * len(self.plants) + sum(cost_of(f.fun).operations for f in calls))
         self.all: list[_Run] = []
@@ -121,7 +126,7 @@ class _Runs:
             self.left -= self.cost
             if self.left < 0:
                 raise BudgetExceeded
-            run.parts.append([bool(self.own.expression(p)(env)) for p in self.parts])
+            run.parts.append([bool(self.own.expression(p)(env)) for p, _ in self.parts])
             run.seen.append([x for i in self.driven for x in flat(topics[i])])
             law(env)
             for i, value in env.published.items():
@@ -136,23 +141,30 @@ class _Runs:
 
     # ------------------------------------------------------------ claims
 
-    def unbounded(self) -> Found:
-        """`rest` reads a number, and holds at both of its ends."""
-        for k in self.read:
-            i, leaf = self.numbers[k]
-            name, bound = self.names[k], self.system.topics[i].bounds[leaf]
-            low, high = (-FAR, FAR) if bound is None else (bound.low, bound.high)
-            parts = [p for p in self.parts if k in self._numbers_of(p)]
-            if all(self._holds(p, k, x) for p in parts for x in (low, high)):
-                helps: Help = f"bound `{name}` to where SC brings it: narrower than its set"
-                op = getattr(parts[0], "op", "")
-                if isinstance(parts[0], typed.TypedBinary) and op == "||":
-                    both = f"{parts[0].left.span.text} && {parts[0].right.span.text}"
-                    helps = replace(parts[0].span, both, f"if both are meant: `{both}`")
-                elif op == "!" or op[:1] == ">":
-                    helps = _other_way(parts[0])
-                label = f"true of `{name}` = {low:.4g}, and of {high:.4g}"
-                return parts[0].span, f"`rest` holds whatever `{name}` is", label, helps
+    def outside(self) -> Found:
+        """`rest` holds at both ends of a number that it reads, or where `safe` does not."""
+        rest, safe = self.rest.condition, self.module.symbol.safe
+        for k, bound in enumerate(self.numbers.values()):
+            part = next((p for p, read in self.parts if k in read), None)
+            if part is None:
+                continue
+            ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
+            if all(self._holds(p, k, x) for p, read in self.parts if k in read for x in ends):
+                op, helps = (
+                    getattr(part, "op", ""),
+                    f"bound `{self.names[k]}` to where SC brings it",
+                )
+                other = opposite(part) if op == "!" or op[:1] == ">" else ""
+                if isinstance(part, typed.TypedBinary) and op == "||":
+                    other = f"{part.left.span.text} && {part.right.span.text}"
+                label = f"true of `{self.names[k]}` = {ends[0]:.4g}, and of {ends[1]:.4g}"
+                what = f"`rest` holds whatever `{self.names[k]}` is"
+                return part.span, what, label, replace(part.span, other) if other else helps
+            for x in numbers_in((rest, safe)):
+                if self._holds(rest, k, x) and not self._holds(safe, k, x):
+                    label = f"true of `{self.names[k]}` = {x:.4g}, and `safe` is false there"
+                    what, helps = "`rest` holds where `safe` does not", "let `rest` lie in `safe`"
+                    return part.span, what, label, helps
         return None
 
     def elsewhere(self) -> Found:
@@ -161,19 +173,19 @@ class _Runs:
         k = next((k for k in range(len(self.parts)) if not any(end[k] for end in ends)), None)
         if k is None or not all(run.ended(self.read) for run in self.all):
             return None
-        part, last = self.parts[k], self.all[0].seen[-1]
+        (part, read), last = self.parts[k], self.all[0].seen[-1]
         helps: Help = "let `rest` hold there, or SC go on to where it holds"
         if len(self.all) > 1 and all(run.parts[0][k] for run in self.all if run.pushed):
-            helps = _other_way(part)
-        elif isinstance(part, typed.TypedBinary) and part.op == "==":
+            helps = replace(part.span, opposite(part))
+        elif getattr(part, "op", "") == "==":
             helps = "say how near: a float is hardly ever equal to a number"
-        values = " and ".join(f"`{self.names[n]}` is {last[n]:.4g}" for n in self._numbers_of(part))
+        values = " and ".join(f"`{self.names[n]}` is {last[n]:.4g}" for n in read)
         what = "`rest` does not hold where SC brings the plant"
         return part.span, what, f"false where {values}", helps
 
     def unmoved(self) -> Found:
         """No command moves what `rest` reads."""
-        ends = [run.seen[0] for run in self.all if run.pushed == PUSHES[-1]]
+        ends = [run.seen[0] for run in self.all if run.pushed > SHORT]
         moved = [k for k, x in enumerate(zip(*ends, strict=True)) if min(x) < max(x)]
         if not moved or {*moved} & {*self.read}:
             return None
@@ -183,21 +195,19 @@ class _Runs:
 
     def moved(self) -> Found:
         """SC moves a number further than `moves` says, or `safe` is lost on a way left open."""
-        rest, at, items, found = self.rest, self.module.scope.topics, list[str](), None
-        moves = {(at[m.topic], tuple(positions(m.topic.type, m.path))): m for m in rest.moves}
-        said = {(i, leaf_index(self.system.topics[i], path)): m for (i, path), m in moves.items()}
-        for k, (i, leaf) in enumerate(self.numbers):
-            move, drift = said.get((i, leaf)), self._drift(k)
-            safe, set_ = self.module.symbol.safe, self.system.topics[i].bounds[leaf]
+        rest, items, found, moves = self.rest, list[str](), None, {}
+        for m in rest.moves:
+            i = self.module.scope.topics[m.topic]
+            moves[i, leaf_index(self.system.topics[i], (*positions(m.topic.type, m.path),))] = m
+        for k, (number, bound) in enumerate(self.numbers.items()):
+            move, drift, safe = moves.get(number), self._drift(k), self.module.symbol.safe
             lost = [w for w, x in (("down", -FAR), ("up", FAR)) if not self._holds(safe, k, x)]
-            if move is None and (k in self.read or set_ is not None or not lost):
+            if move is None and (k in self.read or bound is not None or not lost):
                 continue
-            way, bounded = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
+            way, said = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
             by = 0.0 if move is None else cast("float", self.own.value(move.by))
-            wrong = [w for w in bounded if drift[w] > 1.01 * by] or [
-                w for w in lost if w not in bounded
-            ]
-            far = max(drift[w] for w in lost or bounded)
+            wrong = [w for w in said if drift[w] > 1.01 * by] + [w for w in lost if w not in said]
+            far = max(drift[w] for w in lost or said)
             if wrong:
                 label = f"SC moves `{self.names[k]}` {wrong[0]} from where `rest` holds"
                 found = found or ((move or rest.condition).span, label)
@@ -220,12 +230,11 @@ class _Runs:
 
     def late(self) -> Found:
         """From the start, or from what commands do in two periods, `within` is over too soon."""
-        at, period = self.rest.within, self.sc.period_ns
-        needed = max(run.first or 1 for run in self.all if run.pushed <= PUSHES[0]) * period
+        at, first = self.rest.within, (run.first or 1 for run in self.all if run.pushed <= SHORT)
+        needed = max(first) * self.sc.period_ns
         if needed <= cast("int", self.own.value(at)):
             return None
-        longer = write_ns(3 * max(run.first or 1 for run in self.all) * period // 2)
-        label = f"SC needs {show_ns(needed)} from where it takes over"
+        longer, label = write_ns(3 * needed // 2), f"SC needs {show_ns(needed)}"
         helps = replace(at.span, longer, f"`within {longer}`, or longer")
         return at.span, "`within` is over before SC rests", label, helps
 
@@ -253,10 +262,6 @@ def _hold(plants: Sequence[tuple[Any, ...]], topics: list[Value], ns: int) -> No
             topics[c.scope.topics[topic]] = code(e)(env)
 
 
-def _other_way(part: typed.TypedExpr) -> Help:
-    return replace(part.span, opposite(part), f"the other way round: `{opposite(part)}`")
-
-
 def rest_claim(system: System, module: Module) -> Found:
     """What is doubtful about `rest` of a module; it is asked once for the same plants."""
     rest, sc = module.symbol.rest, system.components[module.sc]
@@ -270,7 +275,7 @@ def rest_claim(system: System, module: Module) -> Found:
         known[key] = [None]
         if always_by_parts(rest.condition, system, module.scope) is not False:
             runs = _Runs(system, module, rest)
-            claims = runs.unbounded, runs.elsewhere, runs.unmoved, runs.moved, runs.late
+            claims = runs.outside, runs.elsewhere, runs.unmoved, runs.moved, runs.late
             known[key] = [next((f for claim in claims if runs.all and (f := claim())), None)]
     return cast("Found", known[key][0])
 
