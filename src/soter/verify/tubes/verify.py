@@ -10,15 +10,13 @@ Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/t
 from __future__ import annotations
 
 import time
-from contextlib import suppress
-from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import SoterError, texts
-from soter.language.elaborate.lints.rest_lints import rest_claim
-from soter.language.model.types import show_ns, write_ns
+from soter.diagnostics.diagnostic import texts
+from soter.language.elaborate.lints.rest_lints import rest_doubt
+from soter.language.model.types import show_ns
 from soter.verify.claims.claims import static_claims
 from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
@@ -200,8 +198,7 @@ def verify_by_tubes(
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
     }
     if claims.start and not why:
-        tried = _with_longer_time(problem) if refute or explain else ""
-        findings["start"].hint = tried or _doubt_in_words(problem) or AT_START
+        findings["start"].hint = _doubt_in_words(problem) or AT_START
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.seconds = time.perf_counter() - began
     return result
@@ -229,17 +226,8 @@ def _advice_on_rest(
 
 def _doubt_in_words(problem: TubeProblem) -> str:
     """What `soter check` says of `rest` (W022), with its help; "": nothing."""
-    found = rest_claim(problem.system, problem.module)
+    found = rest_doubt(problem.system, problem.module)
     return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
-
-
-def _with_longer_time(problem: TubeProblem) -> str:
-    """A `within` with which the start is shown, as was tried; "": none."""
-    for ns in (2 * problem.within_ns, 4 * problem.within_ns):
-        with suppress(SoterError):
-            if not rest_claims(TubeCheck(replace(problem, within_ns=ns))).start:
-                return f"`within {write_ns(ns)}` (tried: the start is shown)"
-    return ""
 
 
 def _with_younger_reads(problem: TubeProblem) -> str:
