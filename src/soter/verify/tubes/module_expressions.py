@@ -477,7 +477,8 @@ class ModuleExpressions:
                 return maps[leaf]
             state = self.problem.state_of_leaf.get(leaf)
             if state is None:
-                raise NoExpressionError("SC or `safe` reads what no state equals")
+                name = self.problem.system.topics[leaf[0]].name
+                raise NoExpressionError(f"SC, `safe` or `rest` reads `{name}`: no state equals it")
             return self.make.input(kind, state)
 
         return at(t, [0])

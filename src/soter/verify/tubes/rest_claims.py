@@ -189,6 +189,8 @@ class Enclosures:
 
 
 HALVINGS = 12
+OLD = 8
+"""Reads of more periods of SC are what makes a check long."""
 
 
 @dataclass
@@ -274,6 +276,8 @@ def too_long(check: TubeCheck) -> SoterError:
     longest = show_ns(fits * times.period + times.jitter).replace(" ", "")
     fewer = "a longer period of SC, of which there are fewer steps then"
     within = f"`within {longest}` at most, {fits} steps of SC"
+    if times.depth > OLD:
+        fewer = f"younger reads (`max_age`, `dropout`): SC answers {times.depth} periods late"
     return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 

@@ -105,6 +105,8 @@ class TubeCheck:
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = _states_read([every[s] for s in self.states])
         self.read_by_rest = _states_read([self._rest])
+        of_rest = [every[s] for s in _states_read_through([self._rest], every)]
+        self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in in_order(of_rest))
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")

@@ -120,7 +120,11 @@ KEPT = (
     "what disturbances do at rest, and errors and ages of what SC reads, has to fit into `rest`: a "
     "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
-UNSAID = "`rest` says nothing of {}: bound it there, or say in `moves` how far SC moves it; or "
+UNBOUNDED = (
+    "bound {} in `rest`, or by a set of the topic, or say in `moves` how far SC moves it: else it "
+    "is followed from wherever it may be"
+)
+UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to rest"
 AT_START = (
     "a longer `within`, or a `rest` that lies in `safe` with all that SC leads through from there"
 )
@@ -211,17 +215,17 @@ def _advice_on_rest(
     ask: bool,
 ) -> str:
     """Advice where rest is not shown; `ask`: younger reads are tried for it."""
-    endless = _missing_bounds(check, claims)
-    asked = ask and not (endless or claims.astray is not None)
+    unbounded = _unbounded(check, claims)
+    asked = ask and not (unbounded or claims.astray is not None)
     tried = _with_younger_reads(check.problem) if asked else ""
-    if doubt := _doubt_in_words(check.problem):
+    if doubt := UNMOVED * (not check.commands_move_rest) or _doubt_in_words(check.problem):
         return doubt
     if not claims.kept:
         return MOVES
-    kept = endless or KEPT.format("".join(f"{what}, " for what in _what_delays_sc(check, tried)))
-    by_sc = check.read_by_law | {claims.astray}
-    unsaid = [check.problem.leaf(s) for s in claims.box if s in by_sc - check.read_by_rest]
-    return f"{UNSAID.format(', '.join(unsaid)) if unsaid else ''}{kept}" if claims.box else ""
+    if unbounded:
+        return UNBOUNDED.format(unbounded)
+    late = _what_delays_sc(check, tried)
+    return KEPT.format("".join(f"{what}, " for what in late)) if claims.box else ""
 
 
 def _doubt_in_words(problem: TubeProblem) -> str:
@@ -258,22 +262,12 @@ def _advise_sets(check: TubeCheck) -> str:
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
 
 
-def _missing_bounds(check: TubeCheck, claims: RestClaims) -> str:
-    """Advice on bounds that `rest` lacks, as it holds of states however far out; "": it has all."""
-    names = check.problem.quantities.states
-    ways = [
-        (s, end)
-        for s, r in claims.box.items()
-        for end, far in ((">", r.low <= -FARTHEST), ("<", r.high >= FARTHEST))
-        if far
-    ]
-    bounds = " and ".join(f"`{check.problem.leaf(s)} {end} l`" for s, end in ways)
-    states = " and ".join(dict.fromkeys(names[s].name for s, _ in ways))
-    return (
-        f"bound {states} in `rest`, by {bounds}, or by a set in the topic: nothing does, so SC is "
-        f"followed from as far out as {FARTHEST:g}"
-        if ways
-        else ""
+def _unbounded(check: TubeCheck, claims: RestClaims) -> str:
+    """The numbers that `rest` leaves endless, or says nothing of though SC or a lost run does."""
+    unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
+    box = claims.box.items()
+    return ", ".join(
+        check.problem.leaf(s) for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST
     )
 
 

@@ -1,16 +1,17 @@
-"""Warns of a module whose `rest`, `moves` or `within` a few runs of SC contradict.
+"""Warns of a module whose `rest`, `moves` or `within` a run of SC contradicts.
 
-Purpose: W022 of a `rest` that bounds nothing, or holds where `safe` does not, or not where SC ends;
-of numbers that SC moves further than `moves` says; of a `within` that is over too soon. SC is
-followed from the start, and from where commands at the ends of their sets bring the plants.
-Non-goals: a proof; errors, delays, disturbances off their middle; an SC that is extern or keeps
-something; a `rest` that no values satisfy.
+Purpose: W022 of a `rest` that bounds nothing, holds where `safe` does not, or does not where SC
+brings the plants from their start; of a number whose way `moves` leaves open, or bounds too
+closely; of a `within` that is over before SC rests.
+Non-goals: a proof; errors, delays, disturbances off their middle; other starts; an SC that is
+extern or keeps something; a `rest` that no values satisfy.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from itertools import islice, product
+from itertools import product
+from math import isfinite
 from typing import TYPE_CHECKING, Any, cast
 
 from soter.diagnostics.diagnostic import Span, replace
@@ -26,66 +27,45 @@ from soter.language.model.tree_walk import calls_in, chooses, conjuncts, cost_of
 from soter.language.model.types import leaf_name, leaves, positions, show_ns, write_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.evaluate.range_evaluation import ReadPlace
     from soter.language.evaluate.ranges import Range
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Value
 
     Doubt = tuple[Span, str, str, Help] | None
     """Where, what, a label and a help."""
 
-BUDGET = 2_000_000
-"""Most operations of the runs of a module: some tenths of a second."""
-PUSHES, PUSHED = 8, 2
-"""Before so many runs commands are at ends of their sets, for so many periods of the DM."""
 STEPS, HOLDS, LATELY = 8, 400, 30
 """Steps of integration in a period; periods of SC in a run; those in which it comes to its end."""
+COSTLY = 3_000
+"""Operations of calls in one step of plants and SC: with more a run would take a second."""
 SETTLED, FAR = 0.01, 1e9
 """As a share of a number's way: how much it moves `LATELY` where a run has come to its end."""
 
 
 class _Run:
-    """After each period of SC which parts of `rest` hold, and the numbers that plants publish."""
-
-    def __init__(self) -> None:
-        self.parts, self.seen = list[list[bool]](), list[list[float]]()
-
-    @property
-    def first(self) -> int | None:
-        """After how many periods `rest` first holds."""
-        return next((k for k, parts in enumerate(self.parts) if all(parts)), None)
-
-    def ended(self, numbers: Sequence[int]) -> bool:
-        """Whether these numbers hardly move any more."""
-        of = [[x[k] for x in self.seen] for k in numbers]
-        return len(self.seen) > LATELY and all(
-            abs(x[-1] - x[-LATELY]) <= SETTLED * (max(x) - min(x)) for x in of
-        )
-
-
-class _Runs:
-    """The runs of a module, and what they contradict."""
+    """SC brings the plants from their start to where it does: what that contradicts."""
 
     def __init__(self, system: System, module: Module, rest: typed.RestSymbol) -> None:
-        self.system, self.module, self.rest, self.left = system, module, rest, BUDGET
+        self.system, self.module, self.rest = system, module, rest
         self.sc, self.own = system.components[module.sc], Evaluator.of(module.scope)
-        self.plants = [(c, c.plant) for c in system.components if c.plant is not None]
-        self.driven = sorted({i for c, _ in self.plants for i in c.writes})
-        topics = [(i, system.topics[i]) for i in self.driven]
-        self.bounds = {(i, k): b for i, t in topics for k, b in enumerate(t.bounds)}
-        self.names = [leaf_name(t.name, path) for _, t in topics for path, _ in leaves(t.type)]
+        self.topics = [t.default for t in system.topics]
+        plants = [c for c in system.components if c.plant is not None]
+        self.plants = [(c, Evaluator.of(c.scope), at_first(c, 0, self.topics)) for c in plants]
+        driven = [(i, system.topics[i]) for i in sorted({i for c in plants for i in c.writes})]
+        self.driven = [i for i, _ in driven]
+        self.bounds = {(i, k): b for i, t in driven for k, b in enumerate(t.bounds)}
+        self.names = [leaf_name(t.name, path) for _, t in driven for path, _ in leaves(t.type)]
         self.parts = [(p, self._numbers_of(p)) for p in conjuncts(rest.condition)]
-        self.read = sorted({k for _, read in self.parts for k in read})
-        calls = [f for _, plant in self.plants for f in calls_in(*plant_code(plant))]
-        self.cost = STEPS * (50 * len(self.plants) + sum(cost_of(f.fun).operations for f in calls))
-        outputs = [b for i in module.outputs for b in system.topics[i].bounds if b]
-        self.all: list[_Run] = []
-        with suppress(BudgetExceeded, StepFault):
-            for push in ((), *islice(product(*((b.low, b.high) for b in outputs)), PUSHES)):
-                self.all.append(self._run(push))
+        self.read = {k for _, read in self.parts for k in read}
+        self.held: list[list[bool]] = []
+        self.seen: list[list[float]] = []
+        self.followed = False
+        with suppress(StepFault, ArithmeticError, BudgetExceeded):
+            while len(self.seen) < HOLDS and not self._ended():
+                self._see()
+            self.followed = all(map(isfinite, self.seen[-1]))
+        self.first = next((k for k, parts in enumerate(self.held) if all(parts)), None)
 
     def _numbers_of(self, e: typed.TypedExpr) -> list[int]:
         """The numbers that an expression reads."""
@@ -99,45 +79,56 @@ class _Runs:
             RangeEvaluator(self.module.scope, 0, read).number(e)
         return [k for k, number in enumerate(self.bounds) if number in found]
 
-    def _run(self, push: Sequence[float]) -> _Run:
-        run, topics = _Run(), [t.default for t in self.system.topics]
-        plants = [
-            (c, plant, Evaluator.of(c.scope).expression, at_first(c, 0, topics))
-            for c, plant in self.plants
-        ]
+    def _ended(self) -> bool:
+        """Whether the numbers that `rest` reads hardly move any more."""
+        ways = [[x[k] for x in self.seen] for k in self.read]
+        return len(self.seen) > LATELY and all(
+            abs(x[-1] - x[-LATELY]) <= SETTLED * (max(x) - min(x)) for x in ways
+        )
+
+    def _see(self) -> None:
+        """The plants move for a period of SC, by Euler's rule, and publish; then SC steps."""
+        h = self.sc.period_ns / 1e9 / STEPS if self.seen else 0.0
+        for c, evaluator, env in self.plants:
+            code, plant = evaluator.expression, cast("typed.PlantSymbol", c.plant)
+            for _ in range(STEPS):
+                env.variables.update((v, code(e)(env)) for v, e in plant.lets)
+                rates = [(v, code(e)(env)) for v, e in plant.der.items()]
+                for v, rate in rates:
+                    euler: Any = lambda x, r: x + h * r  # noqa: E731
+                    env.variables[v] = zipper(v.type)(euler, env.variables[v], rate)
+            env.variables.update((v, code(e)(env)) for v, e in plant.lets)
+            for topic, e in plant.drives:
+                self.topics[c.scope.topics[topic]] = code(e)(env)
+        env = Environment(topics=self.topics)
+        self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
+        self.seen.append([x for i in self.driven for x in trials.flat(self.topics[i])])
         assert self.sc.node is not None
-        law, env = Evaluator.of(self.sc.scope).block(self.sc.node.step), Environment(topics=topics)
-        if push:
-            _fill(topics, self.module.outputs, push)
-            _hold(plants, topics, PUSHED * self.module.period_ns)
-        while len(run.seen) < HOLDS and not run.ended(self.read):
-            _hold(plants, topics, self.sc.period_ns if run.seen else 0)
-            self.left -= self.cost
-            if self.left < 0:
-                raise BudgetExceeded
-            run.parts.append([bool(self.own.expression(p)(env)) for p, _ in self.parts])
-            run.seen.append([x for i in self.driven for x in trials.flat(topics[i])])
-            law(env)
-            for i, value in env.published.items():
-                topics[i] = value
-        return run
+        Evaluator.of(self.sc.scope).block(self.sc.node.step)(env)
+        for i, value in env.published.items():
+            self.topics[i] = value
 
     def _holds(self, e: typed.TypedExpr, k: int, value: float) -> bool:
-        """Whether a condition holds where SC ends, with another value of number `k`."""
-        last, topics = self.all[0].seen[-1], [t.default for t in self.system.topics]
-        _fill(topics, self.driven, [*last[:k], value, *last[k + 1 :]])
+        """Whether a condition holds at the end of the run with another value of number `k`."""
+        last, topics = self.seen[-1], list(self.topics)
+        was = [topics[i] for i in self.driven]
+        for i, new in zip(
+            self.driven, trials.rebuilt(was, [*last[:k], value, *last[k + 1 :]]), strict=True
+        ):
+            topics[i] = new
         return bool(self.own.value(e, Environment(topics=topics)))
 
-    # ------------------------------------------------------------ claims
+    # ------------------------------------------------------------ what is doubtful
 
     def doubt(self) -> Doubt:
-        """The first of all claims that is one."""
-        claims = self._outside, self._elsewhere, self._unmoved, self._moved, self._late
-        return next((found for claim in claims if self.all and (found := claim())), None)
+        """The first that is doubtful."""
+        claims = self._unbounded, self._elsewhere, self._unsafe, self._moved, self._late
+        with suppress(StepFault, ArithmeticError, BudgetExceeded):
+            return next((found for claim in claims if self.followed and (found := claim())), None)
+        return None
 
-    def _outside(self) -> Doubt:
-        """`rest` holds at both ends of a number that it reads, or where `safe` does not."""
-        rest, safe = self.rest.condition, self.module.symbol.safe
+    def _unbounded(self) -> Doubt:
+        """`rest` reads a number, and holds at both of its ends."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
@@ -152,38 +143,40 @@ class _Runs:
                 )
                 label = f"true of `{name}` = {ends[0]:.4g}, and of {ends[1]:.4g}"
                 return parts[0].span, f"`rest` holds whatever `{name}` is", label, help_
-            for x in trials.numbers_in((rest, safe)) if parts else ():
-                if self._holds(rest, k, x) and not self._holds(safe, k, x):
-                    label = f"true of `{name}` = {x:.4g}, and `safe` is false there"
-                    what = "`rest` holds where `safe` does not"
-                    return parts[0].span, what, label, "let `rest` lie in `safe`"
+        return None
+
+    def _unsafe(self) -> Doubt:
+        """`rest` holds where `safe` does not."""
+        rest, safe = self.rest.condition, self.module.symbol.safe
+        for k, x in product(self.read, trials.numbers_in((rest, safe))):
+            if self._holds(rest, k, x) and not self._holds(safe, k, x):
+                label = f"true of `{self.names[k]}` = {x:.4g}, and `safe` is false there"
+                return (
+                    rest.span,
+                    "`rest` holds where `safe` does not",
+                    label,
+                    "let it lie in `safe`",
+                )
         return None
 
     def _elsewhere(self) -> Doubt:
-        """A part of `rest` holds in no run where that ends."""
-        ends = [run.parts[-1] for run in self.all]
-        k = next((k for k in range(len(self.parts)) if not any(end[k] for end in ends)), None)
-        if k is None or not all(run.ended(self.read) for run in self.all):
+        """A part of `rest` is false where SC ends."""
+        k = next((k for k, held in enumerate(self.held[-1]) if not held), None)
+        safe = self.own.value(self.module.symbol.safe, Environment(topics=self.topics))
+        if k is None or (safe and not self._ended()):
             return None
-        (part, read), last = self.parts[k], self.all[0].seen[-1]
+        (part, read), at = self.parts[k], self.parts[k][0].span
         help_: Help = "let `rest` hold there, or SC go on to where it holds"
-        if len(self.all) > 1 and all(run.parts[0][k] for run in self.all[1:]):
+        if not safe:
+            at, help_ = self.module.symbol.sc_span or at, "perhaps a sign of SC is wrong"
+        if getattr(part, "op", "")[:1] == ">":
             help_ = replace(part.span, trials.opposite(part))
         elif getattr(part, "op", "") == "==":
             help_ = "say how near: a float is hardly ever equal to a number"
-        values = " and ".join(f"`{self.names[n]}` is {last[n]:.4g}" for n in read)
+        values = " and ".join(f"`{self.names[n]}` is {self.seen[-1][n]:.4g}" for n in read)
+        values += "" if safe else ", and `safe` is, too"
         what = "`rest` does not hold where SC brings the plant"
-        return part.span, what, f"false where {values}", help_
-
-    def _unmoved(self) -> Doubt:
-        """No command moves what `rest` reads."""
-        ends = enumerate(zip(*(run.seen[0] for run in self.all[1:]), strict=True))
-        moved = [k for k, x in ends if min(x) < max(x)]
-        if not moved or {*moved} & {*self.read}:
-            return None
-        help_ = f"say it of what they move: {', '.join(f'`{self.names[k]}`' for k in moved)}"
-        what, label = "`rest` reads nothing that commands move", "SC does not bring it to rest"
-        return self.rest.condition.span, what, label, help_
+        return at, what, f"false where {values}", help_
 
     def _moved(self) -> Doubt:
         """SC moves a number further than `moves` says, or `safe` is lost on a way left open."""
@@ -192,7 +185,9 @@ class _Runs:
             i = self.module.scope.topics[m.topic]
             moves[i, leaf_index(self.system.topics[i], (*positions(m.topic.type, m.path),))] = m
         for k, (number, bound) in enumerate(self.bounds.items()):
-            move, drift, safe = moves.get(number), self._drift(k), self.module.symbol.safe
+            move, safe = moves.get(number), self.module.symbol.safe
+            ways = [x[k] for x in self.seen[self.first or 0 :]] if self.first is not None else [0.0]
+            drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
             lost = [w for w, x in (("down", -FAR), ("up", FAR)) if not self._holds(safe, k, x)]
             if move is None and (k in self.read or bound is not None or not lost):
                 continue
@@ -211,18 +206,12 @@ class _Runs:
         gap = Span(rest.span.source, rest.condition.span.end, rest.within.span.start)
         new = f"moves {', '.join(items)}"
         before = gap.text[: gap.text.index("moves" if rest.moves else "within")]
-        help_ = replace(gap, f"{before}{new} within ", f"write `{new}`, four times what runs show")
+        help_ = replace(gap, f"{before}{new} within ", f"write `{new}`, or more")
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
-
-    def _drift(self, k: int) -> dict[str, float]:
-        """How far SC moves number `k` once `rest` holds, each way."""
-        of = [[x[k] for x in run.seen[run.first :]] for run in self.all if run.first is not None]
-        down = max((x[0] - min(x) for x in of), default=0.0)
-        return {"down": down, "up": max((max(x) - x[0] for x in of), default=0.0)}
 
     def _late(self) -> Doubt:
         """`within` is over before `rest` holds."""
-        at, needed = self.rest.within, max(run.first or 1 for run in self.all) * self.sc.period_ns
+        at, needed = self.rest.within, (self.first or 1) * self.sc.period_ns
         if needed <= cast("int", self.own.value(at)):
             return None
         longer, label = write_ns(3 * needed // 2), f"SC needs {show_ns(needed)}"
@@ -230,39 +219,20 @@ class _Runs:
         return at.span, "`within` is over before SC rests", label, help_
 
 
-def _fill(topics: list[Value], indices: Sequence[int], numbers: Sequence[Any]) -> None:
-    """Gives topics these numbers, in the order of `flat`."""
-    new = trials.rebuilt([topics[i] for i in indices], numbers)
-    for i, value in zip(indices, new, strict=True):
-        topics[i] = value
-
-
-def _hold(plants: Sequence[tuple[Any, ...]], topics: list[Value], ns: int) -> None:
-    """Plants move for a time while commands stay as they are, by Euler's rule, and publish."""
-    for c, plant, code, env in plants:
-        now = env.variables
-        for h in (*[ns / 1e9 / STEPS] * STEPS, 0.0):
-            now.update((v, code(e)(env)) for v, e in plant.lets)
-            rates = [(v, zipper(v.type), code(e)(env)) for v, e in plant.der.items()]
-            euler: Any = lambda x, rate, h=h: x + h * rate  # noqa: E731
-            now.update((v, add(euler, now[v], r)) for v, add, r in rates)
-        for topic, e in plant.drives:
-            topics[c.scope.topics[topic]] = code(e)(env)
-
-
 def rest_doubt(system: System, module: Module) -> Doubt:
-    """What is doubtful about `rest` of a module; it is asked once for the same plants."""
+    """What is doubtful about `rest` of a module."""
     rest, sc = module.symbol.rest, system.components[module.sc]
     plants = [c.plant for c in system.components if c.plant is not None]
     if rest is None or sc.node is None or sc.extern or sc.node.locals:
         return None
-    if any(p.extern or chooses(*plant_code(p)) for p in plants):
+    code = [e for p in plants for e in plant_code(p)]
+    asked = (rest.condition, module.symbol.safe)
+    calls = sum(cost_of(f.fun).operations for f in calls_in(*code, *asked, *sc.node.step))
+    if any(p.extern for p in plants) or chooses(*code) or calls > COSTLY:
         return None
-    known, key = system.program.trials, ("rest", rest, *plants, *module.scope.params.items())
-    if key not in known:
-        never = always_by_parts(rest.condition, system, module.scope) is False
-        known[key] = [None if never else _Runs(system, module, rest).doubt()]
-    return cast("Doubt", known[key][0])
+    if always_by_parts(rest.condition, system, module.scope) is False:
+        return None
+    return _Run(system, module, rest).doubt()
 
 
 def doubt_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
