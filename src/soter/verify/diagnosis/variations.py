@@ -269,7 +269,7 @@ def _exchange_controllers(found: NotProved) -> Iterator[Change]:
 CELLS, HALF, OTHERS = 1, 2, 3
 """Costs above 0: other cells; more that is asked of the world; another controller that flies."""
 VARIATIONS = (
-    Variation("a shorter axis: `{}`", _shorten_axes, without_core=True, with_core=False),
+    Variation("a shorter axis: `{}`", _shorten_axes, without_core=True, with_core=True),
     Variation("a longer axis: `{}`", _change_axes, without_core=True, with_core=True, cost=CELLS),
     Variation("no ends where runs leave: `{}`", _open_axis, without_core=True, with_core=False),
     Variation(

@@ -81,6 +81,22 @@ def test_what_is_wrong_of_rest_is_not_proved(tmp_path: Path, name: str) -> None:
     assert m.verdict == "undecided"
 
 
+def test_the_time_that_is_named_where_within_is_too_long_is_followed(tmp_path: Path) -> None:
+    text = FOLLOW.read_text(encoding="utf-8")
+    with pytest.raises(SoterError) as caught:
+        verified(tmp_path, text.replace("within 5s", "within 2h"))
+    named = re.search(r"`(within \S+)` at most", caught.value.diagnostics[0].helps[0])
+    assert named is not None
+    assert verified(tmp_path, text.replace("within 5s", named[1])).verdict == "assumed"
+
+
+def test_reads_that_are_many_periods_old_are_named_where_they_make_it_long(tmp_path: Path) -> None:
+    late = HELD.replace("within 2s;", "within 200s; verify { dropout 2s; }")
+    with pytest.raises(SoterError) as caught:
+        verified(tmp_path, late)
+    assert "`dropout`" in caught.value.diagnostics[0].helps[1]
+
+
 HELD = """soter 1;
 topic seen: float in [-2.0, 2.0] max_age 20ms;
 topic push: float in [-1.0, 1.0] = 0.0;
