@@ -267,7 +267,7 @@ def too_long(check: TubeCheck) -> SoterError:
         two, three = (check.operations(n) for n in (2, 3))
         needs = f" takes {two + (times.switches - 2) * (three - two):.2g} operations, which"
         fits = max((MAX_OPERATIONS - two) // (three - two) + 2, 0)
-        while fits > 3 and not check.fits(fits):
+        while fits > 3 and not _fits(check, fits):
             fits -= 1 + fits // 100
     why = (
         f"to follow {times.switches} steps of SC{needs} is more than a step of the DM can do: "
@@ -279,6 +279,12 @@ def too_long(check: TubeCheck) -> SoterError:
     if times.depth > OLD:
         fewer = f"younger reads (`max_age`, `dropout`): SC answers {times.depth} periods late"
     return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
+
+
+def _fits(check: TubeCheck, switches: int) -> bool:
+    with contextlib.suppress(TooLongError):
+        return check.operations(switches) <= MAX_OPERATIONS
+    return False
 
 
 def _state_name(check: TubeCheck, state: int) -> str:

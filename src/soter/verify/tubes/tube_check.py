@@ -11,7 +11,6 @@ Non-goals: asking it (`rest_claims.py`), putting predicates into a module
 
 from __future__ import annotations
 
-from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.model import typed as t
-from soter.language.model.tree_walk import MAX_OPERATIONS, cost_of
+from soter.language.model.tree_walk import cost_of
 from soter.language.model.types import FLOAT, INT, ArrayType, leaves
 from soter.verify.deploy.level_tables import LevelTable, estimate
 from soter.verify.deploy.shield_tables import command_edges
@@ -31,7 +30,6 @@ from soter.verify.tubes.expression_graph import NoExpressionError, in_order, mid
 from soter.verify.tubes.generated_functions import (
     MAP,
     RANGES,
-    TooLongError,
     certain,
     function,
     functions_of,
@@ -105,8 +103,8 @@ class TubeCheck:
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = _states_read([every[s] for s in self.states])
         self.read_by_rest = _states_read([self._rest])
-        of_rest = [every[s] for s in _states_read_through([self._rest], every)]
-        self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in in_order(of_rest))
+        movers = in_order([every[s] for s in _states_read_through([self._rest], every)])
+        self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in movers)
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
@@ -179,12 +177,6 @@ class TubeCheck:
         shorter.times = replace(self.times, switches=switches)
         functions = functions_of(shorter.offline({s: Interval(-1.0, 1.0) for s in self.states}))
         return max(cost_of(f).operations for f in functions.values())
-
-    def fits(self, switches: int) -> bool:
-        """Whether a step can do the dearest function, for `switches` outputs of SC."""
-        with suppress(TooLongError):
-            return self.operations(switches) <= MAX_OPERATIONS
-        return False
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The text of `in_flight` with the functions that are asked before anything flies."""
