@@ -192,7 +192,7 @@ def _change_predicates(found: NotProved) -> Iterator[Change]:
 
 def _change_return(found: NotProved) -> Iterator[Change]:
     problem, symbol = found.problem, found.problem.module.symbol
-    if problem.computed and not symbol.stays:
+    if problem.computed and not symbol.stays and "P2b" in found.failing:
         verify = replace(symbol.verify, stays=symbol.span, recover=None)
         module = replace(problem.module, symbol=replace(symbol, verify=verify))
         yield _extract_again(problem, problem.system, module), ""

@@ -96,3 +96,16 @@ def test_an_sc_that_only_stops_is_told_that_it_may_stay() -> None:
     coarse = changed(("/ 250", "/ 125"), ("/ 190; recover never;", "/ 95;"), text=text)
     hint = hint_of_p2a(coarse, 120.0)
     assert hint == "`recover never`, if it may stay where SC stops (tried: every claim is proved)"
+
+
+def test_an_sc_that_leaves_its_set_is_told_to_be_clamped_also_where_a_run_shows_it() -> None:
+    free = ("clamp(-2.0 * m.x - 3.0 * m.v, -2.0, 2.0)", "-2.0 * m.x - 3.0 * m.v")
+    late = (
+        "safe abs(m.x) < 2.0;",
+        "safe abs(m.x) < 2.0; ttf abs(m.x) > 1.9; safer abs(m.x) < 1.0;",
+    )
+    checked = check_file("robot.soter", changed(free, late, text=CART))
+    (problem,) = problems_of(modules_of(checked, None, None, {}))
+    for refute, verdict in ((True, "refuted"), (False, "undecided")):
+        found = verify_module(problem, refute=refute, explain=False).findings["P2a"]
+        assert (found.verdict, found.hint[:5]) == (verdict, "clamp")

@@ -23,7 +23,14 @@ from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardErro
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts, leaf_index
 from soter.language.model import typed
-from soter.language.model.tree_walk import calls_in, chooses, conjuncts, cost_of, plant_code
+from soter.language.model.tree_walk import (
+    calls_in,
+    chooses,
+    conjuncts,
+    cost_of,
+    plant_code,
+    topic_reads,
+)
 from soter.language.model.types import leaf_name, leaves, positions, show_ns, write_ns
 
 if TYPE_CHECKING:
@@ -50,6 +57,8 @@ class _Run:
         self.system, self.module, self.rest = system, module, rest
         self.sc, self.own = system.components[module.sc], Evaluator.of(module.scope)
         self.topics = [t.default for t in system.topics]
+        assert self.sc.node is not None
+        self.law = Evaluator.of(self.sc.scope).block(self.sc.node.step)
         plants = [c for c in system.components if c.plant is not None]
         self.plants = [(c, Evaluator.of(c.scope), at_first(c, 0, self.topics)) for c in plants]
         driven = [(i, system.topics[i]) for i in sorted({i for c in plants for i in c.writes})]
@@ -61,10 +70,11 @@ class _Run:
         self.held: list[list[bool]] = []
         self.seen: list[list[float]] = []
         self.followed = False
-        with suppress(StepFault, ArithmeticError, BudgetExceeded):
+        with suppress(StepFault, ArithmeticError, BudgetExceeded, LookupError):
             while len(self.seen) < HOLDS and not self._ended():
                 self._see()
-            self.followed = all(map(isfinite, self.seen[-1]))
+            whole = len(self.seen[-1]) == len(self.bounds)  # no lists
+            self.followed = whole and all(map(isfinite, self.seen[-1]))
         self.first = next((k for k, parts in enumerate(self.held) if all(parts)), None)
 
     def _numbers_of(self, e: typed.TypedExpr) -> list[int]:
@@ -103,18 +113,15 @@ class _Run:
         env = Environment(topics=self.topics)
         self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
         self.seen.append([x for i in self.driven for x in trials.flat(self.topics[i])])
-        assert self.sc.node is not None
-        Evaluator.of(self.sc.scope).block(self.sc.node.step)(env)
+        self.law(env)
         for i, value in env.published.items():
             self.topics[i] = value
 
     def _holds(self, e: typed.TypedExpr, k: int, value: float) -> bool:
         """Whether a condition holds at the end of the run with another value of number `k`."""
         last, topics = self.seen[-1], list(self.topics)
-        was = [topics[i] for i in self.driven]
-        for i, new in zip(
-            self.driven, trials.rebuilt(was, [*last[:k], value, *last[k + 1 :]]), strict=True
-        ):
+        was, now = [topics[i] for i in self.driven], [*last[:k], value, *last[k + 1 :]]
+        for i, new in zip(self.driven, trials.rebuilt(was, now), strict=True):
             topics[i] = new
         return bool(self.own.value(e, Environment(topics=topics)))
 
@@ -138,9 +145,8 @@ class _Run:
                     other = f"{parts[0].left.span.text} && {parts[0].right.span.text}"
                 elif op == "!" or op[:1] == ">":
                     other = trials.opposite(parts[0])
-                help_ = (
-                    replace(parts[0].span, other) if other else f"bound `{name}` to where SC ends"
-                )
+                near = f"bound `{name}` to where SC ends"
+                help_ = replace(parts[0].span, other) if other else near
                 label = f"true of `{name}` = {ends[0]:.4g}, and of {ends[1]:.4g}"
                 return parts[0].span, f"`rest` holds whatever `{name}` is", label, help_
         return None
@@ -151,12 +157,8 @@ class _Run:
         for k, x in product(self.read, trials.numbers_in((rest, safe))):
             if self._holds(rest, k, x) and not self._holds(safe, k, x):
                 label = f"true of `{self.names[k]}` = {x:.4g}, and `safe` is false there"
-                return (
-                    rest.span,
-                    "`rest` holds where `safe` does not",
-                    label,
-                    "let it lie in `safe`",
-                )
+                what, help_ = "`rest` holds where `safe` does not", "let it lie in `safe`"
+                return rest.span, what, label, help_
         return None
 
     def _elsewhere(self) -> Doubt:
@@ -197,7 +199,7 @@ class _Run:
             far = max(drift[w] for w in lost or said)
             if wrong:
                 label = f"SC moves `{self.names[k]}` {wrong[0]} from where `rest` holds"
-                found = found or ((move or rest.condition).span, label)
+                found = found or ((move or rest).span, label)
                 way = lost[0] if len(lost) == 1 else ""
             by_ = move.by.span.text if move and far <= by else f"{4.0 * far or 0.1:.1g}"
             items.append(f"{self.names[k]} by {by_} {way}".strip())
@@ -220,15 +222,21 @@ class _Run:
 
 
 def rest_doubt(system: System, module: Module) -> Doubt:
-    """What is doubtful about `rest` of a module."""
+    """What is doubtful about `rest` of a module; None, too, where no run can be made of it."""
     rest, sc = module.symbol.rest, system.components[module.sc]
-    plants = [c.plant for c in system.components if c.plant is not None]
+    plants = [c for c in system.components if c.plant is not None]
     if rest is None or sc.node is None or sc.extern or sc.node.locals:
         return None
-    code = [e for p in plants for e in plant_code(p)]
-    asked = (rest.condition, module.symbol.safe)
-    calls = sum(cost_of(f.fun).operations for f in calls_in(*code, *asked, *sc.node.step))
-    if any(p.extern for p in plants) or chooses(*code) or calls > COSTLY:
+    read = {*sc.reads, *(module.scope.topics[t] for t in topic_reads(rest.condition))}
+    if not read <= {i for c in plants for i in c.writes}:
+        return None
+    if not {i for c in plants for i in c.reads} <= {*module.outputs}:
+        return None
+    symbols = [c.plant for c in plants if c.plant is not None]
+    code = [e for p in symbols for e in plant_code(p)]
+    asked = (*code, rest.condition, module.symbol.safe, *sc.node.step)
+    calls = sum(cost_of(f.fun).operations for f in calls_in(*asked))
+    if any(p.extern or p.next for p in symbols) or chooses(*code) or calls > COSTLY:
         return None
     if always_by_parts(rest.condition, system, module.scope) is False:
         return None
