@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.model.types import show_ns
 from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.model_runs import (
@@ -168,6 +169,11 @@ GIVEN_ALL_THE_SAME = (
     "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
     "wherever `safer` holds, so that has to be safe"
 )
+LATE = 20
+"""A command that answers what is more periods of SC old hardly keeps anything."""
+OLD = (
+    "commands that act sooner: SC answers states up to {} old (`max_age`, `dropout`, `acts within`)"
+)
 MOVED_ACROSS = (
     "{0} and {1} in one `grid` line: {1} moves {0}, and may be anything there while it has another"
 )
@@ -218,6 +224,8 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
+    if model.inputs.delay_ns > LATE * model.inputs.period_ns:
+        finding.hint = OLD.format(show_ns(model.inputs.delay_ns))
     for axis in (a for a, who in case.problem.turns_read.items() if not who):
         finding.hint = f"`{axis} in [-PI, PI]`: of exactly a turn, this axis wraps around"
     for state, other in list(_moved_across(model, case))[:1]:

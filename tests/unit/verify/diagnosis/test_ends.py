@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from unittest.mock import patch
 
+import pytest
+
 from soter.language.front_end import check_file
 from soter.verify.command import modules_of, problems_of
 from soter.verify.diagnosis import tried_remedies
@@ -89,6 +91,12 @@ def test_states_that_move_each_other_are_told_to_stand_in_one_line() -> None:
     hint = hint_of_p2a(changed((AXES, apart), text=CART), 0.0)
     assert hint.startswith("c.x and c.v in one `grid` line: c.v moves c.x")
     assert not hint_of_p2a(CART, 0.0)
+
+
+@pytest.mark.parametrize("times", ["acts within 2s;", "dropout 3s;"])
+def test_states_that_are_long_gone_when_sc_answers_them_are_named(times: str) -> None:
+    late = changed(("/ 60; } }", f"/ 60; {times} }} }}"), text=CART)
+    assert hint_of_p2a(late, 0.0).startswith("commands that act sooner: SC answers states up to ")
 
 
 def test_an_sc_that_only_stops_is_told_that_it_may_stay() -> None:
