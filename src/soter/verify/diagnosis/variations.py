@@ -173,8 +173,8 @@ def _shorten_axes(found: NotProved) -> Iterator[Change]:
             if len(at) and SMALL * (at[-1] - at[0] + 1) < len(cells):
                 low, high = max(at[0] - 1, 0), min(at[-1] + 2, len(cells))
                 ends[axis.state] = axis.edges[low], axis.edges[high]
-    if ends:
-        shorter = with_ends(found.problem, ends)
+    shorter = with_ends(found.problem, ends)
+    if shorter.groups != found.problem.groups:
         yield shorter, lines_of(shorter)
 
 
