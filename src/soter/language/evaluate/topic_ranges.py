@@ -67,7 +67,8 @@ def narrowed(
         if place.kind != "topic":
             return known
         low, high = within.get(
-            (place.index, _leaf(system.topics[place.index], place.path)), (known.low, known.high)
+            (place.index, leaf_index(system.topics[place.index], place.path)),
+            (known.low, known.high),
         )
         low, high = max(known.low, low), min(known.high, high)
         return Range(low, high) if low <= high else known
@@ -180,10 +181,10 @@ def _cut(of: Range, cuts: Sequence[float]) -> list[Range]:
 
 def published(topic: Topic, place: ReadPlace) -> Range:
     """The range of values that may be published at a place; they are finite."""
-    return _inside(place.type, topic.bounds[_leaf(topic, place.path)])
+    return _inside(place.type, topic.bounds[leaf_index(topic, place.path)])
 
 
-def _leaf(topic: Topic, path: tuple[int, ...]) -> int:
+def leaf_index(topic: Topic, path: tuple[int, ...]) -> int:
     """The index of a leaf in `Topic.bounds`; all elements of a list share those of one."""
     at, of = 0, topic.type
     for index in path:

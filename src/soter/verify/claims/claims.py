@@ -71,7 +71,7 @@ keeps none, each is followed again and again: 20 to 60 periods for robots tried,
 """
 CLAMP = (
     "clamp what SC publishes to the topic's set: a float by `clamp`, each component of a vector by "
-    "`saturate`, not by its norm"
+    "`saturate`, not by its norm; an int that SC keeps by `min` and `max`"
 )
 
 

@@ -13,11 +13,13 @@ Non-goals: verdicts: these are runs of the model, and none of them refutes; what
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.model.types import show_ns
 from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.model_runs import (
@@ -26,6 +28,7 @@ from soter.verify.diagnosis.model_runs import (
     TRUE,
     LeavingSearch,
     PointModel,
+    StepFaultError,
     pattern_text,
     patterns,
     point_text,
@@ -166,6 +169,14 @@ GIVEN_ALL_THE_SAME = (
     "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
     "wherever `safer` holds, so that has to be safe"
 )
+LATE = 20
+"""A command that answers what is more periods of SC old hardly keeps anything."""
+OLD = (
+    "commands that act sooner: SC answers states up to {} old (`max_age`, `dropout`, `acts within`)"
+)
+MOVED_ACROSS = (
+    "{0} and {1} in one `grid` line: {1} moves {0}, and may be anything there while it has another"
+)
 TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads how far it has turned"
 
 
@@ -213,6 +224,12 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
+    if model.inputs.delay_ns > LATE * model.inputs.period_ns:
+        finding.hint = OLD.format(show_ns(model.inputs.delay_ns))
+    for axis in (a for a, who in case.problem.turns_read.items() if not who):
+        finding.hint = f"`{axis} in [-PI, PI]`: of exactly a turn, this axis wraps around"
+    for state, other in list(_moved_across(model, case))[:1]:
+        finding.hint = MOVED_ACROSS.format(model.names[state], model.names[other])
     failing = sum(bool(c.failed("P2a")) for c in done)
     if len(done) > 1:
         pairs = zip(case.problem.parameters, case.parameter, strict=True)
@@ -221,6 +238,19 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
     finding.causes.append(cause)
     if finding.verdict == UNDECIDED:  # a run that refutes it says more
         finding.text = f"{EMPTY}: {why}"
+
+
+def _moved_across(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
+    """States of one group, each with a state of another group that moves it."""
+    group = {a.state: k for k, proof in enumerate(case.proofs) for a in proof.group.axes}
+    x, inputs = model.start, (case.problem.controls, case.problem.disturbances)
+    still = [np.zeros(len(r)) for r in inputs]
+    for other in group if len(case.proofs) > 1 else ():
+        y = x.copy()
+        y[other] += MOVED * (model.high[other] - model.low[other])
+        with suppress(StepFaultError):
+            moved = np.flatnonzero(model.rate(y, *still) != model.rate(x, *still))
+            yield from ((int(s), other) for s in moved if group.get(int(s), -1) != group[other])
 
 
 def _cause_without_c(model: PointModel) -> Cause:

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 LONGER = (0.1, 1.0)
 """By which shares an axis is lengthened where K is lost at its end; the second where K is empty."""
+SMALL = 4
+"""An axis is shortened that is more than so many times as long as where `safe` holds."""
 HALVED = "disturbances and errors half as wide"
 BEYOND = 0.01
 """As a share of an axis: how far beyond its end `safe` is evaluated."""
@@ -108,7 +110,7 @@ def remedies(found: NotProved) -> Iterator[Remedy]:
 def _change_axes(found: NotProved) -> Iterator[Change]:
     """Changes to axes that reach further, at ends where K is lost and `safe` still holds beyond."""
     for part in LONGER if found.loses_core else LONGER[:1]:
-        longer = longer_axes(found.problem, _longer_ends(found, part))
+        longer = with_ends(found.problem, _longer_ends(found, part))
         if longer.groups != found.problem.groups and cells_of(longer) <= CELLS_MAX["P2a"]:
             yield longer, lines_of(longer)
 
@@ -161,6 +163,21 @@ def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
     return sides
 
 
+def _shorten_axes(found: NotProved) -> Iterator[Change]:
+    """The change of axes on a small part of which `safe` holds to that part."""
+    ends: Ends = {}
+    for grid, _ in _declared_grids(found.done):
+        for k, axis in enumerate(grid.group.axes):
+            cells = np.moveaxis(grid.found.allowed, k, 0).reshape(len(axis.edges) - 1, -1)
+            at = np.flatnonzero(cells.any(axis=1))
+            if len(at) and SMALL * (at[-1] - at[0] + 1) < len(cells):
+                low, high = max(at[0] - 1, 0), min(at[-1] + 2, len(cells))
+                ends[axis.state] = axis.edges[low], axis.edges[high]
+    shorter = with_ends(found.problem, ends)
+    if shorter.groups != found.problem.groups:
+        yield shorter, lines_of(shorter)
+
+
 def _open_axis(found: NotProved) -> Iterator[Change]:
     """The change to `open` of the axis by whose end a run leaves; a trial shows if it is read."""
     left = found.leaving
@@ -171,6 +188,14 @@ def _open_axis(found: NotProved) -> Iterator[Change]:
 
 def _change_predicates(found: NotProved) -> Iterator[Change]:
     yield predicates_left_out(found.problem), ""
+
+
+def _change_return(found: NotProved) -> Iterator[Change]:
+    problem, symbol = found.problem, found.problem.module.symbol
+    if problem.computed and not symbol.stays and "P2b" in found.failing:
+        verify = replace(symbol.verify, stays=symbol.span, recover=None)
+        module = replace(problem.module, symbol=replace(symbol, verify=verify))
+        yield _extract_again(problem, problem.system, module), ""
 
 
 def _change_ages(found: NotProved) -> Iterator[Change]:
@@ -244,6 +269,7 @@ def _exchange_controllers(found: NotProved) -> Iterator[Change]:
 CELLS, HALF, OTHERS = 1, 2, 3
 """Costs above 0: other cells; more that is asked of the world; another controller that flies."""
 VARIATIONS = (
+    Variation("a shorter axis: `{}`", _shorten_axes, without_core=True, with_core=True),
     Variation("a longer axis: `{}`", _change_axes, without_core=True, with_core=True, cost=CELLS),
     Variation("no ends where runs leave: `{}`", _open_axis, without_core=True, with_core=False),
     Variation(
@@ -251,6 +277,12 @@ VARIATIONS = (
         _change_predicates,
         without_core=False,
         with_core=True,
+    ),
+    Variation(
+        "`recover never`, if it may stay where SC stops",
+        _change_return,
+        without_core=True,
+        with_core=False,
     ),
     Variation("{}", _change_ages, without_core=True, with_core=True),
     Variation("{}", _change_start, without_core=False, with_core=True),
@@ -325,14 +357,20 @@ def extended(edges: Floats, low: float, high: float) -> Floats:
     return np.concatenate([below, edges, above])
 
 
-def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
-    """The problem with axes that have more cells of the same size; `ends`: new ends by state."""
+def with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
+    """The problem with other ends of axes, by state.
+
+    A longer axis has more cells of the same size, a shorter one as many smaller ones.
+    """
     states = list(problem.states)
 
     def changed(axis: Axis) -> Axis:
         if axis.state not in ends:
             return axis
-        edges = extended(np.array(axis.edges), *ends[axis.state])
+        low, high = ends[axis.state]
+        edges = extended(np.array(axis.edges), low, high)
+        if low > axis.edges[0] or high < axis.edges[-1]:
+            edges = np.linspace(low, high, len(axis.edges))
         states[axis.state] = Interval(float(edges[0]), float(edges[-1]))
         return replace(axis, edges=tuple(edges.tolist()))
 

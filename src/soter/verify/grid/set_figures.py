@@ -61,7 +61,8 @@ def deepest_cell(part: GroupSets) -> dict[int, float]:
         left = inner
     if not left.any():
         return {}
-    at = np.argwhere(left)[int(left.sum()) // 2]
+    cells = np.argwhere(left)
+    at = cells[np.abs(cells - cells.mean(axis=0)).sum(axis=1).argmin()]
     every = zip(part.group.axes, part.edges, at, strict=True)
     return {a.state: (e[i] + e[i + 1]) / 2 for a, e, i in every}
 

@@ -50,6 +50,8 @@ BESIDE = 100
 Path = tuple[str, ...]
 NEAR = 2.0**-44
 """How much the written ends of a full turn may be rounded."""
+NEARLY = 0.1
+"""An axis that is a turn but for this, as [-3.14, 3.14], was meant to be one."""
 COVERED_BY_OTHERS = frozenset({"drives", MOVING})
 """Functions that are no readers of their own: they are covered by others."""
 
@@ -346,6 +348,7 @@ def states_that_wrap(
 ) -> tuple[frozenset[int], dict[str, str]]:
     """The states whose axis wraps around; for others, by name, who reads their turns.
 
+    "": nobody does, and the axis is nearly a turn long, so that it would wrap around.
     There are some only in flows that one module alone commands, with a declared SC and predicates.
     """
     symbol = at.module.symbol
@@ -355,7 +358,8 @@ def states_that_wrap(
         or symbol.shield is not None
         or len(tower_of(at.flat, at.home.index)) > 1
     )
-    axes = [a for g in groups for a in g.axes if g.representation == "grid" and _is_turn(a)]
+    grids = [g for g in groups if g.representation == "grid"]
+    axes = [a for g in grids for a in g.axes if _is_turn(a, NEARLY)]
     found: set[int] = set()
     readers: dict[str, str] = {}
     for axis in axes if settled else ():
@@ -365,14 +369,16 @@ def states_that_wrap(
             continue  # said where all of it is enclosed
         if read:
             readers[axis.name] = reader_in_words(read, quantities)
-        else:
+        elif _is_turn(axis, NEAR):
             found.add(axis.state)
+        else:
+            readers[axis.name] = ""
     return frozenset(found), readers
 
 
-def _is_turn(axis: Axis) -> bool:
+def _is_turn(axis: Axis, off: float) -> bool:
     low, high = axis.edges[0], axis.edges[-1]
-    long = abs(high - low - TURN) <= NEAR and max(-low, high) <= 1.5 * TURN
+    long = abs(high - low - TURN) <= off and max(-low, high) <= 1.5 * TURN
     return long and not (axis.open or axis.unbounded)
 
 

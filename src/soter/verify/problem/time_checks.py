@@ -180,6 +180,7 @@ def _check_known_nodes(
                 if named
                 else f"nodes between sensors, module and plants: {stations_text}",
             ),
+            helps=("of the module's own SC and DM it is `sc` and `dm`",),
         )
 
 

@@ -77,7 +77,8 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 class RunNotBack:
     """A simulated run that is not back: it began at `start` under `disturbed`, each by its number.
 
-    After `after_s` seconds, where the simulation ended, `state` was at `value`.
+    After `after_s` seconds, where the simulation ended, `state` was at `value`. `calm`: without
+    disturbances it is as far out, by more than the box is wide.
     """
 
     state: int
@@ -85,6 +86,7 @@ class RunNotBack:
     after_s: float
     start: dict[int, float]
     disturbed: dict[int, float]
+    calm: bool
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,7 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
             outputs * check.times.period * 1e-9,
             dict(zip(check.states, map(float, start_points[start]), strict=True)),
             dict(enumerate(map(float, disturbances[wind]))),
+            bool(distance[state, start, 0] > 1.0),
         ),
     )
 
@@ -246,12 +249,13 @@ class LeadBackResult:
     """What the search found. `why`: why SC is not shown to lead back, in words; "": it is shown.
 
     `ways`: Y of proof-flight.md, by state: the range that SC leads through on its way back.
-    `astray`: a simulated run with exact, new reads is not back, so younger reads would not help.
+    `astray`: a state in which a simulated run with exact, new reads is not back, so younger reads
+    would not help.
     """
 
     ways: Box
     why: str = ""
-    astray: bool = False
+    astray: int | None = None
 
 
 def region_of(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
@@ -287,7 +291,8 @@ class _LeadBackSearch:
         if runs is not None and runs.astray:
             why = f"SC does not lead back into {into}: {self._run_in_words(runs.astray)}"
             announce(lambda: f"{self._name}: {why}")
-            return LeadBackResult({}, why + self._larger_box_in_words(runs.reached), astray=True)
+            why += self._larger_box_in_words(runs.reached)
+            return LeadBackResult({}, why, astray=runs.astray.state)
         todo, shown, tried = [(self._box, 0, 1.0)], 0.0, 0
         parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
         while todo:
@@ -379,7 +384,8 @@ class _LeadBackSearch:
         start = ", ".join(f"{states[s].name} = {x:.3g}" for s, x in run.start.items())
         under = ", ".join(f"{winds[k].name} = {x:.3g}" for k, x in run.disturbed.items())
         where = f"{states[run.state].name} = {run.value:.4g} after {run.after_s:.4g} s"
-        return f"a run from {start}{f' under {under}' if under else ''} is at {where}"
+        far = "; without disturbances it goes as far: perhaps a sign of SC is wrong" * run.calm
+        return f"a run from {start}{f' under {under}' if under else ''} is at {where}{far}"
 
     def _unshown_part_in_words(
         self, part: Box, into: str, shown: float, tried: int, reached: Box

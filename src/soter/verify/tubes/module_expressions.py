@@ -475,9 +475,9 @@ class ModuleExpressions:
             k[0] += 1
             if maps is not None and leaf in maps:
                 return maps[leaf]
-            state = self.problem.state_of_leaf.get(leaf)
-            if state is None:
-                raise NoExpressionError("SC or `safe` reads what no state equals")
+            if (state := self.problem.state_of_leaf.get(leaf)) is None:
+                name = self.problem.system.topics[leaf[0]].name
+                raise NoExpressionError(f"SC, `safe` or `rest` reads `{name}`: no state equals it")
             return self.make.input(kind, state)
 
         return at(t, [0])

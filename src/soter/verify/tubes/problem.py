@@ -203,7 +203,7 @@ def refused(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> Sote
     diagnostics.error(
         "R007",
         f"module `{problem.name}` is followed by tubes, and {why}",
-        problem.module.symbol.span,
+        (problem.module.symbol.rest or problem.module.symbol).span,
         notes=() if helps else (AS_EXPRESSIONS,),
         helps=helps,
     )

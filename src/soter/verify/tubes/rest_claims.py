@@ -190,6 +190,8 @@ class Enclosures:
 
 
 HALVINGS, TRIED = 12, 500
+OLD = 8
+"""Reads of more periods of SC are what makes a check long."""
 
 
 @dataclass
@@ -197,7 +199,8 @@ class RestClaims:
     """What was found: each text says why something is not shown; it is "" where it is shown.
 
     `box`: B of rule 1, `ways`: Y, the range from then on, of each state that `moves` does not name.
-    `cut`: the place in `CUTS` of what showed it, and flies. `astray`: no younger read would help.
+    `cut`: the place in `CUTS` of what showed it, and flies. `astray`: a state in which a run does
+    not come back, so that no younger read would help.
     `given`: whether AC has control on an exact estimate of the middle of the start.
     """
 
@@ -205,7 +208,7 @@ class RestClaims:
     ways: dict[int, Interval] = field(default_factory=dict)
     answers: str = ""
     kept: str = ""
-    astray: bool = False
+    astray: int | None = None
     moves: str = ""
     start: str = ""
     given: bool = False
@@ -255,14 +258,18 @@ def show_rest_claims(check: TubeCheck) -> RestClaims:
 
     `SoterError` R007 where the check takes more operations than a step may.
     """
+    try:
+        return _show_in_order(check)
+    except TooLongError:
+        raise too_long(check) from None
+
+
+def _show_in_order(check: TubeCheck) -> RestClaims:
     claims = RestClaims()
     if check.times.switches < 1:
         claims.kept = claims.start = "`within` of `rest` is shorter than a period of SC"
         return claims
-    try:
-        caller = Caller(check.offline({}))
-    except TooLongError:
-        raise too_long(check) from None
+    caller = Caller(check.offline({}))
     claims.answers = _why_sc_may_fault(check, caller)
     claims.kept = claims.answers or _why_not_kept(check, caller, claims)
     claims.cut = check.cut
@@ -287,7 +294,8 @@ def show_rest_claims(check: TubeCheck) -> RestClaims:
 def too_long(check: TubeCheck) -> SoterError:
     """R007 with a `within` that would fit: each further step of SC costs as many operations.
 
-    The growth is measured from two steps to three: the first step costs differently.
+    The growth is measured from two steps to three, as the first one costs differently, and what it
+    gives is tried: fewer steps are named until one fits.
     """
     times = check.times
     needs, fits = "", 0
@@ -295,6 +303,8 @@ def too_long(check: TubeCheck) -> SoterError:
         two, three = (check.operations(n) for n in (2, 3))
         needs = f" takes {two + (times.switches - 2) * (three - two):.2g} operations, which"
         fits = max((MAX_OPERATIONS - two) // (three - two) + 2, 0)
+        while fits > 3 and not _fits(check, fits):
+            fits -= 1 + fits // 100
     why = (
         f"to follow {times.switches} steps of SC{needs} is more than a step of the DM can do: "
         f"{MAX_OPERATIONS:.2g} operations"
@@ -302,7 +312,15 @@ def too_long(check: TubeCheck) -> SoterError:
     longest = show_ns(fits * times.period + times.jitter).replace(" ", "")
     fewer = "a longer period of SC, of which there are fewer steps then"
     within = f"`within {longest}` at most, {fits} steps of SC"
+    if times.depth > OLD:
+        fewer = f"younger reads (`max_age`, `dropout`): SC answers {times.depth} periods late"
     return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
+
+
+def _fits(check: TubeCheck, switches: int) -> bool:
+    with contextlib.suppress(TooLongError):
+        return check.operations(switches) <= MAX_OPERATIONS
+    return False
 
 
 def _state_name(check: TubeCheck, state: int) -> str:

@@ -103,6 +103,8 @@ class TubeCheck:
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = _states_read([every[s] for s in self.states])
         self.read_by_rest = _states_read([self._rest])
+        movers = in_order([every[s] for s in _states_read_through([self._rest], every)])
+        self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in movers)
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
@@ -173,7 +175,7 @@ class TubeCheck:
         """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
         shorter = copy(self)
         shorter.times = replace(self.times, switches=switches)
-        functions = functions_of(shorter.offline({}))
+        functions = functions_of(shorter.offline({s: Interval(-1.0, 1.0) for s in self.states}))
         return max(cost_of(f).operations for f in functions.values())
 
     def offline(self, ways: Mapping[int, Interval]) -> str:

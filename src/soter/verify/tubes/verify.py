@@ -13,6 +13,8 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
+from soter.diagnostics.diagnostic import texts
+from soter.language.elaborate.lints.rest_lints import rest_doubt
 from soter.language.model.types import show_ns
 from soter.verify.claims.claims import static_claims
 from soter.verify.claims.product_sets import NO_LAW
@@ -75,6 +77,14 @@ KEPT = (
     "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
 NOT_GIVEN = "at the start the check of the DM does not let AC have control"
+UNBOUNDED = (
+    "bound {} in `rest`, or by a set of the topic, or say in `moves` how far SC moves it: else it "
+    "is followed from wherever it may be"
+)
+UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to rest"
+AT_START = (
+    "a longer `within`, or a `rest` that lies in `safe` with all that SC leads through from there"
+)
 CASCADE = 3
 """An SC that reads this many states or more mostly has control loops within control loops."""
 MOVES = (
@@ -148,6 +158,8 @@ def verify_by_tubes(
         "failsafe": Finding(ASSUMED, text=NO_LAW),
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
     }
+    if claims.start and not why:
+        findings["start"].hint = _doubt_in_words(problem) or AT_START
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.at_the_start = NOT_GIVEN if not (why or claims.given) else ""
     result.vacuity = vacuity_of_rest(problem, result.at_the_start)
@@ -163,13 +175,23 @@ def _advice_on_rest(
     ask: bool,
 ) -> str:
     """Advice where rest is not shown; `ask`: younger reads are tried for it."""
-    endless = _missing_bounds(check, claims)
-    asked = ask and not (endless or claims.astray)
+    unbounded = _unbounded(check, claims)
+    asked = ask and not (unbounded or claims.astray is not None)
     tried = _with_younger_reads(check.problem) if asked else ""
+    if doubt := UNMOVED * (not check.commands_move_rest) or _doubt_in_words(check.problem):
+        return doubt
     if not claims.kept:
         return MOVES
-    kept = endless or KEPT.format("".join(f"{what}, " for what in _what_delays_sc(check, tried)))
-    return kept if claims.box else ""
+    if unbounded:
+        return UNBOUNDED.format(unbounded)
+    late = _what_delays_sc(check, tried)
+    return KEPT.format("".join(f"{what}, " for what in late)) if claims.box else ""
+
+
+def _doubt_in_words(problem: TubeProblem) -> str:
+    """What `soter check` says of `rest` (W022), with its help; "": nothing."""
+    found = rest_doubt(problem.system, problem.module)
+    return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
 
 
 def _with_younger_reads(problem: TubeProblem) -> str:
@@ -200,22 +222,12 @@ def _advise_sets(check: TubeCheck) -> str:
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
 
 
-def _missing_bounds(check: TubeCheck, claims: RestClaims) -> str:
-    """Advice on bounds that `rest` lacks, as it holds of states however far out; "": it has all."""
-    names = check.problem.quantities.states
-    ways = [
-        (s, end)
-        for s, r in claims.box.items()
-        for end, far in ((">", r.low <= -FARTHEST), ("<", r.high >= FARTHEST))
-        if far
-    ]
-    bounds = " and ".join(f"`{check.problem.leaf(s)} {end} l`" for s, end in ways)
-    states = " and ".join(dict.fromkeys(names[s].name for s, _ in ways))
-    return (
-        f"bound {states} in `rest`, by {bounds}, or by a set in the topic: nothing does, so SC is "
-        f"followed from as far out as {FARTHEST:g}"
-        if ways
-        else ""
+def _unbounded(check: TubeCheck, claims: RestClaims) -> str:
+    """The numbers that `rest` leaves endless, or says nothing of though SC or a lost run does."""
+    unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
+    box = claims.box.items()
+    return ", ".join(
+        check.problem.leaf(s) for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST
     )
 
 

@@ -213,7 +213,7 @@ def test_an_end_that_stays_is_written_as_the_program_writes_it() -> None:
     named = ("soter 1;", "soter 1;\nconst FULL: float = 1.8000000000000003;")
     result = explained(changed(named, ("[0.2, 1.8]", "[0.2, FULL]"), OLD))
     assert lines_of(result.problem) == "grid t.h in [0.2, FULL] / 320;"
-    longer = variations.longer_axes(result.problem, {0: (0.1, 1.8000000000000003)})
+    longer = variations.with_ends(result.problem, {0: (0.1, 1.8000000000000003)})
     assert lines_of(longer) == "grid t.h in [0.1, FULL] / 340;"
 
 

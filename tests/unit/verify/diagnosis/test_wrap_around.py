@@ -76,3 +76,14 @@ def test_an_angle_that_sc_brings_to_one_heading_as_advised_is_kept() -> None:
     law = ("arm > 100.0 ? 0.0 : 0.2", "clamp(-0.5 + 2.0 * wrap_angle(0.0 - arm), -1.0, 1.0)")
     module_result = explained(changed(ENDS, law, text=ARM))
     assert module_result.findings["P2a"].verdict == "proved"
+
+
+def test_an_axis_that_is_nearly_a_turn_is_told_to_be_one() -> None:
+    """Nobody counts turns: of exactly a turn the axis would wrap around, and no run leaves it."""
+    nearly = ("-3.14159265358979, 3.14159265358979", "-3.14, 3.14")
+    nobody = ("arm > 100.0 ? 0.0 : 0.2", "0.2")
+    said = "`t.a in [-PI, PI]`"
+    finding = explained(changed(nearly, nobody, text=ARM)).findings["P2a"]
+    assert finding.hint.startswith(said)
+    assert not explained(changed(nearly, text=ARM)).findings["P2a"].hint.startswith(said)
+    assert explained(changed(nobody, text=ARM)).findings["P2a"].verdict == "proved"

@@ -24,7 +24,7 @@ from soter.report.proof_page import (
     proof_body,
     region_svg,
 )
-from soter.verify.grid.set_figures import SLICES_MAX, figure, fullest
+from soter.verify.grid.set_figures import SLICES_MAX, deepest_cell, figure, fullest
 from soter.verify.problem.problem import Axis, Group
 
 
@@ -145,3 +145,11 @@ def test_the_border_of_ttf_lies_between_cells_that_differ() -> None:
     assert border.count("M") == 3, "one side of each of three cells"
     assert len({piece.split(" ")[0] for piece in border.split("M")[1:]}) == 1, "at one x"
     assert 'class="border"' not in region_svg(replace(with_border(), lets_ac=None))
+
+
+@pytest.mark.parametrize("shape", [(4, 40), (40, 4), (1, 9), (2, 2), (5, 3, 8)])
+def test_the_deepest_cell_of_a_whole_grid_lies_in_its_middle(shape: tuple[int, ...]) -> None:
+    part = sets_of(np.full(shape, R3), ("m",) * len(shape))
+    part.edges = [np.array(axis.edges) for axis in part.group.axes]
+    for state, at in deepest_cell(part).items():
+        assert abs(at - 0.5) <= 1.0 / shape[state]

@@ -153,7 +153,7 @@ def _turned_round(
     name, gap = turned
     predicate = symbol.ttf if name == "ttf" else symbol.safer
     assert predicate is not None
-    other = _opposite(predicate)
+    other = opposite(predicate)
     turn = replace(predicate.span, other, f"the other way round: `{name} {other};`")
     diagnostics.warning(
         "W013",
@@ -167,7 +167,7 @@ def _turned_round(
     return True
 
 
-def _opposite(e: typed.TypedExpr) -> str:
+def opposite(e: typed.TypedExpr) -> str:
     """Source text of the negation of `e`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         return e.operand.span.text
@@ -246,7 +246,7 @@ def trials_of(
     system: System, module: Module, predicates: Sequence[typed.TypedExpr], indices: list[int]
 ) -> list[Trial]:
     """(ttf, safer, safe, values) for many values of the topics; without those that fault."""
-    numbers = _numbers(predicates)
+    numbers = numbers_in(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
     given: dict[str, Any] = {"budget": BUDGET, "topics": module.scope.topics}
     plain = Evaluator(module.scope.params, **given)
@@ -276,7 +276,7 @@ def trials_of(
     return trials
 
 
-def _numbers(predicates: Sequence[typed.TypedExpr]) -> list[float]:
+def numbers_in(predicates: Sequence[typed.TypedExpr]) -> list[float]:
     """The numbers in the predicates, the middles between neighbours, and their negatives."""
     literals = [n.value for n in _everything(predicates) if isinstance(n, typed.Literal)]
     constants = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}

@@ -25,6 +25,7 @@ from soter.language.elaborate.lints.refuted_at_once import (
     doubt_start,
     doubt_trials,
 )
+from soter.language.elaborate.lints.rest_lints import doubt_rest
 from soter.language.elaborate.lints.step_lints import (
     doubt_plant,
     doubt_publications,
@@ -185,6 +186,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         doubt_shield(system, module, diagnostics)
         doubt_exactness(system, module, diagnostics)
         if number < TRIED_MAX:
+            doubt_rest(system, module, diagnostics)
             doubt_start(system, module, diagnostics)
             trials = tried(system, module)
             if not (

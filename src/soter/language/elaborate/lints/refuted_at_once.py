@@ -10,6 +10,7 @@ Non-goals: a proof; initial states between the ends of their sets; `ttf` and `sa
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.lints.contradictory_predicates import (
@@ -29,8 +30,8 @@ from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model import typed
 from soter.language.model.system import holder_of, modules_above
-from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType, leaf_name, leaves, show_ns, write_ns
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.types import default_value, leaf_name, leaves, show_ns, write_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -99,7 +100,8 @@ def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> No
     evaluator = Evaluator(scope.params, budget=BUDGET, topics=scope.topics, plants=scope.plants)
     topics: list[Value] = []
     for end, topics in enumerate(_starts(system, indices)):
-        states = [_first_state(c, end) for c in system.components]
+        known = [None if c.plant is None or c.plant.extern else c for c in system.components]
+        states = [c and (*at_first(c, end).variables.values(),) for c in known]
         env = Environment(topics=topics, stamps=[0] * len(topics), truth=states.__getitem__)
         try:
             holds = bool(evaluator.value(p.condition, env))
@@ -122,13 +124,20 @@ def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> No
     )
 
 
-def _first_state(component: Component, end: int) -> Value | None:
-    """The first states of a plant, at the low (0) or high (1) `end` of their sets; or None."""
-    if component.plant is None or component.plant.extern:
-        return None
-    ranges = component.initial_range or (None,) * len(component.initial)
-    pairs = zip(component.initial, ranges, strict=True)
-    return tuple(first if span is None else span[end] for first, span in pairs)
+def at_first(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
+    """What a plant's code reads at the low (0) or the high (1) `end` of the sets of its states.
+
+    Without `topics` it reads states alone; with them its disturbances, too, in their middle.
+    """
+    ranges = c.initial_range or (None,) * len(c.initial)
+    variables = {
+        v: x if r is None else rebuilt([x], [r[end]] * len(flat(x)))[0]
+        for v, x, r in zip(c.variables, c.initial, ranges, strict=True)
+    }
+    for d in c.disturbances if topics else ():
+        middle = [(d.low + d.high) / 2] * len(d.streams)
+        variables[d.variable] = rebuilt([default_value(d.variable.type)], middle)[0]
+    return Environment(variables, topics=topics or (), period_ns=c.period_ns)
 
 
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
@@ -137,21 +146,22 @@ def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
     Yields none if one of the topics `indices` is not driven by a plant, depends on a draw, or would
     leave its set.
     """
-    drivers = {
-        c.scope.topics[topic]: (c, value)
-        for c in system.components
-        if c.plant is not None and not c.plant.extern
-        for topic, value in c.plant.drives
-    }
-    if any(i not in drivers for i in indices):
-        return
     for end in (0, 1):
-        topics: list[Value] = [t.default for t in system.topics]
-        for i in indices:
-            value = _published_at_first(*drivers[i], end)
-            if value is None or not _is_of_its_set(system, i, value):
-                return
-            topics[i] = value
+        topics, known = [t.default for t in system.topics], set()
+        for c in system.components:
+            if c.plant is None or c.plant.extern or not {*c.writes} & {*indices}:
+                continue
+            evaluator, env = Evaluator(c.scope.params, budget=BUDGET), at_first(c, end)
+            for of, e in (*c.plant.lets, *c.plant.drives):
+                with suppress(StepFault, BudgetExceeded, LookupError, TypeError, RuntimeError):
+                    value = evaluator.value(e, env)  # fails where it reads more than states
+                    if isinstance(of, typed.TopicSymbol):
+                        topics[c.scope.topics[of]] = value
+                        known.add(c.scope.topics[of])
+                    elif isinstance(of, typed.Variable):
+                        env.variables[of] = value
+        if not all(i in known and _is_of_its_set(system, i, topics[i]) for i in indices):
+            return
         yield topics
 
 
@@ -161,43 +171,6 @@ def _is_of_its_set(system: System, index: int, value: Value) -> bool:
     return len(bounds) != len(flat(value)) or all(
         b is None or b.low <= x <= b.high for b, x in zip(bounds, flat(value), strict=True)
     )
-
-
-def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> Value | None:
-    """What a plant first publishes, at `end` 0 or 1 of its states' sets; None: not known."""
-    symbol = plant.plant
-    assert symbol is not None
-    lets = _read_lets(symbol, value)
-    late = (typed.TopicRead, typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead)
-    read = (value, *(e for _, e in lets))
-    if chooses(*read) or any(isinstance(n, late) for n in nodes(read)):
-        return None
-    evaluator = Evaluator(plant.scope.params, budget=BUDGET)
-    env = Environment(period_ns=plant.period_ns)
-    for i, state in enumerate(symbol.states):
-        span = plant.initial_range[i] if i < len(plant.initial_range) else None
-        if span is not None and not isinstance(state.type, (FloatType, IntType)):
-            return None
-        env.variables[state] = plant.initial[i] if span is None else span[end]
-    try:
-        for variable, let in lets:
-            env.variables[variable] = evaluator.value(let, env)
-        return evaluator.value(value, env)
-    except (StepFault, BudgetExceeded, KeyError):
-        return None  # the value depends on a disturbance, say, which is drawn
-
-
-def _read_lets(
-    plant: typed.PlantSymbol, value: typed.TypedExpr
-) -> list[tuple[typed.Variable, typed.TypedExpr]]:
-    """The `let`s that a value reads, directly or through others, in their order."""
-    read = {n.variable for n in nodes([value]) if isinstance(n, typed.VarRead)}
-    lets: list[tuple[typed.Variable, typed.TypedExpr]] = []
-    for variable, let in reversed(plant.lets):
-        if variable in read:
-            lets.insert(0, (variable, let))
-            read |= {n.variable for n in nodes([let]) if isinstance(n, typed.VarRead)}
-    return lets
 
 
 def doubt_constants(

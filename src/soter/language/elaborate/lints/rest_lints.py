@@ -1,0 +1,253 @@
+"""Warns of a module whose `rest`, `moves` or `within` a run of SC contradicts.
+
+Purpose: W022 of a `rest` that bounds nothing, holds where `safe` does not, or does not where SC
+brings the plants from their start; of a number whose way `moves` leaves open, or bounds too
+closely; of a `within` that is over before SC rests.
+Non-goals: a proof; errors, delays, disturbances off their middle; other starts; an SC that is
+extern or keeps something; a `rest` that no values satisfy.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from itertools import product
+from math import isfinite
+from typing import TYPE_CHECKING, Any, cast
+
+from soter.diagnostics.diagnostic import Span, replace
+from soter.language.elaborate.lints import contradictory_predicates as trials
+from soter.language.elaborate.lints.refuted_at_once import at_first
+from soter.language.evaluate.arithmetic import StepFault, zipper
+from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
+from soter.language.evaluate.statements import Evaluator
+from soter.language.evaluate.topic_ranges import always_by_parts, leaf_index
+from soter.language.model import typed
+from soter.language.model.tree_walk import (
+    calls_in,
+    chooses,
+    conjuncts,
+    cost_of,
+    plant_code,
+    topic_reads,
+)
+from soter.language.model.types import leaf_name, leaves, positions, show_ns, write_ns
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.language.evaluate.range_evaluation import ReadPlace
+    from soter.language.evaluate.ranges import Range
+    from soter.language.model.system import Module, System
+
+    Doubt = tuple[Span, str, str, Help] | None
+    """Where, what, a label and a help."""
+
+STEPS, HOLDS, LATELY = 8, 400, 30
+"""Steps of integration in a period; periods of SC in a run; those in which it comes to its end."""
+COSTLY = 3_000
+"""Operations of calls in one step of plants and SC: with more a run would take a second."""
+SETTLED, FAR = 0.01, 1e9
+"""As a share of a number's way: how much it moves `LATELY` where a run has come to its end."""
+
+
+class _Run:
+    """SC brings the plants from their start to where it does: what that contradicts."""
+
+    def __init__(self, system: System, module: Module, rest: typed.RestSymbol) -> None:
+        self.system, self.module, self.rest = system, module, rest
+        self.sc, self.own = system.components[module.sc], Evaluator.of(module.scope)
+        self.topics = [t.default for t in system.topics]
+        assert self.sc.node is not None
+        self.law = Evaluator.of(self.sc.scope).block(self.sc.node.step)
+        plants = [c for c in system.components if c.plant is not None]
+        self.plants = [(c, Evaluator.of(c.scope), at_first(c, 0, self.topics)) for c in plants]
+        driven = [(i, system.topics[i]) for i in sorted({i for c in plants for i in c.writes})]
+        self.driven = [i for i, _ in driven]
+        self.bounds = {(i, k): b for i, t in driven for k, b in enumerate(t.bounds)}
+        self.names = [leaf_name(t.name, path) for _, t in driven for path, _ in leaves(t.type)]
+        self.parts = [(p, self._numbers_of(p)) for p in conjuncts(rest.condition)]
+        self.read = {k for _, read in self.parts for k in read}
+        self.held: list[list[bool]] = []
+        self.seen: list[list[float]] = []
+        self.followed = False
+        with suppress(StepFault, ArithmeticError, BudgetExceeded, LookupError):
+            while len(self.seen) < HOLDS and not self._ended():
+                self._see()
+            whole = len(self.seen[-1]) == len(self.bounds)  # no lists
+            self.followed = whole and all(map(isfinite, self.seen[-1]))
+        self.first = next((k for k, parts in enumerate(self.held) if all(parts)), None)
+
+    def _numbers_of(self, e: typed.TypedExpr) -> list[int]:
+        """The numbers that an expression reads."""
+        found = set()
+
+        def read(place: ReadPlace) -> Range:
+            found.add((place.index, leaf_index(self.system.topics[place.index], place.path)))
+            return cast("Range", anything(place.type))
+
+        with suppress(TooHardError):
+            RangeEvaluator(self.module.scope, 0, read).number(e)
+        return [k for k, number in enumerate(self.bounds) if number in found]
+
+    def _ended(self) -> bool:
+        """Whether the numbers that `rest` reads hardly move any more."""
+        ways = [[x[k] for x in self.seen] for k in self.read]
+        return len(self.seen) > LATELY and all(
+            abs(x[-1] - x[-LATELY]) <= SETTLED * (max(x) - min(x)) for x in ways
+        )
+
+    def _see(self) -> None:
+        """The plants move for a period of SC, by Euler's rule, and publish; then SC steps."""
+        h = self.sc.period_ns / 1e9 / STEPS if self.seen else 0.0
+        for c, evaluator, env in self.plants:
+            code, plant = evaluator.expression, cast("typed.PlantSymbol", c.plant)
+            for _ in range(STEPS):
+                env.variables.update((v, code(e)(env)) for v, e in plant.lets)
+                rates = [(v, code(e)(env)) for v, e in plant.der.items()]
+                for v, rate in rates:
+                    euler: Any = lambda x, r: x + h * r  # noqa: E731
+                    env.variables[v] = zipper(v.type)(euler, env.variables[v], rate)
+            env.variables.update((v, code(e)(env)) for v, e in plant.lets)
+            for topic, e in plant.drives:
+                self.topics[c.scope.topics[topic]] = code(e)(env)
+        env = Environment(topics=self.topics)
+        self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
+        self.seen.append([x for i in self.driven for x in trials.flat(self.topics[i])])
+        self.law(env)
+        for i, value in env.published.items():
+            self.topics[i] = value
+
+    def _holds(self, e: typed.TypedExpr, k: int, value: float) -> bool:
+        """Whether a condition holds at the end of the run with another value of number `k`."""
+        last, topics = self.seen[-1], list(self.topics)
+        was, now = [topics[i] for i in self.driven], [*last[:k], value, *last[k + 1 :]]
+        for i, new in zip(self.driven, trials.rebuilt(was, now), strict=True):
+            topics[i] = new
+        return bool(self.own.value(e, Environment(topics=topics)))
+
+    # ------------------------------------------------------------ what is doubtful
+
+    def doubt(self) -> Doubt:
+        """The first that is doubtful."""
+        claims = self._unbounded, self._elsewhere, self._unsafe, self._moved, self._late
+        with suppress(StepFault, ArithmeticError, BudgetExceeded):
+            return next((found for claim in claims if self.followed and (found := claim())), None)
+        return None
+
+    def _unbounded(self) -> Doubt:
+        """`rest` reads a number, and holds at both of its ends."""
+        for k, bound in enumerate(self.bounds.values()):
+            parts, name = [p for p, read in self.parts if k in read], self.names[k]
+            ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
+            if parts and all(self._holds(p, k, x) for p in parts for x in ends):
+                op, other = getattr(parts[0], "op", ""), ""
+                if isinstance(parts[0], typed.TypedBinary) and op == "||":
+                    other = f"{parts[0].left.span.text} && {parts[0].right.span.text}"
+                elif op == "!" or op[:1] == ">":
+                    other = trials.opposite(parts[0])
+                near = f"bound `{name}` to where SC ends"
+                help_ = replace(parts[0].span, other) if other else near
+                label = f"true of `{name}` = {ends[0]:.4g}, and of {ends[1]:.4g}"
+                return parts[0].span, f"`rest` holds whatever `{name}` is", label, help_
+        return None
+
+    def _unsafe(self) -> Doubt:
+        """`rest` holds where `safe` does not."""
+        rest, safe = self.rest.condition, self.module.symbol.safe
+        for k, x in product(self.read, trials.numbers_in((rest, safe))):
+            if self._holds(rest, k, x) and not self._holds(safe, k, x):
+                label = f"true of `{self.names[k]}` = {x:.4g}, and `safe` is false there"
+                what, help_ = "`rest` holds where `safe` does not", "let it lie in `safe`"
+                return rest.span, what, label, help_
+        return None
+
+    def _elsewhere(self) -> Doubt:
+        """A part of `rest` is false where SC ends."""
+        k = next((k for k, held in enumerate(self.held[-1]) if not held), None)
+        safe = self.own.value(self.module.symbol.safe, Environment(topics=self.topics))
+        if k is None or (safe and not self._ended()):
+            return None
+        (part, read), at = self.parts[k], self.parts[k][0].span
+        help_: Help = "let `rest` hold there, or SC go on to where it holds"
+        if not safe:
+            at, help_ = self.module.symbol.sc_span or at, "perhaps a sign of SC is wrong"
+        if getattr(part, "op", "")[:1] == ">":
+            help_ = replace(part.span, trials.opposite(part))
+        elif getattr(part, "op", "") == "==":
+            help_ = "say how near: a float is hardly ever equal to a number"
+        values = " and ".join(f"`{self.names[n]}` is {self.seen[-1][n]:.4g}" for n in read)
+        values += "" if safe else ", and `safe` is, too"
+        what = "`rest` does not hold where SC brings the plant"
+        return at, what, f"false where {values}", help_
+
+    def _moved(self) -> Doubt:
+        """SC moves a number further than `moves` says, or `safe` is lost on a way left open."""
+        rest, items, found, moves = self.rest, list[str](), None, {}
+        for m in rest.moves:
+            i = self.module.scope.topics[m.topic]
+            moves[i, leaf_index(self.system.topics[i], (*positions(m.topic.type, m.path),))] = m
+        for k, (number, bound) in enumerate(self.bounds.items()):
+            move, safe = moves.get(number), self.module.symbol.safe
+            ways = [x[k] for x in self.seen[self.first or 0 :]] if self.first is not None else [0.0]
+            drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
+            lost = [w for w, x in (("down", -FAR), ("up", FAR)) if not self._holds(safe, k, x)]
+            if move is None and (k in self.read or bound is not None or not lost):
+                continue
+            way, said = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
+            by = 0.0 if move is None else cast("float", self.own.value(move.by))
+            wrong = [w for w in said if drift[w] > 1.01 * by] + [w for w in lost if w not in said]
+            far = max(drift[w] for w in lost or said)
+            if wrong:
+                label = f"SC moves `{self.names[k]}` {wrong[0]} from where `rest` holds"
+                found = found or ((move or rest).span, label)
+                way = lost[0] if len(lost) == 1 else ""
+            by_ = move.by.span.text if move and far <= by else f"{4.0 * far or 0.1:.1g}"
+            items.append(f"{self.names[k]} by {by_} {way}".strip())
+        if found is None:
+            return None
+        gap = Span(rest.span.source, rest.condition.span.end, rest.within.span.start)
+        new = f"moves {', '.join(items)}"
+        before = gap.text[: gap.text.index("moves" if rest.moves else "within")]
+        help_ = replace(gap, f"{before}{new} within ", f"write `{new}`, or more")
+        return found[0], "`moves` does not bound all that SC moves", found[1], help_
+
+    def _late(self) -> Doubt:
+        """`within` is over before `rest` holds."""
+        at, needed = self.rest.within, (self.first or 1) * self.sc.period_ns
+        if needed <= cast("int", self.own.value(at)):
+            return None
+        longer, label = write_ns(3 * needed // 2), f"SC needs {show_ns(needed)}"
+        help_ = replace(at.span, longer, f"`within {longer}`, or longer")
+        return at.span, "`within` is over before SC rests", label, help_
+
+
+def rest_doubt(system: System, module: Module) -> Doubt:
+    """What is doubtful about `rest` of a module; None, too, where no run can be made of it."""
+    rest, sc = module.symbol.rest, system.components[module.sc]
+    plants = [c for c in system.components if c.plant is not None]
+    if rest is None or sc.node is None or sc.extern or sc.node.locals:
+        return None
+    read = {*sc.reads, *(module.scope.topics[t] for t in topic_reads(rest.condition))}
+    if not read <= {i for c in plants for i in c.writes}:
+        return None
+    if not {i for c in plants for i in c.reads} <= {*module.outputs}:
+        return None
+    symbols = [c.plant for c in plants if c.plant is not None]
+    code = [e for p in symbols for e in plant_code(p)]
+    asked = (*code, rest.condition, module.symbol.safe, *sc.node.step)
+    calls = sum(cost_of(f.fun).operations for f in calls_in(*asked))
+    if any(p.extern or p.next for p in symbols) or chooses(*code) or calls > COSTLY:
+        return None
+    if always_by_parts(rest.condition, system, module.scope) is False:
+        return None
+    return _Run(system, module, rest).doubt()
+
+
+def doubt_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """Warns W022 of what is doubtful about `rest`."""
+    if (found := rest_doubt(system, module)) is not None:
+        at, what, label, help_ = found
+        also = ((module.symbol.sc_span or module.symbol.span, "SC"),)
+        notes = ("AC has control only where SC surely comes to rest, and stays there",)
+        what += f" (module `{module.symbol.name}`)"
+        diagnostics.warning("W022", what, at, label, also=also, notes=notes, helps=(help_,))
