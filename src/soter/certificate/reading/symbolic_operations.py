@@ -21,6 +21,7 @@ from soter.certificate.terms.linear_enclosures import (
     ONE,
     TINIEST,
     UNIT_ROUNDOFF,
+    ZERO,
     exact,
     magnitude,
 )
@@ -126,6 +127,10 @@ def whole(x: Linear) -> Linear:
     return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
 
+PRELUDE = frozenset(
+    "sin cos exp log tanh atan tan asin acos wrap_angle atan2 hypot pow smoothstep".split()  # noqa: SIM905 - a list of words
+)
+"""Functions of the prelude that are read as what they mean; of the others the body is read."""
 OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
 """Functions of the prelude that are the same a turn further."""
 FAR_TURNS = exact(2.0**-33)
@@ -234,28 +239,33 @@ class Operations:
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
         return self._like(choose(x, y, tight=tight), a, b)
 
-    def prelude(self, name: str, x: Linear) -> Linear:
+    def clamp(self, x: Value, low: Value, high: Value) -> Value:
+        """The prelude's `clamp`: x between limits; that these are in order is an obligation."""
+        self.oblige(self.compare("<=", low, high))
+        return self.extreme("min", self.extreme("max", x, low), high)
+
+    def prelude(self, name: str, *given: Value) -> Linear:
         """A function of the prelude: the exact one within its tested bound (an assumption).
 
         Where it may leave the range of doubles, as `exp` does, that it does not is an obligation.
         NotRecheckedError where the bound is one that is not read here.
         """
-        bound = BOUNDS[name]
+        bound, numbers = BOUNDS[name], [self._linear(x) for x in given]
         if bound.relative:
             raise NotRecheckedError(f"`{name}` has a bound of another kind")
-        low, high = (exact(v) for v in bound.domain[0])
-        if self.terms.may_be_turned(x):
-            far = FAR_TURNS
-            x = replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)
+        turned = name in OF_A_TURN and self.terms.may_be_turned(numbers[0])
+        if turned:
+            (x,), far = numbers, FAR_TURNS
+            numbers = [replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)]
         if self.everywhere and name in EVERYWHERE:
-            return self.terms.apply_function(name, x)
-        self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(((ONE, x),), -low))))
-        self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(((-ONE, x),), high))))
-        if name == "tan":  # it has no value where the cosine is 0
-            cosine = self.terms.apply_function("cos", x)
-            minus = self.terms.combine(((-ONE, cosine),))
-            self.terms.oblige(either(self.terms.below_zero(cosine), self.terms.below_zero(minus)))
-        value = self.terms.apply_function(name, x)
+            return self.terms.apply_function(name, *numbers)
+        for x, ends in zip(numbers, bound.domain, strict=True):
+            low, high = map(exact, ends)
+            self._oblige_none_below_zero(self.terms.combine(((ONE, x),), -low))
+            self._oblige_none_below_zero(self.terms.combine(((-ONE, x),), high))
+        if name == "wrap_angle" and self.is_rounded and not turned:
+            return self.terms.apply_function("wrapped_double", *numbers)
+        value = self._exact_function(name, *numbers)
         largest = magnitude(value.low).max(magnitude(value.high))
         if not largest < LARGEST:  # bounded where it is used, or not at all
             for sign in (ONE, -ONE):
@@ -265,11 +275,43 @@ class Operations:
             enclosure = self.terms.combine(((ONE, value), (ONE, relative)))
             error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
             return replace(enclosure, radius=enclosure.radius + error)
-        ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
-        error = exact(bound.ulps) * ulp + exact(bound.absolute)
         if not self.is_rounded:
-            error = 0 * error
-        return self.terms.with_error(value, error, *(exact(v) for v in bound.values))
+            return value
+        ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
+        error, (low, high) = (
+            exact(bound.ulps) * ulp + exact(bound.absolute),
+            map(exact, bound.values),
+        )
+        # a power is no nearer to 0 than the spacing of doubles there, or 0 itself
+        return self.terms.with_error(value, error, ZERO if name == "pow" else low, high)
+
+    def _oblige_none_below_zero(self, x: Linear) -> None:
+        self.terms.oblige(negation(self.terms.below_zero(x)))
+
+    def _exact_function(self, name: str, *numbers: Linear) -> Linear:
+        """A function of the prelude over real numbers; where it is defined is an obligation."""
+        terms = self.terms
+        if name == "tan":  # it has no value where the cosine is 0
+            self._oblige_no_zero(terms.apply_function("cos", *numbers))
+        elif name == "hypot":
+            squares = [terms.multiply(x, x) for x in numbers]
+            return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
+        elif name == "pow":
+            x, y = numbers
+            self._oblige_none_below_zero(x)
+            above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
+            terms.oblige(either(above, rises))
+        elif name == "smoothstep":
+            low, high, x = numbers
+            parts = terms.subtract(x, low), terms.subtract(high, low)
+            for difference in parts:
+                terms.rounded(difference)  # none may leave the range of doubles
+            return terms.apply_function("smooth_step", terms.divide(*parts))
+        return terms.apply_function(name, *numbers)
+
+    def _oblige_no_zero(self, x: Linear) -> None:
+        minus = self.terms.combine(((-ONE, x),))
+        self.terms.oblige(either(self.terms.below_zero(x), self.terms.below_zero(minus)))
 
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
@@ -284,20 +326,11 @@ class Operations:
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
-            return self._truncated(x)
+            whole = x if self._is_floor(x) else self.terms.apply_function("truncated", x)
+            return self.as_int(whole)
         if name != "floor":
             raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
         return self.terms.apply_function("floor", x)
-
-    def _truncated(self, x: Linear) -> Value:
-        """The whole number towards zero."""
-        if self._is_floor(x):
-            return self.as_int(x)
-        down = self.terms.apply_function("floor", x)
-        if x.nonnegative or x.low >= 0:
-            return self.as_int(down)
-        up = self.negate(self.terms.apply_function("floor", self.negate(x)))
-        return self.as_int(self.terms.choose(self.terms.below_zero(x), up, down))
 
     def _is_floor(self, x: Linear) -> bool:
         """Whether it is the result of `floor`, a whole number already."""

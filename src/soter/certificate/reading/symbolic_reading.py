@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from soter.certificate.reading.symbolic_operations import (
     NOT_HERE,
-    OF_A_TURN,
+    PRELUDE,
     Operations,
     Rows,
     SymbolicInt,
     Value,
     in_range,
+    is_known,
     map_leaves,
     scalar_leaves,
     zip_leaves,
 )
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.linear_enclosures import PRELUDE
 from soter.certificate.terms.terms import Linear, Proposition, Terms
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t
@@ -374,14 +374,25 @@ class SymbolicReader(CodeReader):
         return value
 
     def call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """Functions of the prelude by their tested bounds, where inputs are involved."""
-        if fun.prelude and isinstance(arguments[0], Linear):
-            turned = fun.name in OF_A_TURN and self.operations.terms.may_be_turned(arguments[0])
-            if fun.name in PRELUDE or turned:
-                return self.operations.prelude(fun.name, arguments[0])
-        if fun.prelude and fun.name == "_round" and not self.operations.is_rounded:
-            return self.operations.nearest_whole(arguments[0])
-        return super().call(fun, arguments)
+        """Functions of the prelude by their tested bounds, where inputs are involved.
+
+        Of known numbers a function is what the machine makes of them, in a flow, too.
+        """
+        make = self.operations
+        if fun.prelude and any(isinstance(x, Linear) for x in arguments):
+            if fun.name == "clamp":
+                return make.clamp(*arguments)
+            if fun.name in PRELUDE:
+                return make.prelude(fun.name, *arguments)
+            if fun.name == "_round" and not make.is_rounded:
+                return make.nearest_whole(arguments[0])
+        if not fun.prelude or make.is_rounded or not all(map(is_known, arguments)):
+            return super().call(fun, arguments)
+        make.is_rounded = True
+        try:
+            return super().call(fun, arguments)
+        finally:
+            make.is_rounded = False
 
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)

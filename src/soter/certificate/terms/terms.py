@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
+    FUNCTIONS,
     ONE,
     TINIEST,
     UNIT_ROUNDOFF,
-    UNIVARIATE,
     ZERO,
     exact,
     hull,
@@ -68,7 +68,7 @@ class Linear:
 class Atom:
     """Something that is not linear, or an input.
 
-    kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
+    kind: "state", "box" (an input with fixed range), one of `FUNCTIONS`, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
     numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
@@ -132,12 +132,15 @@ def either(a: Proposition, b: Proposition) -> Proposition:
 
 
 def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
-    """The proposition `c ? a : b`, simplified where one is known."""
+    """The proposition `c ? a : b`, simplified where one is known.
+
+    That a and b hold is a part of it by itself: there it does not matter that c is uncertain.
+    """
     if a.kind == "constant":
         return either(c, b) if a.value else both(negation(c), b)
     if b.kind == "constant":
         return either(negation(c), a) if b.value else both(c, a)
-    return either(both(c, a), both(negation(c), b))
+    return either(either(both(c, a), both(negation(c), b)), both(a, b))
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
@@ -186,11 +189,13 @@ class Terms:
         index = len(self.atoms) - 1
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
-    def apply_function(self, name: str, x: Linear, *, nonnegative: bool = False) -> Linear:
-        """The term of a function of `UNIVARIATE` at x, as the exact function over real numbers."""
-        low = larger(x.low, ZERO) if x.nonnegative else x.low
-        _, _, _, least, most = UNIVARIATE[name](low, x.high)
-        return self.add_atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
+    def apply_function(self, name: str, *arguments: Linear, nonnegative: bool = False) -> Linear:
+        """The term of a function of `FUNCTIONS`, exactly, over real numbers."""
+        ends: list[arb] = []
+        for x in arguments:
+            ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
+        *_, least, most = FUNCTIONS[name](*ends)
+        return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
 
     def may_be_turned(self, x: Linear) -> bool:
         """Whether a term may stand for numbers any number of turns further (`turning`)."""
@@ -255,7 +260,9 @@ class Terms:
         return total
 
     def subtract(self, a: Linear, b: Linear) -> Linear:
-        """The difference `a - b`."""
+        """The difference `a - b`; 0 where both are one number, however that was rounded."""
+        if is_same_number(a, b):
+            return self.constant(0.0)
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
