@@ -13,7 +13,8 @@ values.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 
 Value: TypeAlias = Any
+F = TypeVar("F", bound="Callable[..., Any]")
 NOT_HERE = "is not rechecked yet"
 
 
@@ -140,6 +142,23 @@ EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 
 
+def one_number(operation: F) -> F:
+    """A decorator: of the same operands, as objects, an operation gives one and the same value.
+
+    The machine does, and so what a program writes twice may cancel. What must hold is demanded
+    anew each time.
+    """
+
+    @wraps(operation)
+    def asked(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
+        result = operation(self, *operands)
+        numbers = (repr(x) if isinstance(x, (bool, int, float, str)) else id(x) for x in operands)
+        key = operation.__name__, self.is_rounded, *numbers
+        return self.made.setdefault(key, (result, operands))[0]
+
+    return asked  # type: ignore[return-value]  # of the same type
+
+
 class Operations:
     """The operators over terms. `rounded`: as the machine computes them; else over real numbers.
 
@@ -149,6 +168,8 @@ class Operations:
     def __init__(self, terms: Terms, *, rounded: bool) -> None:
         self.terms = terms
         self.is_rounded = rounded
+        self.made: dict[object, tuple[Value, object]] = {}
+        """Operation and operands -> the result, and these operands, which keep their identity."""
         self.everywhere = False
         """Whether functions of `EVERYWHERE` are exact, also beyond their error bounds' domains."""
 
@@ -165,18 +186,22 @@ class Operations:
         """Demand it wherever the code being read runs."""
         self.terms.oblige(truth_of(what))
 
+    @one_number
     def negation(self, a: Value) -> Value:
         """The truth "not `a`"."""
         return decided(negation(truth_of(a)))
 
+    @one_number
     def both(self, a: Value, b: Value) -> Value:
         """The truth "`a` and `b`"."""
         return decided(both(truth_of(a), truth_of(b)))
 
+    @one_number
     def one_of(self, a: Value, b: Value) -> Value:
         """The truth "`a` or `b`"."""
         return decided(either(truth_of(a), truth_of(b)))
 
+    @one_number
     def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
         """`c ? a : b`, leaf by leaf; NotRecheckedError for lists of two lengths."""
         if isinstance(a, tuple):
@@ -189,12 +214,14 @@ class Operations:
             return a
         return self._like(self.terms.choose(c, self._linear(a), self._linear(b)), a, b)
 
+    @one_number
     def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
             return self._like(self.terms.combine(((-ONE, x),)), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
+    @one_number
     def compare(self, op: str, a: Value, b: Value) -> Value:
         """Whether `a op b` holds of two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
@@ -205,6 +232,7 @@ class Operations:
         _require_numbers(a, b)
         return COMPARED[op](a, b)
 
+    @one_number
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
         """`+ - * / %` of scalars; of real numbers where this reader does not round.
 
@@ -228,6 +256,7 @@ class Operations:
             raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
         return self.as_int(result) if whole else self._as_computed(result)
 
+    @one_number
     def extreme(self, name: str, a: Value, b: Value) -> Value:
         """`min` or `max` of two scalars."""
         if not isinstance(a, Linear) and not isinstance(b, Linear):
@@ -241,9 +270,10 @@ class Operations:
 
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
         """The prelude's `clamp`: x between limits; that these are in order is an obligation."""
-        self.oblige(self.compare("<=", low, high))
+        self.terms.oblige_number(truth_of(self.compare("<=", low, high)))
         return self.extreme("min", self.extreme("max", x, low), high)
 
+    @one_number
     def prelude(self, name: str, *given: Value) -> Linear:
         """A function of the prelude: the exact one within its tested bound (an assumption).
 
@@ -270,7 +300,7 @@ class Operations:
         if not largest < LARGEST:  # bounded where it is used, or not at all
             for sign in (ONE, -ONE):
                 beyond = self.terms.combine(((sign, value),), -LARGEST)
-                self.terms.oblige(self.terms.below_zero(beyond))
+                self.terms.oblige_number(self.terms.below_zero(beyond))
             relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
             enclosure = self.terms.combine(((ONE, value), (ONE, relative)))
             error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
@@ -282,11 +312,12 @@ class Operations:
             exact(bound.ulps) * ulp + exact(bound.absolute),
             map(exact, bound.values),
         )
-        # a power is no nearer to 0 than the spacing of doubles there, or 0 itself
-        return self.terms.with_error(value, error, ZERO if name == "pow" else low, high)
+        if name == "pow" and value.low >= 0:  # so is what is off by the spacing of doubles there
+            low = ZERO
+        return self.terms.with_error(value, error, low, high)
 
     def _oblige_none_below_zero(self, x: Linear) -> None:
-        self.terms.oblige(negation(self.terms.below_zero(x)))
+        self.terms.oblige_number(negation(self.terms.below_zero(x)))
 
     def _exact_function(self, name: str, *numbers: Linear) -> Linear:
         """A function of the prelude over real numbers; where it is defined is an obligation."""
@@ -298,9 +329,10 @@ class Operations:
             return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
         elif name == "pow":
             x, y = numbers
-            self._oblige_none_below_zero(x)
-            above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
-            terms.oblige(either(above, rises))
+            if not (y.low == y.high >= 0 and y.low.is_integer()):
+                self._oblige_none_below_zero(x)
+                above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
+                terms.oblige_number(either(above, rises))
         elif name == "smoothstep":
             low, high, x = numbers
             parts = terms.subtract(x, low), terms.subtract(high, low)
@@ -311,15 +343,16 @@ class Operations:
 
     def _oblige_no_zero(self, x: Linear) -> None:
         minus = self.terms.combine(((-ONE, x),))
-        self.terms.oblige(either(self.terms.below_zero(x), self.terms.below_zero(minus)))
+        self.terms.oblige_number(either(self.terms.below_zero(x), self.terms.below_zero(minus)))
 
+    @one_number
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
         if name == "sqrt":
             if not x.nonnegative:
-                self.terms.oblige(negation(self.terms.below_zero(x)))
+                self._oblige_none_below_zero(x)
             return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
             return self._like(self.terms.apply_function("abs", x, nonnegative=True), x)
@@ -357,6 +390,7 @@ class Operations:
             self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x
 
+    @one_number
     def select(self, elements: Sequence[Value], index: Linear) -> Value:
         """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
         first = elements[0]
@@ -370,6 +404,7 @@ class Operations:
         values = [float(e) for e in elements]
         return self._like(self.terms.lookup(values, (index,), (len(elements),)), first)
 
+    @one_number
     def select_from_table(self, rows: Rows, index: Value) -> Value:
         """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
         first = rows.elements[0]

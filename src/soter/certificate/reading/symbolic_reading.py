@@ -16,16 +16,19 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from soter.certificate.reading.symbolic_operations import (
+    COMPARED,
     NOT_HERE,
     PRELUDE,
     Operations,
     Rows,
     SymbolicInt,
     Value,
+    decided,
     in_range,
     is_known,
     map_leaves,
     scalar_leaves,
+    truth_of,
     zip_leaves,
 )
 from soter.certificate.report import NotRecheckedError
@@ -394,6 +397,21 @@ class SymbolicReader(CodeReader):
         finally:
             make.is_rounded = False
 
+    def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
+        """What is compared may be no number: then the comparison has a value all the same."""
+        terms, doubts = self.operations.terms, list[Proposition]()
+        if e.op not in COMPARED:
+            return super()._binary(e, frame)
+        truth = terms.reading_doubts(doubts, lambda: super(SymbolicReader, self)._binary(e, frame))
+        return decided(terms.unless_doubtful(truth_of(truth), doubts))
+
+    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
+        """An int of what is no number is a fault, wherever it stands."""
+        if e.name != "int":
+            return super()._builtin(e, frame)
+        read = super()._builtin
+        return self.operations.terms.reading_doubts(None, lambda: read(e, frame))
+
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
@@ -425,6 +443,8 @@ class SymbolicReader(CodeReader):
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         **CodeReader.readings,
+        t.TypedBinary: _binary,
+        t.Builtin: _builtin,
         t.TopicRead: _topic,
         t.PeriodRead: _period,
         t.ModeRead: _mode,

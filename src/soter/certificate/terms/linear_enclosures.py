@@ -420,25 +420,22 @@ def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
     return _plane(arb.atan2, (x / square, -y / square), box, _extremes(corners))
 
 
-def _power(x: arb, y: arb) -> arb:
-    """The number x^y for x >= 0; 0 at 0 for y > 0, else nothing is known there."""
-    if x > 0:
-        return (y * x.log()).exp()
-    return ZERO if x.is_zero() and y > 0 else arb.nan()
-
-
 def plane_pow(low_x: arb, high_x: arb, low_y: arb, high_y: arb) -> Plane:
-    """The function x^y for the x >= 0 of the box: it only rises or falls in x, and in y.
+    """The function x^y for the x >= 0 of the box, and for all x where y is one whole number >= 0.
 
-    Its derivatives are y x^(y - 1) and x^y log x.
+    It only rises or falls in y, and in x on either side of 0; its derivatives are y x^(y - 1) and
+    x^y log x.
     """
-    xs, ys = (low_x.max(ZERO), high_x.max(ZERO)), (low_y, high_y)
+    xs, ys = (low_x.lower(), high_x.upper()), (low_y.lower(), high_y.upper())
+    if not (ys[0] == ys[1] >= 0 and ys[0].is_integer()):
+        xs = xs[0].max(ZERO), xs[1].max(ZERO)
 
-    def ends(less: arb) -> Range:
-        return _extremes([_power(x, y - less) for x in xs for y in ys])
+    def ends(less: int) -> Range:
+        values = [x ** (y - less) for x in xs for y in ys]
+        return _extremes(values if not xs[0] < 0 < xs[1] else [*values, ZERO])
 
-    slopes = hull(*ys) * hull(*ends(ONE)), hull(*ends(ZERO)) * hull(xs[0].log(), xs[1].log())
-    return _plane(_power, slopes, (xs, ys), ends(ZERO))
+    slopes = hull(*ys) * hull(*ends(1)), hull(*ends(0)) * hull(xs[0].log(), xs[1].log())
+    return _plane(arb.__pow__, slopes, (xs, ys), ends(0))
 
 
 UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
@@ -31,10 +31,11 @@ from soter.certificate.terms.linear_enclosures import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from flint import arb
 
+T = TypeVar("T")
 LARGEST = exact(2.0**1023)
 """Numbers of a program stay below: what a machine rounds to infinity is no number here."""
 
@@ -161,6 +162,8 @@ class Terms:
     atoms: list[Atom] = field(default_factory=list)
     obligations: list[Proposition] = field(default_factory=list)
     """The propositions that must hold so that no step fault and no NaN arises."""
+    doubts: list[Proposition] | None = None
+    """Those without which a number that is only compared may be none, as far as it was read."""
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
@@ -171,9 +174,34 @@ class Terms:
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""
+        self._enter(what, self.obligations)
+
+    def oblige_number(self, what: Proposition) -> None:
+        """Demand `what`, without which a float is infinite or no number, but nothing faults."""
+        self._enter(what, self.obligations if self.doubts is None else self.doubts)
+
+    def _enter(self, what: Proposition, among: list[Proposition]) -> None:
         demand = either(negation(self.path), what)
         if demand.kind != "constant" or not demand.value:
-            self.obligations.append(demand)
+            among.append(demand)
+
+    def reading_doubts(self, doubts: list[Proposition] | None, read: Callable[[], T]) -> T:
+        """What `read` gives, doubts of numbers in it being entered there; None: as demands."""
+        outside, self.doubts = self.doubts, doubts
+        try:
+            return read()
+        finally:
+            self.doubts = outside
+
+    def unless_doubtful(self, truth: Proposition, doubts: Sequence[Proposition]) -> Proposition:
+        """The proposition, of which nothing is known where a doubt is not dispelled."""
+        if not doubts:
+            return truth
+        sound = doubts[0]
+        for doubt in doubts[1:]:
+            sound = both(sound, doubt)
+        anything = self.below_zero(self.add_input("box", "a comparison", -ONE, ONE))
+        return choice_of_truths(sound, truth, anything)
 
     # ------------------------------------------------------------ atoms
 
@@ -216,7 +244,7 @@ class Terms:
         largest = magnitude(x.low).max(magnitude(x.high))
         if not largest < LARGEST:  # bounded where it is used, or not at all
             for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
-                self.oblige(self.below_zero(self.combine(((sign, x),), -LARGEST)))
+                self.oblige_number(self.below_zero(self.combine(((sign, x),), -LARGEST)))
             relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
             enclosure = self.combine(((ONE, x), (ONE, relative)))
             return replace(enclosure, radius=enclosure.radius + TINIEST, nonnegative=x.nonnegative)
