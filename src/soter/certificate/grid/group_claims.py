@@ -25,8 +25,8 @@ from soter.certificate.cell_sets import (
     volume,
 )
 from soter.certificate.grid.sc_chains import EVERY, Window, free_phase, sc_chain, windows
-from soter.certificate.terms.compile_terms import count_states, form_of_box, half_of_form
-from soter.certificate.terms.linear_enclosures import HALF, above, below
+from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.terms.linear_enclosures import HALF, above, below, larger, smaller
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -247,6 +247,34 @@ def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
     for i in range(n):
         bounds += (below(form[2 * i]), above(form[2 * i + 1]))
     return tuple(bounds)
+
+
+def count_states(length: int, n: int) -> int:
+    """The number of states and memories of a form: 4 + n entries each, n more for a memory."""
+    return (length + n * n) // (4 + 2 * n)
+
+
+def half_of_form(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
+    """The part of a form in which the beta of one state lies on one side of 0.
+
+    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
+    """
+    count = count_states(len(form), n)
+    new = list(form)
+    centre, symbols = 2 * count, 3 * count
+    rest = symbols + count * n
+    common = rest + count
+    b = form[rest + axis]
+    new[centre + axis] += side * b
+    new[rest + axis] = b * HALF
+    for k in range(count - n):
+        new[centre + n + k] += side * b * form[common + k * n + axis]
+    radius = new[rest + axis]
+    for k in range(n):
+        radius += abs(form[symbols + axis * n + k])
+    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
+    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
+    return tuple(new)
 
 
 def cells_not_led(

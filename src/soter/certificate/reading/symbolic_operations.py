@@ -24,6 +24,7 @@ from soter.certificate.terms.linear_enclosures import (
     UNIT_ROUNDOFF,
     ZERO,
     exact,
+    hull,
     magnitude,
 )
 from soter.certificate.terms.terms import (
@@ -212,13 +213,15 @@ class Operations:
             return decided(choice_of_truths(c, truth_of(a), truth_of(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
             return a
-        return self._like(self.terms.choose(c, self._linear(a), self._linear(b)), a, b)
+        x, y = self._term(a), self._term(b)
+        finite = [either(negation(c), f) for f in x.beyond] + [either(c, f) for f in y.beyond]
+        return self._like(_with_beyond(self.terms.choose(c, x, y), finite), a, b)
 
     @one_number
     def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
-            return self._like(self.terms.combine(((-ONE, x),)), x)
+            return self._like(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
     @one_number
@@ -228,7 +231,7 @@ class Operations:
             equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
             return decided(equal if op == "==" else negation(equal))
         if isinstance(a, Linear) or isinstance(b, Linear):
-            return decided(self.terms.compare(op, self._linear(a), self._linear(b)))
+            return decided(self.terms.compare(op, *self._operands(op, a, b)))
         _require_numbers(a, b)
         return COMPARED[op](a, b)
 
@@ -243,7 +246,7 @@ class Operations:
         if not isinstance(a, Linear) and not isinstance(b, Linear) and self.is_rounded:
             return FLOATS[op](a, b)
         whole = _is_whole(a, b)
-        x, y = self._linear(a), self._linear(b)
+        x, y = self._operands(op, a, b)
         if op == "+":
             result = self.terms.add(x, y)
         elif op == "-":
@@ -262,11 +265,11 @@ class Operations:
         if not isinstance(a, Linear) and not isinstance(b, Linear):
             _require_numbers(a, b)
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
-        x, y = self._linear(a), self._linear(b)
+        x, y = self._operands(name, a, b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         # plants: limits keep ends of grids; two numbers that vary: either is a limit
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
-        return self._like(choose(x, y, tight=tight), a, b)
+        return self._like(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
 
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
         """The prelude's `clamp`: x between limits; that these are in order is an obligation."""
@@ -297,24 +300,15 @@ class Operations:
             return self.terms.apply_function("wrapped_double", *numbers)
         value = self._exact_function(name, *numbers)
         largest = magnitude(value.low).max(magnitude(value.high))
-        if not largest < LARGEST:  # bounded where it is used, or not at all
-            for sign in (ONE, -ONE):
-                beyond = self.terms.combine(((sign, value),), -LARGEST)
-                self.terms.oblige_number(self.terms.below_zero(beyond))
-            relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
-            enclosure = self.terms.combine(((ONE, value), (ONE, relative)))
-            error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
-            return replace(enclosure, radius=enclosure.radius + error)
+        ulps, absolute, low, high = map(exact, (bound.ulps, bound.absolute, *bound.values))
+        relative, absolute = ulps * 2 * UNIT_ROUNDOFF, ulps * TINIEST + absolute
+        if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
+            value.nonnegative, low = True, ZERO
+        if not largest < LARGEST:
+            return self.terms.off_by_its_size(value, relative, absolute)
         if not self.is_rounded:
             return value
-        ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
-        error, (low, high) = (
-            exact(bound.ulps) * ulp + exact(bound.absolute),
-            map(exact, bound.values),
-        )
-        if name == "pow" and value.low >= 0:  # so is what is off by the spacing of doubles there
-            low = ZERO
-        return self.terms.with_error(value, error, low, high)
+        return self.terms.with_error(value, relative * largest + absolute, low, high)
 
     def _oblige_none_below_zero(self, x: Linear) -> None:
         self.terms.oblige_number(negation(self.terms.below_zero(x)))
@@ -350,6 +344,7 @@ class Operations:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
+        x = self._linear(x)
         if name == "sqrt":
             if not x.nonnegative:
                 self._oblige_none_below_zero(x)
@@ -432,12 +427,44 @@ class Operations:
     def _as_computed(self, x: Linear) -> Linear:
         return self.terms.rounded(x) if self.is_rounded else x
 
+    def _operands(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
+        """Two operands as terms; where one may be infinite, and the result would not show it, not.
+
+        It does where it is then infinite, or as large, or only compared, with a number that is none
+        of these: a limit catches it.
+        """
+        x, y = self._term(a), self._term(b)
+        for one, other in ((x, y), (y, x)):
+            large = self.is_rounded and (other.low >= 1 or other.high <= -1)
+            small = self.is_rounded and abs(hull(other.low, other.high)) < LARGEST * HALF
+            shown = {"*": large, "+": small, "-": small, "/": False, "%": False}.get(op, True)
+            if other.beyond or not shown:
+                self._linear(one)
+        return x, y
+
+    def finite(self, x: Value) -> Value:
+        """`x`; where it is a number, that it is not infinite is demanded."""
+        return self._linear(x) if isinstance(x, Linear) else x
+
     def _linear(self, x: Value) -> Linear:
+        """A number as a term, which is not infinite, as is demanded."""
+        term = self._term(x)
+        for finite in term.beyond:
+            self.terms.oblige_number(finite)
+        return term
+
+    def _term(self, x: Value) -> Linear:
         if isinstance(x, Linear):
             return x
         if isinstance(x, float) and x - x != 0.0:
             raise NotRecheckedError(f"an infinite or undefined number {NOT_HERE}")
         return self.terms.constant(x)
+
+
+def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
+    """A number that may be infinite, unless these hold or it is bounded all the same."""
+    bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
+    return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
 
 
 def _is_whole(*values: Value) -> bool:

@@ -11,8 +11,9 @@ the lowering, or with what verifies: this is written from docs/language.md and d
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import partial, reduce
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from soter.certificate.reading.symbolic_operations import (
@@ -32,14 +33,15 @@ from soter.certificate.reading.symbolic_operations import (
     zip_leaves,
 )
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.terms import Linear, Proposition, Terms
+from soter.certificate.terms.linear_enclosures import ONE
+from soter.certificate.terms.terms import Linear, Proposition, Terms, both, choice_of_truths
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import BOOL, ArrayType, BoolType, DurationType, IntType, RecordType
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.language.model.types import Type
 
@@ -350,6 +352,13 @@ class SymbolicReader(CodeReader):
         super().__init__(Operations(terms, rounded=rounded), around.params)
         self.surroundings = around
 
+    def expression(
+        self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
+    ) -> Value:
+        """The value of an expression, whose numbers are not infinite, as is demanded."""
+        value = super().expression(expr, variables)
+        return map_leaves(self.operations.finite, value)
+
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
     ) -> dict[t.TopicSymbol, Value]:
@@ -385,7 +394,8 @@ class SymbolicReader(CodeReader):
         if fun.prelude and any(isinstance(x, Linear) for x in arguments):
             if fun.name == "clamp":
                 return make.clamp(*arguments)
-            if fun.name in PRELUDE:
+            step = fun.name == "smoothstep" and arguments[0] == arguments[1]
+            if fun.name in PRELUDE and not step:
                 return make.prelude(fun.name, *arguments)
             if fun.name == "_round" and not make.is_rounded:
                 return make.nearest_whole(arguments[0])
@@ -399,18 +409,31 @@ class SymbolicReader(CodeReader):
 
     def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
         """What is compared may be no number: then the comparison has a value all the same."""
-        terms, doubts = self.operations.terms, list[Proposition]()
+        doubts: list[Proposition] = []
         if e.op not in COMPARED:
             return super()._binary(e, frame)
-        truth = terms.reading_doubts(doubts, lambda: super(SymbolicReader, self)._binary(e, frame))
-        return decided(terms.unless_doubtful(truth_of(truth), doubts))
+        with self._doubting(doubts):
+            truth = super()._binary(e, frame)
+        if not doubts:
+            return truth
+        terms, sound = self.operations.terms, reduce(both, doubts)
+        anything = terms.below_zero(terms.add_input("box", "a comparison", -ONE, ONE))
+        return decided(choice_of_truths(sound, truth_of(truth), anything))
+
+    @contextmanager
+    def _doubting(self, doubts: list[Proposition] | None) -> Iterator[None]:
+        """In this block numbers may be none: why not is entered there; None: that is demanded."""
+        terms = self.operations.terms
+        outside, terms.doubts = terms.doubts, doubts
+        try:
+            yield
+        finally:
+            terms.doubts = outside
 
     def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
         """An int of what is no number is a fault, wherever it stands."""
-        if e.name != "int":
+        with self._doubting(None if e.name == "int" else self.operations.terms.doubts):
             return super()._builtin(e, frame)
-        read = super()._builtin
-        return self.operations.terms.reading_doubts(None, lambda: read(e, frame))
 
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)

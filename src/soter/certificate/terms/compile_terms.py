@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, larger, smaller
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.straight_line import (
     CERTAIN,
     DEMAND,
@@ -53,6 +53,10 @@ if TYPE_CHECKING:
     """Coefficients over the states of a form and what else is free, a constant, a spread."""
     Ends = tuple[Value, Value]
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
+
+
+COARSE = exact(2.0**-20)
+"""Where rounding may matter as much, what is known of a number anywhere is asked, too."""
 
 
 class AffineForms:
@@ -169,6 +173,8 @@ class AffineForms:
             low, high = self.tighter_ends(low, high, *self.range_by_atoms(x))
         if x.nonnegative:
             low = self.make.apply("larger", low, self.make.zero)
+        if x.radius > COARSE:
+            low, high = self.tighter_ends(low, high, *map(self.make.constant, (x.low, x.high)))
         return low, high
 
     def tighter_ends(self, low: Value, high: Value, least: Value, most: Value) -> Ends:
@@ -211,7 +217,8 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
 def _limit_line_to_range(forms: AffineForms, index: int) -> None:
     """Replace the line of an atom by its range, where that has the smaller spread."""
     row, offset, rest = forms.rows[index]
-    ends = offset, rest, *forms.bounds[index]
+    _, _, more = forms.over_states((row, forms.make.zero, forms.make.zero))
+    ends = offset, rest, *forms.bounds[index], more
     weight, offset, rest = forms.make.apply_for_parts("line_or_range", 3, *ends)
     forms.rows[index] = _scale_row(weight, row), offset, rest
 
@@ -283,18 +290,24 @@ def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are."""
+    """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are; one, if certain."""
     b, rest, a = atom.arguments
-    sign = forms.make.constant(-ONE if atom.kind == "min" else ONE)
-    row, constant, spread = forms.row(b)
-    row_of_rest, constant_of_rest, spread_of_rest = forms.row(rest)
-    both = _add_rows(forms, [row, _scale_row(sign, row_of_rest)])
-    line = both, constant + sign * constant_of_rest, spread + spread_of_rest
+    make, sign = forms.make, -ONE if atom.kind == "min" else ONE
+    (apart,) = forms.terms.atoms[rest.atom].arguments
+    truth = make.apply("negative", *forms.range_of(apart))  # then it is b, else if certain a
+    weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, ONE), (ZERO, ONE, ZERO))]
+    weights.append(make.apply("by_truth", truth, ZERO, ZERO, sign))
+    parts = list(zip(weights, map(forms.row, (b, a, rest)), strict=True))
+    line = (
+        _add_rows(forms, [_scale_row(w, row) for w, (row, _, _) in parts]),
+        make.sum([w * constant for w, (_, constant, _) in parts]),
+        make.sum([abs(w) * spread for w, (_, _, spread) in parts]),
+    )
     ends = [forms.range_of(x) for x in (a, b)]
     (_, (low_b, high_b)), (least, most) = ends, forms.range_of(rest)
     if atom.kind == "min":
         least, most = most, least
-    low, high = (forms.make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
+    low, high = (make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
     return line, forms.tighter_ends(low, high, low_b + sign * least, high_b + sign * most)
 
 
@@ -486,31 +499,3 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     else:
         form += radii
     return tuple(form)
-
-
-def count_states(length: int, n: int) -> int:
-    """The number of states and memories of a form: 4 + n entries each, n more for a memory."""
-    return (length + n * n) // (4 + 2 * n)
-
-
-def half_of_form(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
-    """The part of a form in which the beta of one state lies on one side of 0.
-
-    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
-    """
-    count = count_states(len(form), n)
-    new = list(form)
-    centre, symbols = 2 * count, 3 * count
-    rest = symbols + count * n
-    common = rest + count
-    b = form[rest + axis]
-    new[centre + axis] += side * b
-    new[rest + axis] = b * HALF
-    for k in range(count - n):
-        new[centre + n + k] += side * b * form[common + k * n + axis]
-    radius = new[rest + axis]
-    for k in range(n):
-        radius += abs(form[symbols + axis * n + k])
-    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
-    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
-    return tuple(new)

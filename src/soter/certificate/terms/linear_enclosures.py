@@ -161,13 +161,16 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb, arb
     return slope, ZERO, (over + under) * HALF, (over - under) * HALF
 
 
-def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, arb, arb]:
+def line_or_range(
+    offset: arb, spread: arb, low: arb, high: arb, more: arb = ZERO
+) -> tuple[arb, arb, arb]:
     """A line, or a range where that has less spread: a weight for slopes, an offset, a spread.
 
     What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
+    `more`: the spread of what is free in the line, which counts half: it may still cancel.
     """
     half = (high - low) * HALF
-    if half < spread:
+    if half < spread + more * HALF:
         return ZERO, (low + high) * HALF, half
     return ONE, offset, spread
 
@@ -177,15 +180,10 @@ def _least_size(low: arb, high: arb) -> arb:
     return larger(-high, larger(low, ZERO))
 
 
-def _greatest_size(low: arb, high: arb) -> arb:
-    return (-low).max(high)
-
-
 def line_abs(low: arb, high: arb) -> Line:
     """|x| = 2 max(x, 0) - x."""
     slope, offset, spread, _, _ = line_max0(low, high)
-    ends = _least_size(low, high), _greatest_size(low, high)
-    return 2 * slope - 1, 2 * offset, 2 * spread, *ends
+    return 2 * slope - 1, 2 * offset, 2 * spread, _least_size(low, high), (-low).max(high)
 
 
 def line_square(low: arb, high: arb) -> Line:
@@ -193,7 +191,7 @@ def line_square(low: arb, high: arb) -> Line:
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     half = far * far * HALF
-    least, most = _least_size(low, high), _greatest_size(low, high)
+    least, most = _least_size(low, high), (-low).max(high)
     return 2 * middle, half - middle * middle, half, least * least, most * most
 
 
@@ -414,8 +412,8 @@ def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
     box = (low_y, high_y), (low_x, high_x)
     if not (low_x > 0 or low_y > 0 or high_y < 0):
         return ZERO, ZERO, ZERO, PI_UP, -PI_UP, PI_UP
-    near, far = ([size(*ends) ** 2 for ends in box] for size in (_least_size, _greatest_size))
-    square, y, x = hull(near[0] + near[1], far[0] + far[1]), hull(*box[0]), hull(*box[1])
+    (a, b), (c, d) = (line_square(*ends)[3:] for ends in box)
+    square, y, x = hull(a + c, b + d), hull(*box[0]), hull(*box[1])
     corners = [arb.atan2(a, b) for a in box[0] for b in box[1]]
     return _plane(arb.atan2, (x / square, -y / square), box, _extremes(corners))
 

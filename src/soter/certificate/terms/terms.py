@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
@@ -23,6 +23,8 @@ from soter.certificate.terms.linear_enclosures import (
     TINIEST,
     UNIT_ROUNDOFF,
     ZERO,
+    above,
+    below,
     exact,
     hull,
     larger,
@@ -31,11 +33,10 @@ from soter.certificate.terms.linear_enclosures import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from flint import arb
 
-T = TypeVar("T")
 LARGEST = exact(2.0**1023)
 """Numbers of a program stay below: what a machine rounds to infinity is no number here."""
 
@@ -52,6 +53,8 @@ class Linear:
     nonnegative: bool = False
     """Known not to be negative although rounding hides it: a sum of squares. The number that the
     machine has is not; the bounds of its enclosure may be."""
+    beyond: tuple[Proposition, ...] = ()
+    """What must hold so that the machine has no infinity of its sign in its place."""
 
     @property
     def is_constant(self) -> bool:
@@ -185,24 +188,6 @@ class Terms:
         if demand.kind != "constant" or not demand.value:
             among.append(demand)
 
-    def reading_doubts(self, doubts: list[Proposition] | None, read: Callable[[], T]) -> T:
-        """What `read` gives, doubts of numbers in it being entered there; None: as demands."""
-        outside, self.doubts = self.doubts, doubts
-        try:
-            return read()
-        finally:
-            self.doubts = outside
-
-    def unless_doubtful(self, truth: Proposition, doubts: Sequence[Proposition]) -> Proposition:
-        """The proposition, of which nothing is known where a doubt is not dispelled."""
-        if not doubts:
-            return truth
-        sound = doubts[0]
-        for doubt in doubts[1:]:
-            sound = both(sound, doubt)
-        anything = self.below_zero(self.add_input("box", "a comparison", -ONE, ONE))
-        return choice_of_truths(sound, truth, anything)
-
     # ------------------------------------------------------------ atoms
 
     def add_input(self, kind: str, name: str, low: arb, high: arb) -> Linear:
@@ -242,16 +227,19 @@ class Terms:
         Where it may leave the range of doubles, that it does not becomes an obligation.
         """
         largest = magnitude(x.low).max(magnitude(x.high))
-        if not largest < LARGEST:  # bounded where it is used, or not at all
-            for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
-                self.oblige_number(self.below_zero(self.combine(((sign, x),), -LARGEST)))
-            relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
-            enclosure = self.combine(((ONE, x), (ONE, relative)))
-            return replace(enclosure, radius=enclosure.radius + TINIEST, nonnegative=x.nonnegative)
-        error = largest * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF) + TINIEST
-        return Linear(
-            x.const, x.terms, x.radius + error, x.low - error, x.high + error, x.nonnegative
-        )
+        relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
+        if not largest < LARGEST:
+            return self.off_by_its_size(x, relative, TINIEST)
+        error = largest * relative + TINIEST
+        ends = exact(below(x.low)), exact(above(x.high))  # rounding is monotone
+        return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative)
+
+    def off_by_its_size(self, x: Linear, relative: arb, absolute: arb) -> Linear:
+        """What is off `x` by a share of it, bounded where it is used, and may be `beyond`."""
+        beyond = [self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE)]
+        enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
+        radius = enclosure.radius + absolute
+        return replace(enclosure, radius=radius, nonnegative=x.nonnegative, beyond=tuple(beyond))
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
         """Sum factor * part + offset, exactly."""
@@ -476,27 +464,6 @@ def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of the inputs that the terms depend on."""
     needed = atoms_under(terms, roots)
     return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
-
-
-def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
-    """Roughly how much inputs move what is compared in a proposition; a guide, no bound."""
-    moved: dict[int, arb] = {}
-
-    def of(x: Linear) -> arb:
-        return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
-
-    for index in sorted(atoms_under(terms, [root])):
-        atom = terms.atoms[index]
-        if atom.arguments:
-            moved[index] = sum((of(x) for x in atom.arguments), ZERO)
-        elif index in inputs:
-            moved[index] = atom.high - atom.low
-
-    def compared(x: Proposition) -> arb:
-        total = sum((compared(p) for p in x.parts), ZERO)
-        return total if x.argument is None else total + of(x.argument)
-
-    return compared(root)
 
 
 def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
