@@ -186,9 +186,8 @@ def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
 def scaled_row_sum(a: Rows, time: arb) -> tuple[arb, list[arb]]:
     """`time` times the largest sum of |a_ij| d_j / d_i over a row, and the scales d.
 
-    With S this sum an entry of |A|^k is at most S^k d_i / d_j, whatever the scales are: a state is
-    counted in d_i of its units. They are powers of 2, 1 at first, moved towards those with which
-    all rows have one sum for as long as that takes a tenth or more off the largest.
+    With S this sum an entry of |A|^k is at most S^k d_i / d_j, whatever the scales are. They are
+    powers of 2, moved towards those with which all sums are one for as long as that gains a tenth.
     """
     sizes, scales = [list(map(magnitude, row)) for row in a], [ONE] * len(a)
     theta = time * reduce(arb.max, map(total, sizes), ZERO)

@@ -283,7 +283,7 @@ class Operations:
         Where it may leave the range of doubles, as `exp` does, that it does not is an obligation.
         NotRecheckedError where the bound is one that is not read here.
         """
-        bound, numbers = BOUNDS[name], [self._linear(x) for x in given]
+        bound, numbers = BOUNDS[name], [self.finite(x) for x in given]
         if bound.relative:
             raise NotRecheckedError(f"`{name}` has a bound of another kind")
         turned = name in OF_A_TURN and self.terms.may_be_turned(numbers[0])
@@ -317,7 +317,9 @@ class Operations:
         """A function of the prelude over real numbers; where it is defined is an obligation."""
         terms = self.terms
         if name == "tan":  # it has no value where the cosine is 0
-            self._oblige_no_zero(terms.apply_function("cos", *numbers))
+            cosine = terms.apply_function("cos", *numbers)
+            minus = terms.combine(((-ONE, cosine),))
+            terms.oblige_number(either(terms.below_zero(cosine), terms.below_zero(minus)))
         elif name == "hypot":
             squares = [terms.multiply(x, x) for x in numbers]
             return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
@@ -335,16 +337,12 @@ class Operations:
             return terms.apply_function("smooth_step", terms.divide(*parts))
         return terms.apply_function(name, *numbers)
 
-    def _oblige_no_zero(self, x: Linear) -> None:
-        minus = self.terms.combine(((-ONE, x),))
-        self.terms.oblige_number(either(self.terms.below_zero(x), self.terms.below_zero(minus)))
-
     @one_number
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
-        x = self._linear(x)
+        x = self.finite(x)
         if name == "sqrt":
             if not x.nonnegative:
                 self._oblige_none_below_zero(x)
@@ -407,7 +405,7 @@ class Operations:
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
         values = [float(v) for row in rows.elements for v in row]
         shape = (len(rows.elements), len(first))
-        indices = rows.index, self._linear(index)
+        indices = rows.index, self.finite(index)
         return self._like(self.terms.lookup(values, indices, shape), first[0])
 
     def _like(self, x: Linear, *of: Value) -> Value:
@@ -428,29 +426,21 @@ class Operations:
         return self.terms.rounded(x) if self.is_rounded else x
 
     def _operands(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
-        """Two operands as terms; where one may be infinite, and the result would not show it, not.
-
-        It does where it is then infinite, or as large, or only compared, with a number that is none
-        of these: a limit catches it.
-        """
+        """Two operands as terms; one may be infinite if the result then is, or a comparison."""
         x, y = self._term(a), self._term(b)
         for one, other in ((x, y), (y, x)):
             large = self.is_rounded and (other.low >= 1 or other.high <= -1)
             small = self.is_rounded and abs(hull(other.low, other.high)) < LARGEST * HALF
             shown = {"*": large, "+": small, "-": small, "/": False, "%": False}.get(op, True)
             if other.beyond or not shown:
-                self._linear(one)
+                self.finite(one)
         return x, y
 
-    def finite(self, x: Value) -> Value:
-        """`x`; where it is a number, that it is not infinite is demanded."""
-        return self._linear(x) if isinstance(x, Linear) else x
-
-    def _linear(self, x: Value) -> Linear:
-        """A number as a term, which is not infinite, as is demanded."""
+    def finite(self, x: Value) -> Linear:
+        """A number as a term; that it is not infinite is demanded."""
         term = self._term(x)
-        for finite in term.beyond:
-            self.terms.oblige_number(finite)
+        for is_finite in term.beyond:
+            self.terms.oblige_number(is_finite)
         return term
 
     def _term(self, x: Value) -> Linear:

@@ -11,7 +11,6 @@ the lowering, or with what verifies: this is written from docs/language.md and d
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial, reduce
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -41,9 +40,11 @@ from soter.language.model.tree_walk import nodes
 from soter.language.model.types import BOOL, ArrayType, BoolType, DurationType, IntType, RecordType
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from soter.language.model.types import Type
+
+    Reading = Callable[[Any, "CallFrame"], Value]
 
 
 STEPS_MAX = 200_000
@@ -356,8 +357,9 @@ class SymbolicReader(CodeReader):
         self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
     ) -> Value:
         """The value of an expression, whose numbers are not infinite, as is demanded."""
+        finite = self.operations.finite
         value = super().expression(expr, variables)
-        return map_leaves(self.operations.finite, value)
+        return map_leaves(lambda x: finite(x) if isinstance(x, Linear) else x, value)
 
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
@@ -412,28 +414,28 @@ class SymbolicReader(CodeReader):
         doubts: list[Proposition] = []
         if e.op not in COMPARED:
             return super()._binary(e, frame)
-        with self._doubting(doubts):
-            truth = super()._binary(e, frame)
+        truth = self._doubting(doubts, super()._binary, e, frame)
         if not doubts:
             return truth
         terms, sound = self.operations.terms, reduce(both, doubts)
         anything = terms.below_zero(terms.add_input("box", "a comparison", -ONE, ONE))
         return decided(choice_of_truths(sound, truth_of(truth), anything))
 
-    @contextmanager
-    def _doubting(self, doubts: list[Proposition] | None) -> Iterator[None]:
-        """In this block numbers may be none: why not is entered there; None: that is demanded."""
+    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
+        """An int of what is no number is a fault, wherever it stands."""
+        doubts = None if e.name == "int" else self.operations.terms.doubts
+        return self._doubting(doubts, super()._builtin, e, frame)
+
+    def _doubting(
+        self, doubts: list[Proposition] | None, read: Reading, e: t.TypedExpr, frame: CallFrame
+    ) -> Value:
+        """A value in which numbers may be none: why not is entered there; None: it is demanded."""
         terms = self.operations.terms
         outside, terms.doubts = terms.doubts, doubts
         try:
-            yield
+            return read(e, frame)
         finally:
             terms.doubts = outside
-
-    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
-        """An int of what is no number is a fault, wherever it stands."""
-        with self._doubting(None if e.name == "int" else self.operations.terms.doubts):
-            return super()._builtin(e, frame)
 
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)

@@ -290,7 +290,7 @@ def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are; one, if certain."""
+    """min(a, b) = b - rest or max(a, b) = b + rest, no further than either; one if certain."""
     b, rest, a = atom.arguments
     make, sign = forms.make, -ONE if atom.kind == "min" else ONE
     (apart,) = forms.terms.atoms[rest.atom].arguments

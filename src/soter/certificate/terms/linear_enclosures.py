@@ -222,11 +222,7 @@ def _of_monotone(f: Function, low: arb, high: arb) -> Range:
 
 
 def _of_wave(shift: arb, f: Function, low: arb, high: arb) -> Range:
-    """The range of a wave that is 1 at (shift + k) pi for even k, -1 there for odd k.
-
-    Between two neighbours of these places it only rises or falls: it is extreme there, or at an
-    end. A place that is only nearly between the ends counts as one between them.
-    """
+    """The range of a wave that is extreme at (shift + k) pi alone: 1 for even k, -1 for odd."""
     first = (low / arb.pi() - shift).lower().ceil()
     last = (high / arb.pi() - shift).upper().floor()
     if not last < first + 1:
@@ -363,11 +359,7 @@ def line_wrap_angle(low: arb, high: arb) -> Line:
 
 
 def line_wrapped_double(low: arb, high: arb) -> Line:
-    """What the prelude gives as `wrap_angle`: x itself where that lies above -PI, and up to PI.
-
-    Beyond these doubles it is, but for whole turns, off by no more than its bound: it is the angle
-    of some number that is no further from x.
-    """
+    """What the prelude computes: x itself above -PI up to PI, else the angle of one near x."""
     if low > -math.pi and high <= math.pi:
         return ONE, ZERO, ZERO, low, high
     error = exact(BOUNDS["wrap_angle"].absolute)
@@ -386,11 +378,7 @@ def _nothing_known() -> Line:
 def _plane(
     f: Callable[[arb, arb], arb], slopes: Sequence[arb], box: Sequence[Range], ends: Range
 ) -> Plane:
-    """By the mean value theorem: f(x, y) = f(middle) + slopes . (distances from the middle).
-
-    `slopes`: the ranges of both derivatives over the box; `ends`: that of f, which it is where they
-    are infinite. What does not vary has no slope.
-    """
+    """By the mean value theorem: ranges over a box of both derivatives, and (`ends`) of f."""
     middles, value, factors, rest = [((a + b) * HALF).mid() for a, b in box], hull(*ends), [], ZERO
     offset = f(*middles)
     for (low, high), middle, slope in zip(box, middles, slopes, strict=True):
@@ -404,11 +392,7 @@ def _plane(
 
 
 def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
-    """The angle of a point. Any, where the box may touch the origin or the ray behind it.
-
-    Elsewhere it is extreme at corners: along a side, part of a line that does not pass through the
-    origin, it only rises or falls, and inside of the box it has no extreme value.
-    """
+    """The angle of a point: extreme at corners; any where the origin or the ray behind is near."""
     box = (low_y, high_y), (low_x, high_x)
     if not (low_x > 0 or low_y > 0 or high_y < 0):
         return ZERO, ZERO, ZERO, PI_UP, -PI_UP, PI_UP
@@ -419,11 +403,7 @@ def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
 
 
 def plane_pow(low_x: arb, high_x: arb, low_y: arb, high_y: arb) -> Plane:
-    """The function x^y for the x >= 0 of the box, and for all x where y is one whole number >= 0.
-
-    It only rises or falls in y, and in x on either side of 0; its derivatives are y x^(y - 1) and
-    x^y log x.
-    """
+    """x^y for the x >= 0 of the box, and for all x where y is one whole number >= 0: as above."""
     xs, ys = (low_x.lower(), high_x.upper()), (low_y.lower(), high_y.upper())
     if not (ys[0] == ys[1] >= 0 and ys[0].is_integer()):
         xs = xs[0].max(ZERO), xs[1].max(ZERO)
