@@ -200,7 +200,7 @@ def judged(text: str, work: Path) -> Found:
     why = re.sub(r"`[^`]*`", "`...`", checked.reason)
     excused = f"{ANNOUNCED}: {why}" if proved and _announced(report, checked) else ""
     if proved:
-        for kind, why in _runs(path, report):
+        for kind, why in runs_of(path, report):
             if any(SCHEME in getattr(m, "assumed", ()) for m in report.modules):
                 excused = "assumed"
             else:
@@ -227,7 +227,7 @@ def _announced(report: VerifyReport, checked: RecheckReport) -> bool:
     return checked.verdict == "not re-checked" and left <= said and bool(left)
 
 
-def _runs(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
+def runs_of(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
     """Runs that violate what is proved."""
     program_ = load(path)
     name = report.system.partition(",")[0]
@@ -270,7 +270,8 @@ def _attacked(flat: object, index: int) -> Iterator[tuple[str, str]]:
 # ---------------------------------------------------------------- all of them
 
 
-def _too_long(*_: object) -> None:
+def too_long(*_: object) -> None:
+    """What is called when the time of one module is over."""
     raise TooLongError
 
 
@@ -282,7 +283,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=60, help="for one module")
     options = parser.parse_args()
-    signal.signal(signal.SIGALRM, _too_long)
+    signal.signal(signal.SIGALRM, too_long)
     began, verdicts, kinds = time.perf_counter(), Counter[str](), Counter[str]()
     shown = 0
     count = options.modules + options.stiff

@@ -25,16 +25,18 @@ from soter.certificate.cell_sets import (
     volume,
 )
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.linear_enclosures import exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact
 from soter.certificate.terms.straight_line import key_of_constant
 from soter.certificate.terms.terms import (
     FALSE,
     TRUE,
+    Linear,
+    Proposition,
     Terms,
+    atoms_under,
     both,
     conjuncts,
     either,
-    influence,
     inputs_of,
     negation,
 )
@@ -46,7 +48,6 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Axes, Block, Grid
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model import typed
 
 
@@ -104,6 +105,27 @@ def _cells_by_share(
         _remembered_cells(model, group, terms, atoms, conjunction_of(share))
         for group, share in zip(groups, shares, strict=True)
     ]
+
+
+def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
+    """Roughly how much inputs move what is compared in a proposition; a guide, no bound."""
+    moved: dict[int, arb] = {}
+
+    def of(x: Linear) -> arb:
+        return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
+
+    for index in sorted(atoms_under(terms, [root])):
+        atom = terms.atoms[index]
+        if atom.arguments:
+            moved[index] = sum((of(x) for x in atom.arguments), ZERO)
+        elif index in inputs:
+            moved[index] = atom.high - atom.low
+
+    def compared(x: Proposition) -> arb:
+        total = sum((compared(p) for p in x.parts), ZERO)
+        return total if x.argument is None else total + of(x.argument)
+
+    return compared(root)
 
 
 def conjunction_of(parts: Sequence[Proposition]) -> Proposition:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from soter.certificate.cell_predicates import Decision, conjunction_of
+from soter.certificate.cell_predicates import Decision, conjunction_of, influence
 from soter.certificate.folder import FREE
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import driven_topics, topics_read
@@ -35,7 +35,7 @@ from soter.certificate.terms.linear_enclosures import (
     exact,
     magnitude,
 )
-from soter.certificate.terms.terms import both, conjuncts, influence, inputs_of, negation
+from soter.certificate.terms.terms import both, conjuncts, inputs_of, negation
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves
 

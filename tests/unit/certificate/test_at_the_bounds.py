@@ -68,7 +68,7 @@ def test_a_kink_has_the_best_line() -> None:
             over = first - slope * low
             under = -slope * min(max(noise, low), high)
             line = line_noisy_max0(exact(low), exact(high), exact(noise))
-            assert abs(line[2] - (over - under) / 2) < 1e-15
+            assert abs(line[3] + line[1] * noise - (over - under) / 2) < 1e-15
 
 
 def test_a_line_between_ends_that_are_balls_encloses() -> None:
@@ -77,12 +77,12 @@ def test_a_line_between_ends_that_are_balls_encloses() -> None:
         middle, size = draw.uniform(-2, 2), draw.uniform(0.1, 1.5)
         low, high = arb(middle, 0.4), arb(middle + size, 0.4)
         noise = exact(float(draw.uniform(0, 0.5)))
-        kink = UNIVARIATE["max0"](low, high)
-        lines: list[Any] = [(line_noisy_max0(low, high, noise), noise), (kink, 0)]
-        for (slope, offset, spread, *_), n in lines:
+        slope, *kink = UNIVARIATE["max0"](low, high)
+        lines: list[Any] = [(line_noisy_max0(low, high, noise), noise), ((slope, 0, *kink), 0)]
+        for (slope, kept, offset, spread, *_), n in lines:
             for x, sign in itertools.product((low.lower(), high.upper(), noise), (-1, 0, 1)):
                 if low.lower() <= x <= high.upper():
-                    off = (x + sign * n).max(arb(0)) - slope * x - offset
+                    off = (x + sign * n).max(arb(0)) - slope * x - kept * sign * n - offset
                     assert not abs(off) > spread + 1e-15
 
 

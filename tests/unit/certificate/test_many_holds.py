@@ -131,7 +131,7 @@ def test_a_slope_that_is_1_is_not_taken_for_none() -> None:
     draw = np.random.default_rng(5)
     for _ in range(300):
         low, width, more = ((exact(float(x)) / 7).mid() for x in draw.uniform(0.1, 1.0, 3))
-        slope, _, spread = line_noisy_max0(-low, width, low + more)
+        slope, _, _, spread = line_noisy_max0(-low, width, low + more)
         assert slope >= 1 - NARROW
         assert slope <= 1
         assert spread <= (low + more) * (1 + NARROW)

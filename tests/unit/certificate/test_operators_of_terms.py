@@ -207,10 +207,11 @@ def test_a_function_that_may_leave_the_doubles_is_bounded_where_it_is_used() -> 
         terms = Terms()
         (x,) = inputs_of(terms, (0.0, high))
         value = Operations(terms, rounded=True).prelude("exp", x)
-        assert (not terms.obligations) is within
+        assert terms.obligations == []
+        assert (not value.beyond) is within
         for v in (1.0, 700.0, 708.0, 711.0):
             if v <= high and v < 709:
-                assert all(holds(terms, o, [v]) for o in terms.obligations)
+                assert all(holds(terms, o, [v]) for o in value.beyond)
                 assert math.isclose(at(terms, value, [v]), math.exp(v), rel_tol=1e-12)
         if not within:
             assert value.radius > 0
@@ -333,19 +334,35 @@ def test_a_root_and_a_size_are_not_negative() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "nonnegative", "made"),
-    [(0.0, 3.0, False, 1), (0.5, 3.0, False, 1), (-0.5, 3.0, True, 1), (-0.5, 3.0, False, 4)],
+    ("low", "high", "nonnegative", "wanted"),
+    [
+        (0.5, 3.0, False, (0, 3)),
+        (-0.5, 3.0, True, (0, 3)),
+        (-0.5, 3.0, False, (0, 3)),
+        (-0.9, 0.9, False, (0, 0)),
+        (-2.5, -0.5, False, (-2, 0)),
+        (-3.0, 1.0, False, (-3, 1)),
+    ],
 )
-def test_what_is_not_negative_is_cut_off_by_floor(
-    low: float, high: float, nonnegative: bool, made: int
+def test_an_int_of_a_float_is_cut_off_towards_zero(
+    low: float, high: float, nonnegative: bool, wanted: tuple[int, int]
 ) -> None:
-    """Else there are two floors, their difference where one is chosen, and the choice."""
     terms = Terms()
     (x,) = inputs_of(terms, (low, high))
     x.nonnegative = nonnegative
-    Operations(terms, rounded=True).builtin("int", x)
-    assert len(terms.atoms) - 1 <= made
-    assert (len(terms.atoms) == 2) is (made == 1)
+    whole: Any = Operations(terms, rounded=True).builtin("int", x)
+    assert (whole.low, whole.high) == wanted
+    assert len(terms.atoms) == 2
+
+
+def test_a_number_less_itself_is_zero_however_it_was_rounded() -> None:
+    terms = Terms()
+    make = Operations(terms, rounded=True)
+    (x,) = inputs_of(terms, (-3.0, 3.0))
+    y = terms.rounded(x)
+    assert float(make.arithmetic("-", y, y).high) <= 5e-324
+    assert at(terms, make.builtin("int", make.arithmetic("-", y, y)), [0.7]) == 0
+    assert float(make.arithmetic("-", y, terms.rounded(x)).high) > 5e-324  # only alike
 
 
 def test_a_function_may_be_off_near_zero_and_beyond_the_doubles(

@@ -49,6 +49,8 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
     "soft_sign": lambda x: x / (1 + abs(x)),
     "abs": abs,
     "floor": math.floor,
+    "truncated": math.trunc,
+    "wrap_angle": lambda x: math.remainder(x, 2 * math.pi),
     "sqrt": lambda x: math.sqrt(max(x, 0.0)),
 }
 

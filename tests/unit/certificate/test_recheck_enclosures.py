@@ -264,7 +264,10 @@ def test_lines_enclose_their_functions(name: str) -> None:
         "inverse": lambda x: 1 / x,
         "soft_sign": lambda x: x / (1 + abs(x)),
         "sqrt": lambda x: math.sqrt(max(x, 0.0)),
+        "truncated": math.trunc,
+        "smooth_step": lambda x: min(max(x, 0.0), 1.0) ** 2 * (3 - 2 * min(max(x, 0.0), 1.0)),
         "wrap_angle": lambda x: math.remainder(x, 2 * math.pi),
+        "wrapped_double": lambda x: math.remainder(x, 2 * math.pi),
     }
     function = exactly.get(name) or getattr(math, name)
     draw = np.random.default_rng(7)
@@ -273,6 +276,9 @@ def test_lines_enclose_their_functions(name: str) -> None:
         high = low + float(10.0 ** draw.uniform(-6, 0.6))
         if name in ("inverse", "log") and low <= 0.0:
             low, high = 0.01 - low, 0.01 - low + (high - low)
+        if name in ("asin", "acos"):
+            low, high = math.sin(low), math.sin(high)
+            low, high = min(low, high), max(low, high)
         slope, offset, spread, least, most = UNIVARIATE[name](exact(low), exact(high))
         for x in (low, high, float(draw.uniform(low, high)), min(max(0.0, low), high)):
             if name == "sqrt" and x < 0.0:
@@ -290,11 +296,11 @@ def test_the_line_under_noise_encloses() -> None:
         low = float(draw.uniform(-2, 2))
         high = low + float(draw.uniform(0, 2))
         noise = float(10.0 ** draw.uniform(-3, 0.3))
-        line = line_noisy_max0(exact(low), exact(high), exact(noise))
+        slope, kept, offset, spread = line_noisy_max0(*map(exact, (low, high, noise)))
         for x in (low, high, float(draw.uniform(low, high)), min(max(noise, low), high)):
             for n in (-noise, noise, float(draw.uniform(-noise, noise))):
-                off = exact(max(x + n, 0.0)) - line[0] * exact(x) - line[1]
-                assert not abs(off) > line[2] + 1e-14
+                off = exact(max(x + n, 0.0)) - slope * exact(x) - kept * exact(n) - offset
+                assert not abs(off) > spread + 1e-14
 
 
 def test_the_better_of_line_and_range_encloses() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +18,13 @@ from soter.certificate.groups import LOOK
 from soter.diagnostics.current_phase import telling_shares
 
 SIDE = 70
+MODEL: Any = SimpleNamespace(facts=SimpleNamespace(parameters=[], times={"d_ns": 0}), parameter=())
 
 
 def told(*holds: np.ndarray | None) -> list[float]:
     """The shares that are told while so many claims about one grid are shown, on one processor."""
     shares: list[float] = []
-    case = CaseCheck(None, [], set(), {}, 1)  # type: ignore[arg-type]
+    case = CaseCheck(MODEL, [], set(), {}, 1)
     edges = tuple(float(x) for x in range(SIDE + 1))
     for each in holds:
         case.tasks += block_tasks("nothing", Grid((edges, edges)), lambda _: iter(()), each)
@@ -55,7 +58,7 @@ def test_cells_that_are_not_followed_cost_little() -> None:
 def test_of_many_cells_the_share_moves_in_small_steps() -> None:
     """Of 24 blocks the first one of a lift's 268,800 cells was done after ten minutes."""
     shares: list[float] = []
-    case = CaseCheck(None, [], set(), {}, 1)  # type: ignore[arg-type]
+    case = CaseCheck(MODEL, [], set(), {}, 1)
     grid = Grid(tuple(tuple(float(x) for x in range(n + 1)) for n in (80, 60, 56)))
     case.tasks += block_tasks("nothing", grid, lambda _: iter(()))
     with telling_shares(shares.append):

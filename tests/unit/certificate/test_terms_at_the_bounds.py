@@ -17,7 +17,7 @@ from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
 from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
-from soter.certificate.grid.group_claims import ChainCheck
+from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs
 from soter.certificate.reading.sc_locals_and_modes import any_alternative
 from soter.certificate.reading.symbolic_operations import Operations, Rows
@@ -28,7 +28,6 @@ from soter.certificate.terms.compile_terms import (
     compile_step,
     compile_truths,
     form_of_box,
-    half_of_form,
 )
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, key_of_constant

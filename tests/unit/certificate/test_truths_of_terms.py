@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from soter.certificate.cell_predicates import influence
 from soter.certificate.terms.compile_terms import (
     compile_step,
     compile_truths,
@@ -26,7 +27,6 @@ from soter.certificate.terms.terms import (
     choice_of_truths,
     conjuncts,
     either,
-    influence,
     inputs_of,
     is_same_number,
     negation,

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid import group_claims
@@ -25,8 +26,6 @@ from unit.certificate.grid_tables import LINE, bools, tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    import pytest
 
 
 class Shift:
@@ -179,7 +178,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
         ({whole}, True), ({"a", "b"}, True), ({"c", "d"}, True), ({"a", "d"}, False),
         (set(), False), ({"a"}, False), ({"b", "c"}, False),
     ):  # fmt: skip
-        check = ChainCheck(None, group)  # type: ignore[arg-type]
+        check = ChainCheck(model_with_reads(2, own=2), group)
         seen: set[Any] = set()
 
         def leads(box: Any, holds: int, within: Any, target: Any, pieces: int, *, cuts: int,
@@ -199,6 +198,33 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
             assert tried == {(0, 2.0**-6), (4, 2.0**-4), (7, 2.0**-4)}
     monkeypatch.setattr(group_claims, "windows", lambda *_, **__: (whole,))
     assert ChainCheck(None, group)._window_splits() == [(whole,)]  # type: ignore[arg-type]
+
+
+def model_with_reads(claimed: int, *, own: int) -> Any:
+    """A model whose certificate has reads so old, where none are older than `own`."""
+    return SimpleNamespace(
+        facts=SimpleNamespace(times={"d_ns": claimed}, own=SimpleNamespace(delay=own))
+    )
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_where_older_reads_than_there_are_are_too_much_those_that_there_are_follow(
+    monkeypatch: pytest.MonkeyPatch, good: bool
+) -> None:
+    """Once, for all that follows; the windows are left for the reads that there are."""
+    monkeypatch.setattr(group_claims, "windows", lambda *_, **__: ("a",))
+    model, every = model_with_reads(5, own=2), Cells(LINE, bools(1, 1, 1, 1))
+    check, asked = ChainCheck(model, tables([1] * 4)), set[Any]()
+
+    def leads(*_: Any, window: Any, **__: Any) -> bool:
+        asked.add((model.facts.times["d_ns"], window))
+        return good and model.facts.times["d_ns"] == 2 and window == "a"
+
+    monkeypatch.setattr(check, "leads", leads)
+    check._chains[1, EVERY] = "of reads 5 old"  # type: ignore[assignment]
+    assert check.leads_in_parts([(exact(0.0), exact(1.0))], 3, every, every.contains) is good
+    assert asked == {(5, EVERY), (2, EVERY), (2, "a")}
+    assert check._chains == {}
 
 
 def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -223,7 +223,7 @@ def test_every_task_has_to_say_nothing(
     def show(*failed: str, named: bool = True) -> tuple[list[float], list[int]]:
         shares: list[float] = []
         order: list[int] = []
-        facts = SimpleNamespace(parameters=parameters if named else [])
+        facts = SimpleNamespace(parameters=parameters if named else [], times={"d_ns": 0})
         model: Any = SimpleNamespace(facts=facts, parameter=(1, 2) if named else ())
         made = CaseCheck(model, [], set(), {}, workers)
 

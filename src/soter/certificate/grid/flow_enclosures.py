@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import boxes_of, control_inputs
-from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals
+from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals, scaled_row_sum
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import (
@@ -410,18 +410,18 @@ class LocalFlow(KeptEnds):
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end].
 
-        It is t + A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row, and
-        exactly t in the rows of states whose rate depends on none.
+        It is t + A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row of scaled
+        states, and exactly t in the rows of states whose rate depends on none.
         """
         time, far = exact(start).union(exact(end)), exact(max(-start, end))
         least = ZERO if start <= 0 <= end else exact(min(abs(start), abs(end)))
         square = (least * least).union(far * far) * HALF
-        theta = largest_row_sum(enclosure.a) * far
+        theta, scales = scaled_row_sum(enclosure.a, far)
         rest = far * theta * theta / 6 * theta.exp() * UNIT
         rows = []
         for i, row in enumerate(enclosure.a):
-            more = ZERO if all(x.is_zero() for x in row) else rest
-            rows.append([x * square + more for x in row])
+            more = ZERO if all(x.is_zero() for x in row) else rest * scales[i]
+            rows.append([x * square + more / d for x, d in zip(row, scales, strict=True)])
             rows[i][i] += time
         return rows
 
@@ -430,11 +430,11 @@ def integral_of(a: Rows, time: arb) -> Rows:
     """The integral of e^{As} over [0, time], time >= 0: t (1 + At/2 (1 + At/3 (1 + ...))).
 
     What is left out after `count` terms: theta^count/(count + 1)! (1 + theta/(count + 2) + ...) t
-    at most, theta = |A|t by rows. A row of zeros in A has none. NotRecheckedError where it is
-    beyond `TERMS_MAX` terms.
+    at most, theta = |A|t by rows of scaled states. A row of zeros in A has none. NotRecheckedError
+    where it is beyond `TERMS_MAX` terms.
     """
     scaled, one = arb_mat(a) * time, arb_mat(unit_rows(len(a)))
-    theta = largest_row_sum(a) * time
+    theta, scales = scaled_row_sum(a, time)
     count, rest = 1, theta * HALF
     while count < TERMS_MAX and not rest < REST:
         count += 1
@@ -447,8 +447,10 @@ def integral_of(a: Rows, time: arb) -> Rows:
     rest = rest / (1 - theta / (count + 2)) * time * UNIT
     rows: Rows = (integral * time).tolist()
     return [
-        row if all(x.is_zero() for x in of_a) else [x + rest for x in row]
-        for row, of_a in zip(rows, a, strict=True)
+        row
+        if all(x.is_zero() for x in of_a)
+        else [x + rest * scales[i] / d for x, d in zip(row, scales, strict=True)]
+        for i, (row, of_a) in enumerate(zip(rows, a, strict=True))
     ]
 
 

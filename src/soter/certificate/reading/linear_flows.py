@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
@@ -18,6 +19,7 @@ from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, magnitude
 from soter.certificate.terms.straight_line import (
+    dot,
     plus_scaled,
     product,
     side_by_side,
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 
 PIECES = 16
 """Into how many pieces a span of time is cut where a kernel may change its sign."""
+NEARER, FAR = exact(0.9), 20
+"""By which factor other scales of states have to be better; and by how many bits one may change."""
 TAYLOR, TAYLOR_MAX = 24, 256
 """Terms of the series of e^{At}: at least, and at most where a span is long for its rates."""
 ORDERS = {"euler": 1, "rk4": 4}
@@ -158,9 +162,9 @@ def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
     As many terms as make the rest a series that is at least halved from term to term.
     """
     half, absolute = exact(width), [list(map(magnitude, row)) for row in a]
-    size = max((above(total(row)) for row in absolute), default=0.0)
+    theta, scales = scaled_row_sum(absolute, half)
     last = TAYLOR
-    while not exact(size) * half / (last + 2) < HALF:
+    while not theta / (last + 2) < HALF:
         if last == TAYLOR_MAX:
             raise NotRecheckedError("a span of time too long for these rates")
         last += 1
@@ -172,10 +176,31 @@ def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
         power, reached = product(power, a), product(reached, absolute)
     # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums
     tail = factor * half / (last + 1) * 2 * UNIT
+    sums = [arb(dot(sizes, scales).upper()) * tail for sizes in reached]
     return [
-        [x + arb(total(sizes).upper()) * tail for x in row]
-        for row, sizes in zip(around, reached, strict=True)
+        [x + whole / d for x, d in zip(row, scales, strict=True)]
+        for row, whole in zip(around, sums, strict=True)
     ]
+
+
+def scaled_row_sum(a: Rows, time: arb) -> tuple[arb, list[arb]]:
+    """`time` times the largest sum of |a_ij| d_j / d_i over a row, and the scales d.
+
+    With S this sum an entry of |A|^k is at most S^k d_i / d_j, whatever the scales are. They are
+    powers of 2, moved towards those with which all sums are one for as long as that gains a tenth.
+    """
+    sizes, scales = [list(map(magnitude, row)) for row in a], [ONE] * len(a)
+    theta = time * reduce(arb.max, map(total, sizes), ZERO)
+    while 1 < theta < arb.pos_inf():
+        sums = [dot(row, scales) / d for row, d in zip(sizes, scales, strict=True)]
+        halves = [round(math.log2(max(above(time * x), 2.0**-FAR)) / 2) for x in sums]
+        other = [d * exact(2.0**k) for d, k in zip(scales, halves, strict=True)]
+        rows = [dot(row, other) / d for row, d in zip(sizes, other, strict=True)]
+        less = time * reduce(arb.max, rows, ZERO)
+        if not less < theta * NEARER:
+            break
+        theta, scales = less, other
+    return arb(theta.upper()), scales
 
 
 def integral(a: Rows, time: Fraction) -> Rows:

@@ -13,7 +13,8 @@ values.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
@@ -21,7 +22,9 @@ from soter.certificate.terms.linear_enclosures import (
     ONE,
     TINIEST,
     UNIT_ROUNDOFF,
+    ZERO,
     exact,
+    hull,
     magnitude,
 )
 from soter.certificate.terms.terms import (
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
 
 
 Value: TypeAlias = Any
+F = TypeVar("F", bound="Callable[..., Any]")
 NOT_HERE = "is not rechecked yet"
 
 
@@ -126,6 +130,10 @@ def whole(x: Linear) -> Linear:
     return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
 
+PRELUDE = frozenset(
+    "sin cos exp log tanh atan tan asin acos wrap_angle atan2 hypot pow smoothstep".split()  # noqa: SIM905 - a list of words
+)
+"""Functions of the prelude that are read as what they mean; of the others the body is read."""
 OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
 """Functions of the prelude that are the same a turn further."""
 FAR_TURNS = exact(2.0**-33)
@@ -133,6 +141,23 @@ FAR_TURNS = exact(2.0**-33)
 is shown of such sums in `left_out_states.py`."""
 EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
+
+
+def one_number(operation: F) -> F:
+    """A decorator: of the same operands, as objects, an operation gives one and the same value.
+
+    The machine does, and so what a program writes twice may cancel. What must hold is demanded
+    anew each time.
+    """
+
+    @wraps(operation)
+    def asked(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
+        result = operation(self, *operands)
+        numbers = (repr(x) if isinstance(x, (bool, int, float, str)) else id(x) for x in operands)
+        key = operation.__name__, self.is_rounded, *numbers
+        return self.made.setdefault(key, (result, operands))[0]
+
+    return asked  # type: ignore[return-value]  # of the same type
 
 
 class Operations:
@@ -144,6 +169,8 @@ class Operations:
     def __init__(self, terms: Terms, *, rounded: bool) -> None:
         self.terms = terms
         self.is_rounded = rounded
+        self.made: dict[object, tuple[Value, object]] = {}
+        """Operation and operands -> the result, and these operands, which keep their identity."""
         self.everywhere = False
         """Whether functions of `EVERYWHERE` are exact, also beyond their error bounds' domains."""
 
@@ -160,18 +187,22 @@ class Operations:
         """Demand it wherever the code being read runs."""
         self.terms.oblige(truth_of(what))
 
+    @one_number
     def negation(self, a: Value) -> Value:
         """The truth "not `a`"."""
         return decided(negation(truth_of(a)))
 
+    @one_number
     def both(self, a: Value, b: Value) -> Value:
         """The truth "`a` and `b`"."""
         return decided(both(truth_of(a), truth_of(b)))
 
+    @one_number
     def one_of(self, a: Value, b: Value) -> Value:
         """The truth "`a` or `b`"."""
         return decided(either(truth_of(a), truth_of(b)))
 
+    @one_number
     def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
         """`c ? a : b`, leaf by leaf; NotRecheckedError for lists of two lengths."""
         if isinstance(a, tuple):
@@ -182,24 +213,29 @@ class Operations:
             return decided(choice_of_truths(c, truth_of(a), truth_of(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
             return a
-        return self._like(self.terms.choose(c, self._linear(a), self._linear(b)), a, b)
+        x, y = self._term(a), self._term(b)
+        finite = [either(negation(c), f) for f in x.beyond] + [either(c, f) for f in y.beyond]
+        return self._like(_with_beyond(self.terms.choose(c, x, y), finite), a, b)
 
+    @one_number
     def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
-            return self._like(self.terms.combine(((-ONE, x),)), x)
+            return self._like(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
+    @one_number
     def compare(self, op: str, a: Value, b: Value) -> Value:
         """Whether `a op b` holds of two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
             equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
             return decided(equal if op == "==" else negation(equal))
         if isinstance(a, Linear) or isinstance(b, Linear):
-            return decided(self.terms.compare(op, self._linear(a), self._linear(b)))
+            return decided(self.terms.compare(op, *self._operands(op, a, b)))
         _require_numbers(a, b)
         return COMPARED[op](a, b)
 
+    @one_number
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
         """`+ - * / %` of scalars; of real numbers where this reader does not round.
 
@@ -210,7 +246,7 @@ class Operations:
         if not isinstance(a, Linear) and not isinstance(b, Linear) and self.is_rounded:
             return FLOATS[op](a, b)
         whole = _is_whole(a, b)
-        x, y = self._linear(a), self._linear(b)
+        x, y = self._operands(op, a, b)
         if op == "+":
             result = self.terms.add(x, y)
         elif op == "-":
@@ -223,81 +259,104 @@ class Operations:
             raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
         return self.as_int(result) if whole else self._as_computed(result)
 
+    @one_number
     def extreme(self, name: str, a: Value, b: Value) -> Value:
         """`min` or `max` of two scalars."""
         if not isinstance(a, Linear) and not isinstance(b, Linear):
             _require_numbers(a, b)
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
-        x, y = self._linear(a), self._linear(b)
+        x, y = self._operands(name, a, b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         # plants: limits keep ends of grids; two numbers that vary: either is a limit
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
-        return self._like(choose(x, y, tight=tight), a, b)
+        return self._like(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
 
-    def prelude(self, name: str, x: Linear) -> Linear:
+    def clamp(self, x: Value, low: Value, high: Value) -> Value:
+        """The prelude's `clamp`: x between limits; that these are in order is an obligation."""
+        self.terms.oblige_number(truth_of(self.compare("<=", low, high)))
+        return self.extreme("min", self.extreme("max", x, low), high)
+
+    @one_number
+    def prelude(self, name: str, *given: Value) -> Linear:
         """A function of the prelude: the exact one within its tested bound (an assumption).
 
         Where it may leave the range of doubles, as `exp` does, that it does not is an obligation.
         NotRecheckedError where the bound is one that is not read here.
         """
-        bound = BOUNDS[name]
+        bound, numbers = BOUNDS[name], [self.finite(x) for x in given]
         if bound.relative:
             raise NotRecheckedError(f"`{name}` has a bound of another kind")
-        low, high = (exact(v) for v in bound.domain[0])
-        if self.terms.may_be_turned(x):
-            far = FAR_TURNS
-            x = replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)
+        turned = name in OF_A_TURN and self.terms.may_be_turned(numbers[0])
+        if turned:
+            (x,), far = numbers, FAR_TURNS
+            numbers = [replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)]
         if self.everywhere and name in EVERYWHERE:
-            return self.terms.apply_function(name, x)
-        self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(((ONE, x),), -low))))
-        self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(((-ONE, x),), high))))
-        if name == "tan":  # it has no value where the cosine is 0
-            cosine = self.terms.apply_function("cos", x)
-            minus = self.terms.combine(((-ONE, cosine),))
-            self.terms.oblige(either(self.terms.below_zero(cosine), self.terms.below_zero(minus)))
-        value = self.terms.apply_function(name, x)
+            return self.terms.apply_function(name, *numbers)
+        for x, ends in zip(numbers, bound.domain, strict=True):
+            low, high = map(exact, ends)
+            self._oblige_none_below_zero(self.terms.combine(((ONE, x),), -low))
+            self._oblige_none_below_zero(self.terms.combine(((-ONE, x),), high))
+        if name == "wrap_angle" and self.is_rounded and not turned:
+            return self.terms.apply_function("wrapped_double", *numbers)
+        value = self._exact_function(name, *numbers)
         largest = magnitude(value.low).max(magnitude(value.high))
-        if not largest < LARGEST:  # bounded where it is used, or not at all
-            for sign in (ONE, -ONE):
-                beyond = self.terms.combine(((sign, value),), -LARGEST)
-                self.terms.oblige(self.terms.below_zero(beyond))
-            relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
-            enclosure = self.terms.combine(((ONE, value), (ONE, relative)))
-            error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
-            return replace(enclosure, radius=enclosure.radius + error)
-        ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
-        error = exact(bound.ulps) * ulp + exact(bound.absolute)
+        ulps, absolute, low, high = map(exact, (bound.ulps, bound.absolute, *bound.values))
+        relative, absolute = ulps * 2 * UNIT_ROUNDOFF, ulps * TINIEST + absolute
+        if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
+            value.nonnegative, low = True, ZERO
+        if not largest < LARGEST:
+            return self.terms.off_by_its_size(value, relative, absolute)
         if not self.is_rounded:
-            error = 0 * error
-        return self.terms.with_error(value, error, *(exact(v) for v in bound.values))
+            return value
+        return self.terms.with_error(value, relative * largest + absolute, low, high)
 
+    def _oblige_none_below_zero(self, x: Linear) -> None:
+        self.terms.oblige_number(negation(self.terms.below_zero(x)))
+
+    def _exact_function(self, name: str, *numbers: Linear) -> Linear:
+        """A function of the prelude over real numbers; where it is defined is an obligation."""
+        terms = self.terms
+        if name == "tan":  # it has no value where the cosine is 0
+            cosine = terms.apply_function("cos", *numbers)
+            minus = terms.combine(((-ONE, cosine),))
+            terms.oblige_number(either(terms.below_zero(cosine), terms.below_zero(minus)))
+        elif name == "hypot":
+            squares = [terms.multiply(x, x) for x in numbers]
+            return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
+        elif name == "pow":
+            x, y = numbers
+            if not (y.low == y.high >= 0 and y.low.is_integer()):
+                self._oblige_none_below_zero(x)
+                above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
+                terms.oblige_number(either(above, rises))
+        elif name == "smoothstep":
+            low, high, x = numbers
+            parts = terms.subtract(x, low), terms.subtract(high, low)
+            for difference in parts:
+                terms.rounded(difference)  # none may leave the range of doubles
+            return terms.apply_function("smooth_step", terms.divide(*parts))
+        return terms.apply_function(name, *numbers)
+
+    @one_number
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
+        x = self.finite(x)
         if name == "sqrt":
             if not x.nonnegative:
-                self.terms.oblige(negation(self.terms.below_zero(x)))
+                self._oblige_none_below_zero(x)
             return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
             return self._like(self.terms.apply_function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
-            return self._truncated(x)
+            whole = x if self._is_floor(x) else self.terms.apply_function("truncated", x)
+            return self.as_int(whole)
         if name != "floor":
             raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
         return self.terms.apply_function("floor", x)
-
-    def _truncated(self, x: Linear) -> Value:
-        """The whole number towards zero."""
-        if self._is_floor(x):
-            return self.as_int(x)
-        down = self.terms.apply_function("floor", x)
-        if x.nonnegative or x.low >= 0:
-            return self.as_int(down)
-        up = self.negate(self.terms.apply_function("floor", self.negate(x)))
-        return self.as_int(self.terms.choose(self.terms.below_zero(x), up, down))
 
     def _is_floor(self, x: Linear) -> bool:
         """Whether it is the result of `floor`, a whole number already."""
@@ -324,6 +383,7 @@ class Operations:
             self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x
 
+    @one_number
     def select(self, elements: Sequence[Value], index: Linear) -> Value:
         """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
         first = elements[0]
@@ -337,6 +397,7 @@ class Operations:
         values = [float(e) for e in elements]
         return self._like(self.terms.lookup(values, (index,), (len(elements),)), first)
 
+    @one_number
     def select_from_table(self, rows: Rows, index: Value) -> Value:
         """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
         first = rows.elements[0]
@@ -344,7 +405,7 @@ class Operations:
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
         values = [float(v) for row in rows.elements for v in row]
         shape = (len(rows.elements), len(first))
-        indices = rows.index, self._linear(index)
+        indices = rows.index, self.finite(index)
         return self._like(self.terms.lookup(values, indices, shape), first[0])
 
     def _like(self, x: Linear, *of: Value) -> Value:
@@ -364,12 +425,36 @@ class Operations:
     def _as_computed(self, x: Linear) -> Linear:
         return self.terms.rounded(x) if self.is_rounded else x
 
-    def _linear(self, x: Value) -> Linear:
+    def _operands(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
+        """Two operands as terms; one may be infinite if the result then is, or a comparison."""
+        x, y = self._term(a), self._term(b)
+        for one, other in ((x, y), (y, x)):
+            large = self.is_rounded and (other.low >= 1 or other.high <= -1)
+            small = self.is_rounded and abs(hull(other.low, other.high)) < LARGEST * HALF
+            shown = {"*": large, "+": small, "-": small, "/": False, "%": False}.get(op, True)
+            if other.beyond or not shown:
+                self.finite(one)
+        return x, y
+
+    def finite(self, x: Value) -> Linear:
+        """A number as a term; that it is not infinite is demanded."""
+        term = self._term(x)
+        for is_finite in term.beyond:
+            self.terms.oblige_number(is_finite)
+        return term
+
+    def _term(self, x: Value) -> Linear:
         if isinstance(x, Linear):
             return x
         if isinstance(x, float) and x - x != 0.0:
             raise NotRecheckedError(f"an infinite or undefined number {NOT_HERE}")
         return self.terms.constant(x)
+
+
+def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
+    """A number that may be infinite, unless these hold or it is bounded all the same."""
+    bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
+    return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
 
 
 def _is_whole(*values: Value) -> bool:

@@ -12,24 +12,28 @@ the lowering, or with what verifies: this is written from docs/language.md and d
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
+from functools import partial, reduce
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from soter.certificate.reading.symbolic_operations import (
+    COMPARED,
     NOT_HERE,
-    OF_A_TURN,
+    PRELUDE,
     Operations,
     Rows,
     SymbolicInt,
     Value,
+    decided,
     in_range,
+    is_known,
     map_leaves,
     scalar_leaves,
+    truth_of,
     zip_leaves,
 )
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.linear_enclosures import PRELUDE
-from soter.certificate.terms.terms import Linear, Proposition, Terms
+from soter.certificate.terms.linear_enclosures import ONE
+from soter.certificate.terms.terms import Linear, Proposition, Terms, both, choice_of_truths
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
@@ -39,6 +43,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from soter.language.model.types import Type
+
+    Reading = Callable[[Any, "CallFrame"], Value]
 
 
 STEPS_MAX = 200_000
@@ -347,6 +353,14 @@ class SymbolicReader(CodeReader):
         super().__init__(Operations(terms, rounded=rounded), around.params)
         self.surroundings = around
 
+    def expression(
+        self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
+    ) -> Value:
+        """The value of an expression, whose numbers are not infinite, as is demanded."""
+        finite = self.operations.finite
+        value = super().expression(expr, variables)
+        return map_leaves(lambda x: finite(x) if isinstance(x, Linear) else x, value)
+
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
     ) -> dict[t.TopicSymbol, Value]:
@@ -374,14 +388,54 @@ class SymbolicReader(CodeReader):
         return value
 
     def call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """Functions of the prelude by their tested bounds, where inputs are involved."""
-        if fun.prelude and isinstance(arguments[0], Linear):
-            turned = fun.name in OF_A_TURN and self.operations.terms.may_be_turned(arguments[0])
-            if fun.name in PRELUDE or turned:
-                return self.operations.prelude(fun.name, arguments[0])
-        if fun.prelude and fun.name == "_round" and not self.operations.is_rounded:
-            return self.operations.nearest_whole(arguments[0])
-        return super().call(fun, arguments)
+        """Functions of the prelude by their tested bounds, where inputs are involved.
+
+        Of known numbers a function is what the machine makes of them, in a flow, too.
+        """
+        make = self.operations
+        if fun.prelude and any(isinstance(x, Linear) for x in arguments):
+            if fun.name == "clamp":
+                return make.clamp(*arguments)
+            step = fun.name == "smoothstep" and arguments[0] == arguments[1]
+            if fun.name in PRELUDE and not step:
+                return make.prelude(fun.name, *arguments)
+            if fun.name == "_round" and not make.is_rounded:
+                return make.nearest_whole(arguments[0])
+        if not fun.prelude or make.is_rounded or not all(map(is_known, arguments)):
+            return super().call(fun, arguments)
+        make.is_rounded = True
+        try:
+            return super().call(fun, arguments)
+        finally:
+            make.is_rounded = False
+
+    def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
+        """What is compared may be no number: then the comparison has a value all the same."""
+        doubts: list[Proposition] = []
+        if e.op not in COMPARED:
+            return super()._binary(e, frame)
+        truth = self._doubting(doubts, super()._binary, e, frame)
+        if not doubts:
+            return truth
+        terms, sound = self.operations.terms, reduce(both, doubts)
+        anything = terms.below_zero(terms.add_input("box", "a comparison", -ONE, ONE))
+        return decided(choice_of_truths(sound, truth_of(truth), anything))
+
+    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
+        """An int of what is no number is a fault, wherever it stands."""
+        doubts = None if e.name == "int" else self.operations.terms.doubts
+        return self._doubting(doubts, super()._builtin, e, frame)
+
+    def _doubting(
+        self, doubts: list[Proposition] | None, read: Reading, e: t.TypedExpr, frame: CallFrame
+    ) -> Value:
+        """A value in which numbers may be none: why not is entered there; None: it is demanded."""
+        terms = self.operations.terms
+        outside, terms.doubts = terms.doubts, doubts
+        try:
+            return read(e, frame)
+        finally:
+            terms.doubts = outside
 
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)
@@ -414,6 +468,8 @@ class SymbolicReader(CodeReader):
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         **CodeReader.readings,
+        t.TypedBinary: _binary,
+        t.Builtin: _builtin,
         t.TopicRead: _topic,
         t.PeriodRead: _period,
         t.ModeRead: _mode,

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIVARIATE, ZERO, larger, smaller
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.straight_line import (
     CERTAIN,
     DEMAND,
@@ -50,9 +50,13 @@ if TYPE_CHECKING:
     from soter.certificate.terms.terms import Atom, Linear, Proposition, Terms
 
     Row = tuple[dict[int, Value], Value, Value]
-    """Coefficients over the states of a form, a constant, a spread."""
+    """Coefficients over the states of a form and what else is free, a constant, a spread."""
     Ends = tuple[Value, Value]
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
+
+
+COARSE = exact(2.0**-20)
+"""Where rounding may matter as much, what is known of a number anywhere is asked, too."""
 
 
 class AffineForms:
@@ -78,11 +82,15 @@ class AffineForms:
         self.centre = dict(zip(states, inputs[2 * n :], strict=False))
         self.symbol = {a: inputs[3 * n + i * symbols :] for i, a in enumerate(states)}
         self.rest = dict(zip(states, inputs[(3 + symbols) * n :], strict=False))
-        noises = inputs[(4 + symbols) * n :] or [make.zero] * n
-        self.rows: dict[int, Row] = {
-            a: ({a: make.one}, make.zero, noise) for a, noise in zip(states, noises, strict=True)
-        }
+        self.rows: dict[int, Row] = {a: ({a: make.one}, make.zero, make.zero) for a in states}
         """Atom -> its line, a row that encloses it."""
+        self.free: dict[int, Ends] = {}
+        """The middle and half of the width of each input that the form does not describe: its
+        columns stay in the rows, so that what comes of one several ways may cancel, until the rows
+        are over the form. The noise of a state is another one, numbered below 0."""
+        for a, noise in zip(states, inputs[(4 + symbols) * n :], strict=False):
+            self.free[-1 - a] = make.zero, noise
+            self.rows[a][0][-1 - a] = make.one
         self.bounds: dict[int, Ends] = {
             a: (inputs[2 * i], inputs[2 * i + 1]) for i, a in enumerate(states)
         }
@@ -93,8 +101,11 @@ class AffineForms:
     def enter_box(self, index: int, atom: Atom) -> None:
         """Enter line and range of an input that the form does not describe: its box, or domain."""
         low, high = self.boxes.get(index, (atom.low, atom.high))
-        middle, half = (low + high) * HALF, (high - low) * HALF
-        self.rows[index] = {}, self.make.constant(middle), self.make.constant(half)
+        self.free[index] = (
+            self.make.constant((low + high) * HALF),
+            self.make.constant((high - low) * HALF),
+        )
+        self.rows[index] = {index: self.make.one}, self.make.zero, self.make.zero
         self.bounds[index] = self.make.constant(low), self.make.constant(high)
 
     def cached(self, kind: str, x: object, made_of: Callable[[Any], Any]) -> Any:  # noqa: ANN401
@@ -123,9 +134,19 @@ class AffineForms:
         sums = {j: self.make.sum(parts) for j, parts in columns.items()}
         return sums, self.make.sum(constants), self.make.sum(spreads)
 
+    def over_states(self, row: Row) -> Row:
+        """A row without columns of inputs that the form does not describe."""
+        factors, constant, spread = row
+        free = [(f, *self.free[a]) for a, f in factors.items() if a in self.free]
+        return (
+            {a: f for a, f in factors.items() if a not in self.free},
+            self.make.sum([constant, *(f * middle for f, middle, _ in free)]),
+            self.make.sum([spread, *(abs(f) * half for f, _, half in free)]),
+        )
+
     def over_form(self, row: Row) -> tuple[Value, list[Value], Value]:
         """A row over the form: its centre, coefficients on the symbols, radius of the rest."""
-        factors, constant, spread = row
+        factors, constant, spread = self.over_states(row)
         total = self.make.sum
         return (
             total([constant, *(f * self.centre[a] for a, f in factors.items())]),
@@ -152,6 +173,8 @@ class AffineForms:
             low, high = self.tighter_ends(low, high, *self.range_by_atoms(x))
         if x.nonnegative:
             low = self.make.apply("larger", low, self.make.zero)
+        if x.radius > COARSE:
+            low, high = self.tighter_ends(low, high, *map(self.make.constant, (x.low, x.high)))
         return low, high
 
     def tighter_ends(self, low: Value, high: Value, least: Value, most: Value) -> Ends:
@@ -185,7 +208,7 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
         if atom.kind in ("state", "box"):
             forms.enter_box(index, atom)
             continue
-        rule = _univariate_rule if atom.kind in UNIVARIATE else _ATOMS[atom.kind]
+        rule = _ATOMS.get(atom.kind, _function_rule)
         forms.rows[index], forms.bounds[index] = rule(forms, atom)
         if atom.kind not in RANGES:
             _limit_line_to_range(forms, index)
@@ -194,7 +217,8 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
 def _limit_line_to_range(forms: AffineForms, index: int) -> None:
     """Replace the line of an atom by its range, where that has the smaller spread."""
     row, offset, rest = forms.rows[index]
-    ends = offset, rest, *forms.bounds[index]
+    _, _, more = forms.over_states((row, forms.make.zero, forms.make.zero))
+    ends = offset, rest, *forms.bounds[index], more
     weight, offset, rest = forms.make.apply_for_parts("line_or_range", 3, *ends)
     forms.rows[index] = _scale_row(weight, row), offset, rest
 
@@ -209,24 +233,43 @@ def _add_rows(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int,
     return {j: forms.make.sum([row[j] for row in rows if j in row]) for j in columns}
 
 
-def _univariate_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _function_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    """A function of one number or two: its line, with their rows in the place of the numbers."""
     make = forms.make
-    (x,) = atom.arguments
-    low, high = forms.range_of(x)
-    row, constant, rest = forms.row(x)
-    if atom.kind == "max0" and rest is not make.zero:
-        least, most = make.apply_for_parts("range_max0", 2, low, high)
-        ends = forms.ends_of_row((row, constant, make.zero))
-        slope, offset, spread = make.apply_for_parts("line_noisy_max0", 3, *ends, rest)
-        rest = make.zero
-    else:
-        slope, offset, spread, least, most = make.apply_for_parts(f"line_{atom.kind}", 5, low, high)
+    ends = [end for x in atom.arguments for end in forms.range_of(x)]
+    rows, constants, rests = zip(*map(forms.row, atom.arguments), strict=True)
+    parts = make.apply_for_parts(f"line_{atom.kind}", len(rows) + 4, *ends)
+    *slopes, offset, spread, least, most = parts
     if not atom.extra.is_zero():
         spread += atom.extra
-        ends = make.constant(atom.low), make.constant(atom.high)
-        least, most = forms.tighter_ends(least - atom.extra, most + atom.extra, *ends)
-    line = _scale_row(slope, row), slope * constant + offset, abs(slope) * rest + spread
+        known = make.constant(atom.low), make.constant(atom.high)
+        least, most = forms.tighter_ends(least - atom.extra, most + atom.extra, *known)
+    line = (
+        _add_rows(forms, list(map(_scale_row, slopes, rows))),
+        make.sum([*(s * c for s, c in zip(slopes, constants, strict=True)), offset]),
+        make.sum([*(abs(s) * r for s, r in zip(slopes, rests, strict=True)), spread]),
+    )
     return line, (least, most)
+
+
+def _max0_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    """max(x, 0): what is free in x is noise, but where x is never negative."""
+    make, (x,) = forms.make, atom.arguments
+    row, constant, rest = forms.row(x)
+    own, middle, noise = forms.over_states((row, constant, rest))
+    if noise is make.zero:
+        return _function_rule(forms, atom)
+    ends = forms.ends_of_row((own, middle, make.zero))
+    slope, kept, offset, spread = make.apply_for_parts("line_noisy_max0", 4, *ends, noise)
+    free = {a: f for a, f in row.items() if a in forms.free}
+    moved = make.sum(f * forms.free[a][0] for a, f in free.items())
+    line = (
+        {**_scale_row(slope, own), **_scale_row(kept, free)},
+        make.sum([slope * middle, offset, -(kept * moved)]),
+        make.sum([kept * rest, spread]),
+    )
+    low, high = make.apply_for_parts("range_max0", 2, *forms.range_of(x))
+    return line, (low, high)
 
 
 def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
@@ -247,18 +290,24 @@ def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are."""
+    """min(a, b) = b - rest or max(a, b) = b + rest, no further than either; one if certain."""
     b, rest, a = atom.arguments
-    sign = forms.make.constant(-ONE if atom.kind == "min" else ONE)
-    row, constant, spread = forms.row(b)
-    row_of_rest, constant_of_rest, spread_of_rest = forms.row(rest)
-    both = _add_rows(forms, [row, _scale_row(sign, row_of_rest)])
-    line = both, constant + sign * constant_of_rest, spread + spread_of_rest
+    make, sign = forms.make, -ONE if atom.kind == "min" else ONE
+    (apart,) = forms.terms.atoms[rest.atom].arguments
+    truth = make.apply("negative", *forms.range_of(apart))  # then it is b, else if certain a
+    weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, ONE), (ZERO, ONE, ZERO))]
+    weights.append(make.apply("by_truth", truth, ZERO, ZERO, sign))
+    parts = list(zip(weights, map(forms.row, (b, a, rest)), strict=True))
+    line = (
+        _add_rows(forms, [_scale_row(w, row) for w, (row, _, _) in parts]),
+        make.sum([w * constant for w, (_, constant, _) in parts]),
+        make.sum([abs(w) * spread for w, (_, _, spread) in parts]),
+    )
     ends = [forms.range_of(x) for x in (a, b)]
     (_, (low_b, high_b)), (least, most) = ends, forms.range_of(rest)
     if atom.kind == "min":
         least, most = most, least
-    low, high = (forms.make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
+    low, high = (make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
     return line, forms.tighter_ends(low, high, low_b + sign * least, high_b + sign * most)
 
 
@@ -346,6 +395,7 @@ def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
 
 
 _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
+    "max0": _max0_rule,
     "product": _product_rule,
     "choice": _choice_rule,
     "spread": _spread_rule,
@@ -411,7 +461,7 @@ def compile_lines(
     demand(forms, must)
     entries = []
     for x in outputs:
-        row, constant, spread = forms.row(x)
+        row, constant, spread = forms.over_states(forms.row(x))
         ends = forms.tighter_ends(*forms.range_of(x), *forms.range_by_atoms(x))
         entries += [*(row.get(a, forms.make.zero) for a in inputs), constant, spread, *ends]
     return Function(forms.make, forms.length, entries)
@@ -449,31 +499,3 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     else:
         form += radii
     return tuple(form)
-
-
-def count_states(length: int, n: int) -> int:
-    """The number of states and memories of a form: 4 + n entries each, n more for a memory."""
-    return (length + n * n) // (4 + 2 * n)
-
-
-def half_of_form(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
-    """The part of a form in which the beta of one state lies on one side of 0.
-
-    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
-    """
-    count = count_states(len(form), n)
-    new = list(form)
-    centre, symbols = 2 * count, 3 * count
-    rest = symbols + count * n
-    common = rest + count
-    b = form[rest + axis]
-    new[centre + axis] += side * b
-    new[rest + axis] = b * HALF
-    for k in range(count - n):
-        new[centre + n + k] += side * b * form[common + k * n + axis]
-    radius = new[rest + axis]
-    for k in range(n):
-        radius += abs(form[symbols + axis * n + k])
-    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
-    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
-    return tuple(new)

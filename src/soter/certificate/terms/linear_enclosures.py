@@ -2,7 +2,7 @@
 
 Purpose: precision, outward conversion to doubles, and for each function that a program may use a
 line with a remainder that encloses it over an interval: f(x) in slope x + offset +- spread for
-every x in [low, high], and f(x) in [least, most].
+every x in [low, high], and f(x) in [least, most]; of a function of two numbers a slope for each.
 Non-goals: knowing about programs (`reading/symbolic_reading.py`) or sets (`cell_sets.py`).
 
 Everything here is an `arb`: a midpoint and a radius, operations rounded outwards by Arb. Bounds
@@ -15,14 +15,19 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from functools import partial
+from functools import partial, reduce
 from typing import TYPE_CHECKING, TypeAlias
 
 import flint
 from flint import arb, fmpq
 
+from soter.language.prelude.function_error_bounds import BOUNDS
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+
+    Function = Callable[[arb], arb]
+    Range = tuple[arb, arb]
 
 
 PRECISION = 128
@@ -36,9 +41,12 @@ UNIT = arb(0, 1)
 """The ball [-1, 1]."""
 UNIT_ROUNDOFF = arb(2) ** -53
 TINIEST = arb(2) ** -1074
+PI_UP = arb(arb.pi().upper())
 
 Line: TypeAlias = "tuple[arb, arb, arb, arb, arb]"
 """slope, offset, spread, least, most."""
+Plane: TypeAlias = "tuple[arb, arb, arb, arb, arb, arb]"
+"""A slope for each of two numbers, offset, spread, least, most."""
 
 
 def exact(value: float | Fraction) -> arb:
@@ -133,32 +141,36 @@ def range_max0(low: arb, high: arb) -> tuple[arb, arb]:
     return larger(low, ZERO), high.max(ZERO)
 
 
-def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
-    """max(x + n, 0) for x in [low, high] and |n| <= noise, as slope x + offset +- spread.
+def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb, arb]:
+    """max(x + n, 0) for x in [low, high], |n| <= noise: slope x + kept n + offset +- spread.
 
-    Above, the chord of the convex max(x + noise, 0); below, max(x - noise, 0), which is nearest to
-    a line of that slope at x = noise. Tighter than a line over x + n where x alone decides.
+    It is x + n where that is never negative. Elsewhere, above, the chord of the convex max(x +
+    noise, 0); below, max(x - noise, 0), which is nearest to a line of that slope at x = noise.
+    Tighter than a line over x + n where x alone decides.
     """
     if high + noise <= 0:
-        return ZERO, ZERO, ZERO
+        return ZERO, ZERO, ZERO, ZERO
     if low - noise >= 0:
-        return ONE, ZERO, noise
+        return ONE, ONE, ZERO, ZERO
     last = (high + noise).max(ZERO)
     slope = _share(last / (high - low))  # of the chord: 1 where low + noise is above 0
     # for every slope in [0, 1]: there x + noise is farthest above at high, elsewhere 0 is at low
     over = (-slope * low).max(last - slope * high)
     nearest = noise.max(low).min(high)
     under = (nearest - noise).max(ZERO) - slope * nearest
-    return slope, (over + under) * HALF, (over - under) * HALF
+    return slope, ZERO, (over + under) * HALF, (over - under) * HALF
 
 
-def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, arb, arb]:
+def line_or_range(
+    offset: arb, spread: arb, low: arb, high: arb, more: arb = ZERO
+) -> tuple[arb, arb, arb]:
     """A line, or a range where that has less spread: a weight for slopes, an offset, a spread.
 
     What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
+    `more`: the spread of what is free in the line, which counts half: it may still cancel.
     """
     half = (high - low) * HALF
-    if half < spread:
+    if half < spread + more * HALF:
         return ZERO, (low + high) * HALF, half
     return ONE, offset, spread
 
@@ -191,33 +203,65 @@ def line_floor(low: arb, high: arb) -> Line:
     return ONE, -HALF, HALF, first, last
 
 
+def line_truncated(low: arb, high: arb) -> Line:
+    """The whole number next to x on the side of 0: less than 1 from x, and not beyond it."""
+    first, last = (x.floor() if x >= 0 else x.ceil() for x in (low.lower(), high.upper()))
+    if first == last:
+        return ZERO, first, ZERO, first, last
+    up, down = (ZERO if low >= 0 else ONE), (ZERO if high <= 0 else ONE)
+    return ONE, (up - down) * HALF, (up + down) * HALF, first, last
+
+
+def _extremes(values: Sequence[arb]) -> Range:
+    return reduce(arb.min, values), reduce(arb.max, values)
+
+
+def _of_monotone(f: Function, low: arb, high: arb) -> Range:
+    """The range of a function that only rises, or only falls, between these."""
+    return _extremes((f(low), f(high)))
+
+
+def _of_wave(shift: arb, f: Function, low: arb, high: arb) -> Range:
+    """The range of a wave that is extreme at (shift + k) pi alone: 1 for even k, -1 for odd."""
+    first = (low / arb.pi() - shift).lower().ceil()
+    last = (high / arb.pi() - shift).upper().floor()
+    if not last < first + 1:
+        return -ONE, ONE
+    least, most = _of_monotone(f, low, high)
+    if last < first:
+        return least, most
+    return (least, ONE) if first == 2 * (first * HALF).floor() else (-ONE, most)
+
+
 def _smooth(
-    f: Callable[[arb], arb],
-    slope: Callable[[arb], arb],
-    curve: Callable[[arb], arb],
+    f: Function,
+    slope: Function,
+    curve: Callable[[arb, arb], arb],
+    ends: Callable[[Function, arb, arb], Range],
     low: arb,
     high: arb,
 ) -> Line:
-    """A tangent in the middle: f(x) - tangent is curve(some x) (x - middle)^2, curve being f''/2.
+    """A tangent in the middle: f(x) - tangent is curve(v, f(v)) (x - middle)^2 for some v.
 
-    Where that is infinite, the range.
+    `curve` is f''/2, `ends` gives the range, which it is where the curve is infinite.
     """
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     s = slope(middle).mid()
-    x, off_slope = hull(low, high), (slope(middle) - s) * far * UNIT
-    value, rest = f(x), curve(x) * (far * far) * arb(0.5, 0.5) + off_slope
-    offset = f(middle) - s * middle + rest.mid()
+    least, most = ends(f, low, high)
+    value, off_slope = hull(least, most), (slope(middle) - s) * far * UNIT
+    rest = curve(hull(low, high), value) * (far * far) * arb(0.5, 0.5) + off_slope
     if not rest.is_finite():
-        return ZERO, value.mid(), arb(value.rad()), value.lower(), value.upper()
-    return s, offset, arb(rest.rad()), arb(value.lower()), arb(value.upper())
+        return ZERO, value.mid(), arb(value.rad()), least, most
+    return s, f(middle) - s * middle + rest.mid(), arb(rest.rad()), least, most
 
 
 def line_inverse(low: arb, high: arb) -> Line:
     """1 / x; infinite where 0 is not certainly outside."""
     if not (low > 0 or high < 0):
         return _nothing_known()
-    return _smooth(lambda v: 1 / v, lambda v: -1 / (v * v), lambda x: 1 / (x * x * x), low, high)
+    slope, curve = (lambda v: -1 / (v * v)), (lambda _, y: y * y * y)
+    return _smooth(lambda v: 1 / v, slope, curve, _of_monotone, low, high)
 
 
 def line_sqrt(low: arb, high: arb) -> Line:
@@ -257,16 +301,49 @@ def line_soft_sign(low: arb, high: arb) -> Line:
 def _line_log(low: arb, high: arb) -> Line:
     if not low > 0:
         return _nothing_known()
-    return _smooth(arb.log, lambda v: 1 / v, lambda x: -1 / (2 * x * x), low, high)
+    curve = lambda x, _: -1 / (2 * x * x)  # noqa: E731
+    return _smooth(arb.log, lambda v: 1 / v, curve, _of_monotone, low, high)
 
 
-def _curve_tanh(x: arb) -> arb:
-    t = x.tanh()
-    return -t * (1 - t * t)
+def _line_tan(low: arb, high: arb) -> Line:
+    """The function tan between two of its poles, which are at odd multiples of pi / 2."""
+    turns = [(x / arb.pi() + HALF).floor() for x in (low, high)]
+    if not turns[0] == turns[1]:  # noqa: SIM201 - of balls neither is certain
+        return _nothing_known()
+    slope, curve = (lambda v: 1 + v.tan() ** 2), (lambda _, y: y * (1 + y * y))
+    return _smooth(arb.tan, slope, curve, _of_monotone, low, high)
 
 
-def _slope_of_tan(x: arb) -> arb:
-    return 1 + x.tan() ** 2
+def _line_of_arc(sign: int, f: Function, low: arb, high: arb) -> Line:
+    """The functions asin (`sign` 1) and acos (-1) for the x in [-1, 1] of the interval."""
+    low, high = (x.max(-ONE).min(ONE) for x in (low.lower(), high.upper()))
+
+    def slope(v: arb) -> arb:
+        return sign / (1 - v * v).sqrt()
+
+    return _smooth(f, slope, lambda x, _: HALF * x * slope(x) ** 3, _of_monotone, low, high)
+
+
+def line_smooth_step(low: arb, high: arb) -> Line:
+    """The function 3 t^2 - 2 t^3 of the number t in [0, 1] that is nearest to x.
+
+    Its derivative is continuous, and changes with x as 6 - 12 t, or not at all beyond the ends.
+    """
+    if high <= 0 or low >= 1:
+        end = ZERO if high <= 0 else ONE
+        return ZERO, end, ZERO, end, end
+
+    def inside(x: arb) -> arb:
+        return x.max(ZERO).min(ONE)
+
+    def curve(x: arb, _: arb) -> arb:
+        own = 3 - 6 * hull(inside(low), inside(high))
+        return own if x >= 0 and x <= 1 else hull(own, ZERO)
+
+    def value(x: arb) -> arb:
+        return inside(x) ** 2 * (3 - 2 * inside(x))
+
+    return _smooth(value, lambda x: 6 * inside(x) * (1 - inside(x)), curve, _of_monotone, low, high)
 
 
 def line_wrap_angle(low: arb, high: arb) -> Line:
@@ -278,8 +355,16 @@ def line_wrap_angle(low: arb, high: arb) -> Line:
         if low - back > -half and high - back < half:
             ends = (low - back).lower(), (high - back).upper()
             return ONE, -back.mid(), arb(back.rad()), arb(ends[0]), arb(ends[1])
-    half = arb(half.upper())
-    return ZERO, ZERO, half, -half, half
+    return ZERO, ZERO, PI_UP, -PI_UP, PI_UP
+
+
+def line_wrapped_double(low: arb, high: arb) -> Line:
+    """What the prelude computes: x itself above -PI up to PI, else the angle of one near x."""
+    if low > -math.pi and high <= math.pi:
+        return ONE, ZERO, ZERO, low, high
+    error = exact(BOUNDS["wrap_angle"].absolute)
+    slope, offset, spread, least, most = line_wrap_angle(low - error, high + error)
+    return slope, offset, spread + error, least, most
 
 
 def _nothing_known() -> Line:
@@ -287,22 +372,83 @@ def _nothing_known() -> Line:
     return ZERO, ZERO, far, -far, far
 
 
+# ---------------------------------------------------------------- functions of two numbers
+
+
+def _plane(
+    f: Callable[[arb, arb], arb], slopes: Sequence[arb], box: Sequence[Range], ends: Range
+) -> Plane:
+    """By the mean value theorem: ranges over a box of both derivatives, and (`ends`) of f."""
+    middles, value, factors, rest = [((a + b) * HALF).mid() for a, b in box], hull(*ends), [], ZERO
+    offset = f(*middles)
+    for (low, high), middle, slope in zip(box, middles, slopes, strict=True):
+        far = abs(high - middle).max(abs(low - middle))
+        factors.append(ZERO if far.is_zero() else slope.mid())
+        offset -= factors[-1] * middle
+        rest += ZERO if far.is_zero() else (slope - factors[-1]) * far * UNIT
+    if not rest.is_finite():
+        return ZERO, ZERO, value.mid(), arb(value.rad()), *ends
+    return factors[0], factors[1], offset + rest.mid(), arb(rest.rad()), *ends
+
+
+def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
+    """The angle of a point: extreme at corners; any where the origin or the ray behind is near."""
+    box = (low_y, high_y), (low_x, high_x)
+    if not (low_x > 0 or low_y > 0 or high_y < 0):
+        return ZERO, ZERO, ZERO, PI_UP, -PI_UP, PI_UP
+    (a, b), (c, d) = (line_square(*ends)[3:] for ends in box)
+    square, y, x = hull(a + c, b + d), hull(*box[0]), hull(*box[1])
+    corners = [arb.atan2(a, b) for a in box[0] for b in box[1]]
+    return _plane(arb.atan2, (x / square, -y / square), box, _extremes(corners))
+
+
+def plane_pow(low_x: arb, high_x: arb, low_y: arb, high_y: arb) -> Plane:
+    """x^y for the x >= 0 of the box, and for all x where y is one whole number >= 0: as above."""
+    xs, ys = (low_x.lower(), high_x.upper()), (low_y.lower(), high_y.upper())
+    if not (ys[0] == ys[1] >= 0 and ys[0].is_integer()):
+        xs = xs[0].max(ZERO), xs[1].max(ZERO)
+
+    def ends(less: int) -> Range:
+        values = [x ** (y - less) for x in xs for y in ys]
+        return _extremes(values if not xs[0] < 0 < xs[1] else [*values, ZERO])
+
+    slopes = hull(*ys) * hull(*ends(1)), hull(*ends(0)) * hull(xs[0].log(), xs[1].log())
+    return _plane(arb.__pow__, slopes, (xs, ys), ends(0))
+
+
 UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "max0": line_max0,
     "abs": line_abs,
     "square": line_square,
     "floor": line_floor,
+    "truncated": line_truncated,
     "inverse": line_inverse,
     "sqrt": line_sqrt,
     "soft_sign": line_soft_sign,
-    "sin": partial(_smooth, arb.sin, arb.cos, lambda x: -x.sin() * HALF),
-    "cos": partial(_smooth, arb.cos, lambda v: -v.sin(), lambda x: -x.cos() * HALF),
-    "exp": partial(_smooth, arb.exp, arb.exp, lambda x: x.exp() * HALF),
+    "sin": partial(_smooth, arb.sin, arb.cos, lambda _, y: -y * HALF, partial(_of_wave, HALF)),
+    "cos": partial(
+        _smooth, arb.cos, lambda v: -v.sin(), lambda _, y: -y * HALF, partial(_of_wave, ZERO)
+    ),
+    "exp": partial(_smooth, arb.exp, arb.exp, lambda _, y: y * HALF, _of_monotone),
     "log": _line_log,
-    "tanh": partial(_smooth, arb.tanh, lambda v: 1 - v.tanh() ** 2, _curve_tanh),
-    "atan": partial(_smooth, arb.atan, lambda v: 1 / (1 + v * v), lambda x: -x / (1 + x * x) ** 2),
-    "tan": partial(_smooth, arb.tan, _slope_of_tan, lambda x: x.tan() * _slope_of_tan(x)),
+    "tanh": partial(
+        _smooth,
+        *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), _of_monotone),
+    ),
+    "atan": partial(
+        _smooth,
+        *(arb.atan, lambda v: 1 / (1 + v * v), lambda x, _: -x / (1 + x * x) ** 2, _of_monotone),
+    ),
+    "tan": _line_tan,
+    "asin": partial(_line_of_arc, 1, arb.asin),
+    "acos": partial(_line_of_arc, -1, arb.acos),
+    "smooth_step": line_smooth_step,
     "wrap_angle": line_wrap_angle,
+    "wrapped_double": line_wrapped_double,
 }
 """Exact functions of one variable; the prelude's errors are added by `symbolic_operations.py`."""
-PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan", "tan")
+BIVARIATE: dict[str, Callable[[arb, arb, arb, arb], Plane]] = {
+    "atan2": plane_atan2,
+    "pow": plane_pow,
+}
+FUNCTIONS: dict[str, Callable[..., tuple[arb, ...]]] = {**UNIVARIATE, **BIVARIATE}

@@ -26,8 +26,8 @@ import numpy as np
 from flint import arb, arb_mat
 
 from soter.certificate.terms.linear_enclosures import (
+    FUNCTIONS,
     ONE,
-    UNIVARIATE,
     ZERO,
     above,
     below,
@@ -169,7 +169,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "range_max0": range_max0,
     "line_noisy_max0": line_noisy_max0,
     "line_or_range": line_or_range,
-    **{f"line_{name}": line for name, line in UNIVARIATE.items()},
+    **{f"line_{name}": line for name, line in FUNCTIONS.items()},
     "negative": lambda low, high: bits(high < 0, low >= 0),
     "not_positive": lambda low, high: bits(high <= 0, low > 0),
     "not": (0, 2, 1, 3).__getitem__,

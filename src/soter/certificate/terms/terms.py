@@ -18,11 +18,13 @@ from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
+    FUNCTIONS,
     ONE,
     TINIEST,
     UNIT_ROUNDOFF,
-    UNIVARIATE,
     ZERO,
+    above,
+    below,
     exact,
     hull,
     larger,
@@ -51,6 +53,8 @@ class Linear:
     nonnegative: bool = False
     """Known not to be negative although rounding hides it: a sum of squares. The number that the
     machine has is not; the bounds of its enclosure may be."""
+    beyond: tuple[Proposition, ...] = ()
+    """What must hold so that the machine has no infinity of its sign in its place."""
 
     @property
     def is_constant(self) -> bool:
@@ -68,7 +72,7 @@ class Linear:
 class Atom:
     """Something that is not linear, or an input.
 
-    kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
+    kind: "state", "box" (an input with fixed range), one of `FUNCTIONS`, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
     numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
@@ -132,12 +136,15 @@ def either(a: Proposition, b: Proposition) -> Proposition:
 
 
 def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
-    """The proposition `c ? a : b`, simplified where one is known."""
+    """The proposition `c ? a : b`, simplified where one is known.
+
+    That a and b hold is a part of it by itself: there it does not matter that c is uncertain.
+    """
     if a.kind == "constant":
         return either(c, b) if a.value else both(negation(c), b)
     if b.kind == "constant":
         return either(negation(c), a) if b.value else both(c, a)
-    return either(both(c, a), both(negation(c), b))
+    return either(either(both(c, a), both(negation(c), b)), both(a, b))
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
@@ -158,6 +165,8 @@ class Terms:
     atoms: list[Atom] = field(default_factory=list)
     obligations: list[Proposition] = field(default_factory=list)
     """The propositions that must hold so that no step fault and no NaN arises."""
+    doubts: list[Proposition] | None = None
+    """Those without which a number that is only compared may be none, as far as it was read."""
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
@@ -168,9 +177,16 @@ class Terms:
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""
+        self._enter(what, self.obligations)
+
+    def oblige_number(self, what: Proposition) -> None:
+        """Demand `what`, without which a float is infinite or no number, but nothing faults."""
+        self._enter(what, self.obligations if self.doubts is None else self.doubts)
+
+    def _enter(self, what: Proposition, among: list[Proposition]) -> None:
         demand = either(negation(self.path), what)
         if demand.kind != "constant" or not demand.value:
-            self.obligations.append(demand)
+            among.append(demand)
 
     # ------------------------------------------------------------ atoms
 
@@ -186,11 +202,13 @@ class Terms:
         index = len(self.atoms) - 1
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
-    def apply_function(self, name: str, x: Linear, *, nonnegative: bool = False) -> Linear:
-        """The term of a function of `UNIVARIATE` at x, as the exact function over real numbers."""
-        low = larger(x.low, ZERO) if x.nonnegative else x.low
-        _, _, _, least, most = UNIVARIATE[name](low, x.high)
-        return self.add_atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
+    def apply_function(self, name: str, *arguments: Linear, nonnegative: bool = False) -> Linear:
+        """The term of a function of `FUNCTIONS`, exactly, over real numbers."""
+        ends: list[arb] = []
+        for x in arguments:
+            ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
+        *_, least, most = FUNCTIONS[name](*ends)
+        return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
 
     def may_be_turned(self, x: Linear) -> bool:
         """Whether a term may stand for numbers any number of turns further (`turning`)."""
@@ -209,16 +227,19 @@ class Terms:
         Where it may leave the range of doubles, that it does not becomes an obligation.
         """
         largest = magnitude(x.low).max(magnitude(x.high))
-        if not largest < LARGEST:  # bounded where it is used, or not at all
-            for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
-                self.oblige(self.below_zero(self.combine(((sign, x),), -LARGEST)))
-            relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
-            enclosure = self.combine(((ONE, x), (ONE, relative)))
-            return replace(enclosure, radius=enclosure.radius + TINIEST, nonnegative=x.nonnegative)
-        error = largest * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF) + TINIEST
-        return Linear(
-            x.const, x.terms, x.radius + error, x.low - error, x.high + error, x.nonnegative
-        )
+        relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
+        if not largest < LARGEST:
+            return self.off_by_its_size(x, relative, TINIEST)
+        error = largest * relative + TINIEST
+        ends = exact(below(x.low)), exact(above(x.high))  # rounding is monotone
+        return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative)
+
+    def off_by_its_size(self, x: Linear, relative: arb, absolute: arb) -> Linear:
+        """What is off `x` by a share of it, bounded where it is used, and may be `beyond`."""
+        beyond = [self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE)]
+        enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
+        radius = enclosure.radius + absolute
+        return replace(enclosure, radius=radius, nonnegative=x.nonnegative, beyond=tuple(beyond))
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
         """Sum factor * part + offset, exactly."""
@@ -255,7 +276,9 @@ class Terms:
         return total
 
     def subtract(self, a: Linear, b: Linear) -> Linear:
-        """The difference `a - b`."""
+        """The difference `a - b`; 0 where both are one number, however that was rounded."""
+        if is_same_number(a, b):
+            return self.constant(0.0)
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
@@ -441,27 +464,6 @@ def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of the inputs that the terms depend on."""
     needed = atoms_under(terms, roots)
     return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
-
-
-def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
-    """Roughly how much inputs move what is compared in a proposition; a guide, no bound."""
-    moved: dict[int, arb] = {}
-
-    def of(x: Linear) -> arb:
-        return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
-
-    for index in sorted(atoms_under(terms, [root])):
-        atom = terms.atoms[index]
-        if atom.arguments:
-            moved[index] = sum((of(x) for x in atom.arguments), ZERO)
-        elif index in inputs:
-            moved[index] = atom.high - atom.low
-
-    def compared(x: Proposition) -> arb:
-        total = sum((compared(p) for p in x.parts), ZERO)
-        return total if x.argument is None else total + of(x.argument)
-
-    return compared(root)
 
 
 def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A certificate whose claims are taken for shown, and a tube that asks for little."""
-    monkeypatch.setattr(check_rest, "_show_claims", lambda *_: None)
+    monkeypatch.setattr(check_rest, "_ways_to_show", lambda *_: ())
     monkeypatch.setattr(flight_check, "tube_of_entry", lambda *_: Standstill())
     return certificate(tmp_path / "cert")
 

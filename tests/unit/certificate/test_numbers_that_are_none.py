@@ -1,0 +1,241 @@
+"""Numbers that are none and only compared, written twice, of one error, or chosen by a truth."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import soter
+from soter.certificate import rechecker
+from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
+from soter.certificate.terms.compile_terms import (
+    compile_lines,
+    compile_step,
+    compile_truths,
+    form_of_box,
+)
+from soter.certificate.terms.linear_enclosures import ONE, exact
+from soter.certificate.terms.straight_line import CERTAIN
+from soter.certificate.terms.terms import TRUE, Linear, Terms, choice_of_truths
+from soter.language.front_end import check_file
+from soter.language.model import typed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FALSE_BITS, EITHER = 1, 3
+PROGRAM = """soter 1;
+fun low(v: float): bool {{ return v < 0.25; }}
+fun f(x: float, e: float): {kind} {{ {body} }}
+"""
+
+
+def read(folder: Path, body: str, *, kind: str = "bool", reach: float = 2.0) -> Any:
+    """(terms, what the function f gives of two inputs in [-reach, reach])."""
+    path = folder / "one.soter"
+    text = body if "return" in body else f"return {body};"
+    path.write_text(PROGRAM.format(kind=kind, body=text), encoding="utf-8")
+    program = check_file(str(path)).program
+    assert program is not None
+    fun, terms = program.funs["f"], Terms()
+    inputs = [terms.add_input("state", n, exact(-reach), exact(reach)) for n in "xe"]
+    reads = tuple(typed.VarRead(p.type, p.span, p) for p in fun.parameters)
+    call = typed.TypedCall(fun.result, fun.span, fun, reads)
+    value = SymbolicReader(terms, Surroundings({}, {})).expression(
+        call, dict(zip(fun.parameters, inputs, strict=True))
+    )
+    return terms, value
+
+
+def bits(terms: Terms, truth: Any, x: tuple[float, float]) -> int:
+    """The bits of a truth where the first input lies in a range, the other one at 0."""
+    if isinstance(truth, bool):
+        return CERTAIN if truth else FALSE_BITS
+    form = form_of_box([(exact(x[0]), exact(x[1])), (exact(0.0), exact(0.0))], symbols=False)
+    (found,) = compile_truths(terms, [0, 1], [truth], {})(form)
+    return int(found)
+
+
+def demanded(terms: Terms, x: tuple[float, float]) -> bool:
+    """Whether everything that is demanded is certain there."""
+    return all(bits(terms, o, x) == CERTAIN for o in terms.obligations)
+
+
+@pytest.mark.parametrize(
+    ("body", "defined", "holds"),
+    [
+        ("sqrt(x) < 0.5", (0.0, 0.2), (0.5, 2.0)),
+        ("log(x) < -1.0", (0.01, 0.3), (0.5, 2.0)),
+        ("asin(x) < 0.5", (-1.0, 0.4), (0.5, 1.0)),
+        ("acos(x) > 1.5", (-1.0, 0.0), (0.1, 1.0)),
+        ("pow(x, 1.5) < 0.25", (0.0, 0.3), (0.5, 2.0)),
+        ("clamp(0.0, 0.0, x) == 0.0", (0.0, 1.0), (math.inf, math.inf)),
+        ("exp(800.0 * x) > 1.0", (0.01, 0.02), (-2.0, -0.01)),
+        ("x * 1.0e308 * 10.0 < 1.0", (-0.05, -0.01), (0.01, 0.05)),
+    ],
+)
+def test_a_comparison_has_a_value_also_where_a_number_may_be_none(
+    tmp_path: Path, body: str, defined: tuple[float, float], holds: tuple[float, float]
+) -> None:
+    """Where it is one the comparison is known as ever; where it may be none nothing is known."""
+    terms, truth = read(tmp_path, body)
+    assert terms.obligations == []
+    assert bits(terms, truth, defined) == CERTAIN
+    if holds[0] < math.inf:
+        assert bits(terms, truth, holds) == FALSE_BITS
+    for outside in ((-2.0, 2.0), (-2.0, -0.5), (1.25, 2.0)):
+        value = soter.load(tmp_path / "one.soter").function("f")
+        ends = {bool(value(x, 0.0)) for x in (*outside, sum(outside) / 2)}
+        found = bits(terms, truth, outside)
+        assert found == EITHER or (found == CERTAIN) is ends.pop()
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "low(sqrt(x))",
+        "let y = sqrt(x); return y < 0.5;",
+        "int(sqrt(x)) < 3",
+        "1.0 / (x * x - 1.0) < 3.0",
+        "x > 0.5 ? sqrt(x) < 0.5 : int(sqrt(x)) == 0",
+    ],
+)
+def test_what_is_used_otherwise_or_faults_is_demanded(tmp_path: Path, body: str) -> None:
+    """An int of no number is a fault, so is a division by 0; an argument goes anywhere."""
+    terms, _ = read(tmp_path, body)
+    assert terms.obligations
+    assert not demanded(terms, (-1.5, 1.5))
+
+
+def test_what_a_truth_chooses_of_two_that_hold_holds(tmp_path: Path) -> None:
+    terms, truth = read(tmp_path, "x > 0.0 ? x < 1.0 : x > -1.0")
+    for x, wanted in (((-0.5, 0.5), CERTAIN), ((1.25, 2.0), FALSE_BITS), ((0.5, 1.5), EITHER)):
+        assert bits(terms, truth, x) == wanted
+    made = Terms()
+    x, y = (made.add_input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
+    c = made.below_zero(y)
+    a, b = (made.below_zero(made.combine(((f, x),), exact(-1.0))) for f in (ONE, -ONE))
+    for p, q in itertools.product((a, b, TRUE), repeat=2):
+        truth = choice_of_truths(c, p, q)
+        form = form_of_box([(exact(-0.5), exact(0.5)), (exact(-1.0), exact(1.0))], symbols=False)
+        assert compile_truths(made, [0, 1], [truth], {})(form) == (CERTAIN,)
+
+
+def width(terms: Terms, value: Linear, x: tuple[float, float]) -> float:
+    """How wide a number's row is where the first input is known, the other one anywhere."""
+    lines: Any = compile_lines(terms, [0], 1, [value], [], {1: (exact(-0.5), exact(0.5))})
+    form = form_of_box([(exact(x[0]), exact(x[1]))], symbols=True)
+    (_, _, spread, _, _) = lines(form)
+    return 2 * float(spread)
+
+
+@pytest.mark.parametrize(
+    ("body", "alone"),
+    [
+        ("max(x + e, -1.9) - e", 0.0),
+        ("max(x + e, -1.9) - max(x + e, -1.8)", 0.0),
+        ("sin(x + e) - 0.9 * e", 0.35),
+        ("hypot(x + e, 1.0) + 0.2 * (x - e)", 0.5),
+    ],
+)
+def test_of_one_error_that_comes_several_ways_a_part_may_cancel(
+    tmp_path: Path, body: str, alone: float
+) -> None:
+    terms, value = read(tmp_path, body, kind="float")
+    assert width(terms, value, (0.3, 0.3)) <= alone + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("body", "width_"),
+    [
+        ("sin(x) * sin(x)", (0.0, 1.0)),
+        ("atan2(x, 2.0) - atan2(x, 2.0)", (0.0, 0.0)),
+        ("clamp(x, -e, 1.0) - clamp(x, -e, 1.0)", (0.0, 0.0)),
+        ("(x < 0.5 ? x : 1.0) - (x < 0.5 ? x : 1.0)", (0.0, 0.0)),
+        ("(x + 0.1) * (x + 0.1)", (0.0, 4.5)),
+    ],
+)
+def test_what_is_written_twice_is_one_number(
+    tmp_path: Path, body: str, width_: tuple[float, float]
+) -> None:
+    _, value = read(tmp_path, body, kind="float")
+    assert width_[0] - 1e-9 <= float(value.low)
+    assert float(value.high) <= width_[1] + 1e-9
+
+
+def test_what_is_rounded_otherwise_is_another_number(tmp_path: Path) -> None:
+    """(a + b) + c and a + (b + c) may differ by what is rounded, though they are alike."""
+    _, value = read(tmp_path, "((x + 0.1) + 0.2) - (x + (0.1 + 0.2))", kind="float")
+    assert float(value.high) > 1e-17
+
+
+SC = "clamp(-2.0 * x, -1.0, 1.0)"
+MODULE = """soter 1;
+topic x: float in [-3.0, 3.0] max_age 20ms;
+topic u: float in [-1.0, 1.0] = 0.0;
+plant P period 10ms {
+  reads u; drives x = p; state p: float in [-0.1, 0.1]; der p = u; measured x within 0.02;
+}
+node Fast period 50ms { publishes u; step { publish u = 1.0; } }
+node Slow period 50ms { subscribes x; publishes u; step { publish u = SC; } }
+rta M {
+  ac Fast; sc Slow; period 100ms; safe abs(x) < 1.0; ttf abs(x) > 0.5; safer abs(x) < 0.4;
+  verify { grid x in [-1.25, 1.25] / 25; }
+}
+system S default { p: P; module M; until 10s; }
+"""
+
+
+@pytest.mark.parametrize("law", [SC, "clamp(-1.0e308 * x * 10.0 + 1.0, -1.0, 1.0)"])
+def test_an_infinite_number_that_a_limit_catches_does_no_harm(tmp_path: Path, law: str) -> None:
+    (tmp_path / "p.soter").write_text(MODULE.replace("SC;", f"{law};", 1))
+    (module,) = soter.load(tmp_path / "p.soter").verify(cert=tmp_path / "c", refute=False).modules
+    assert module.verdict == "proved"
+    assert rechecker.recheck(tmp_path / "c", 1).verdict == "accepted"
+
+
+HUGE = "x * 1.0e308"
+
+
+@pytest.mark.parametrize(
+    ("body", "demanded_"),
+    [
+        (f"clamp({HUGE}, -1.0, 1.0)", False),
+        (f"clamp(-({HUGE}), -1.0, 1.0)", False),
+        (f"clamp({HUGE} * 2.0, -1.0, 1.0)", False),
+        (f"clamp(-3.0 * ({HUGE}), -1.0, 1.0)", False),
+        (f"clamp({HUGE} + e, -1.0, 1.0)", False),
+        (f"clamp(e - {HUGE}, -1.0, 1.0)", False),
+        (f"clamp(x > 0.0 ? {HUGE} : e, -1.0, 1.0)", False),
+        (f"clamp({HUGE} * 0.5, -1.0, 1.0)", True),
+        (f"clamp({HUGE} * e, -1.0, 1.0)", True),
+        (f"clamp({HUGE} - e * 1.0e308, -1.0, 1.0)", True),
+        (f"clamp({HUGE} + 1.0e308, -1.0, 1.0)", True),
+        (f"clamp(1.0 / (abs({HUGE}) + 1.0), -1.0, 1.0)", True),
+        (f"clamp(({HUGE}) / 3.0, -1.0, 1.0)", True),
+        (f"sin(clamp({HUGE}, e * 1.0e308, 1.0e308))", True),
+        (f"tanh({HUGE})", True),
+        (f"let y = {HUGE}; return x < 0.5 ? clamp(y, -1.0, 1.0) : 0.5 * y;", True),
+        (f"let y = x < 0.5 ? {HUGE} : x; return x > 0.6 ? 0.5 * y : 0.0;", False),
+    ],
+)
+def test_what_is_made_of_an_infinite_number_is_as_large_or_that_it_is_none_is_demanded(
+    tmp_path: Path, body: str, demanded_: bool
+) -> None:
+    """Whatever is not demanded is enclosed: the machine's value lies in the range of the term."""
+    terms, value = read(tmp_path, body, kind="float")
+    function, fine = soter.load(tmp_path / "one.soter").function("f"), True
+    for k in range(-32, 33):
+        x = k / 16.0
+        form = form_of_box([(exact(x), exact(x)), (exact(0.5), exact(0.5))], symbols=False)
+        truths = compile_truths(terms, [0, 1], [*terms.obligations, *value.beyond], {})(form)
+        if any(t != CERTAIN for t in truths):
+            fine = False
+            continue
+        step: Any = compile_step(terms, [0, 1], 2, [value], ranges=[value])
+        _, (low, high) = step(form_of_box([(exact(v), exact(v)) for v in (x, 0.5)], symbols=True))
+        assert low <= function(x, 0.5) <= high
+    assert fine is not demanded_
