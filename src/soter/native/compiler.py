@@ -19,6 +19,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake, reason
 from soter.report.wording import visible
 from soter.version import pip_install
 
@@ -177,6 +178,8 @@ TIMEOUT_S = 300
 LINES, LINE_MAX = 8, 1000
 """How many lines of a compiler's output are shown, and letters of each."""
 DEFECT = "this is a defect of soter: please report it with the program"
+ROOM = 4 * 2**20
+"""Bytes for files of a compiler: where there is no room for so many, that is why it failed."""
 WARNINGS = (
     "-Wall",
     "-Wextra",
@@ -258,6 +261,16 @@ def told_version(compiler: Compiler) -> str:
     return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
 
 
+def _require_room(work: Path) -> None:
+    for folder in (os.environ.get("TMPDIR") or tempfile.gettempdir(), work):
+        try:
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(ROOM))
+        except OSError as error:
+            text = f"nothing compiles without room in `{visible(str(folder))}`: {reason(error)}"
+            raise mistake("D006", text, "make room there; TMPDIR names another folder") from error
+
+
 def compile_with(
     command: Sequence[str],
     work: Path,
@@ -265,11 +278,15 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Run a compiler in `work`; SoterError X004 with its lines, those with `telling` if any."""
+    """Run a compiler in `work`; SoterError D006 if there is no room, else X004 with its lines.
+
+    With `telling` only lines with one of these words, if there are any.
+    """
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:
         return
+    _require_room(work)
     lines = done.text.replace(str(work) + os.sep, "").strip().splitlines()
     shown = [x for x in lines if any(word in x for word in telling)] or lines
     notes = [visible(x[:LINE_MAX]) for x in shown[:LINES]]

@@ -51,6 +51,7 @@ DRIVER = (
     *("soter_posix_setup.c", "soter_posix_workers.c"),
     *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
     *("soter_status.h", "soter_posix_status.c", "soter_posix_looks.c"),
+    *("soter_process.h", "soter_process.c"),
 )
 WORKER = "soter_worker.c"
 APP_SOURCE = "soter_posix_app.c"
@@ -111,7 +112,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
         commands=[f"make -C {folder}", f"{folder}/{command}"],
         programs={
             command: ["-pthread", "-I.", *trusted],
-            **{name: [*_folder(of), "-I.", *of] for name, of in beside.items()},
+            **{name: [*_folder(of), "-pthread", "-I.", *of] for name, of in beside.items()},
         },
     )
 

@@ -4,8 +4,9 @@
  * than its lease says, by a clock of our own, and then hold the fail-safe law until somebody arms
  * us anew: SIGUSR1, taken where the trusted part says that the proof speaks of this state, or
  * SIGUSR2, whatever the state is. What is applied goes to `soter_actuate` and, for whoever looks,
- * into the channels of the module's topics; what we are about into `soter.actuators`. At the end,
- * and on the terminal, what happened.
+ * into the channels of the module's topics; what we are about into `soter.actuators`. At the end
+ * the law is applied, whatever ends it; then it says what happened. Words wait for nobody
+ * (soter_process.h).
  * Non-goals: the program; devices (actuate.c is yours).
  */
 #ifndef _GNU_SOURCE
@@ -16,6 +17,7 @@
 #include "soter_actuator_app.h"
 #include "soter_outside.h"
 #include "soter_posix_check.h"
+#include "soter_process.h"
 #include "soter_status_text.h"
 
 #include <errno.h>
@@ -33,6 +35,7 @@
 #define SECOND INT64_C(1000000000)
 #define PERIOD_NS INT64_C(500000)
 #define PRIORITY 81
+#define HELD_UP_NS SECOND /* less than the patience of --arm */
 #define HEAD_BYTES ((size_t)24)
 
 static const char* const USAGE =
@@ -40,7 +43,7 @@ static const char* const USAGE =
     "       %s --channels FOLDER --arm [--unchecked]\n"
     "--arm, or SIGUSR1, arms the leases of the actuators that run anew, where the trusted part\n"
     "says that every module's safer holds on fresh readings; --unchecked, or SIGUSR2, whatever it\n"
-    "says. SIGTERM ends them, with a report.\n";
+    "says. SIGTERM ends them, with the law and a report.\n";
 
 typedef struct {
   soter_outside in;
@@ -83,6 +86,10 @@ static void on_signal(int number) {
   }
 }
 
+static void on_fault(int number) {
+  soter_check_failed("signal", number, "free of faults");
+}
+
 static int64_t clock_ns(void) {
   struct timespec t = {0, 0};
   const bool told = clock_gettime(CLOCK_MONOTONIC, &t) == 0;
@@ -106,12 +113,12 @@ static void say(uint32_t k, int64_t now) {
   if (us.quiet) {
     return;
   }
-  (void)fprintf(stderr, "%.6f %s: %s", (double)now / 1e9, soter_actuator_modules[k].name,
-                words[m->lease.state]);
+  char late[64] = "";
   if (m->lease.state == SOTER_LEASE_ENDED) {
-    (void)fprintf(stderr, ", %.1f us after it", (double)(now - m->lease.until) / 1e3);
+    (void)snprintf(late, sizeof late, ", %.1f us after it", (double)(now - m->lease.until) / 1e3);
   }
-  (void)fputc('\n', stderr);
+  soter_process_say("%.6f %s: %s%s", (double)now / 1e9, soter_actuator_modules[k].name,
+                    words[m->lease.state], late);
 }
 
 static void take(uint32_t k) {
@@ -180,8 +187,8 @@ static bool may_arm(int64_t now) {
     }
     m->answer = soter_lease_may_arm(&m->lease, now, m->head[0], m->head[1], m->head[2]);
     if (m->answer != SOTER_ARM_FINE && !us.quiet) {
-      (void)fprintf(stderr, "%.6f %s: not armed: %s\n", (double)now / 1e9,
-                    soter_actuator_modules[k].name, soter_arm_text(m->answer));
+      soter_process_say("%.6f %s: not armed: %s", (double)now / 1e9, soter_actuator_modules[k].name,
+                        soter_arm_text(m->answer));
     }
     fine = fine && m->answer == SOTER_ARM_FINE;
   }
@@ -210,6 +217,9 @@ static void arm(void) {
   const bool checked = arming == SIGUSR1;
   const int64_t now = clock_ns();
   arming = 0;
+  if (us.turns > 0U && now - us.module[0].turned_ns > HELD_UP_NS) {
+    return; /* whoever asked has been told that nobody answers */
+  }
   us.told_ns = 0; /* the answer is told at once */
   if (checked && !may_arm(now)) {
     us.not_armed++;
@@ -267,6 +277,10 @@ static void turns(void) {
     const struct timespec t = {.tv_sec = (time_t)(wake / SECOND), .tv_nsec = (long)(wake % SECOND)};
     (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
   }
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    (void)memcpy(us.module[k].held, us.module[k].lease.info->law, us.module[k].lease.info->size);
+    apply(k, false, clock_ns());
+  }
 }
 
 /* ------------------------------------------------------------------ a check that fails */
@@ -284,12 +298,12 @@ void soter_check_failed(const char* file, int line, const char* what) {
       soter_actuate(k, soter_actuator_modules[k].lease->law, false);
     }
     if (!said) { /* the devices come first */
-      soter_posix_say(file, line, what);
+      soter_process_say("soter has a defect: %s:%d: not %s", file, line, what);
       said = true;
     }
     (void)nanosleep(&nap, NULL);
   }
-  _exit(SOTER_DEFECT);
+  _exit(again ? SOTER_DEFECT : soter_process_end(SOTER_DEFECT));
 }
 
 /* ------------------------------------------------------------------ the report */
@@ -411,14 +425,14 @@ static void be_on_time(void) {
   us.locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
   us.fifo = sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
   if (!us.fifo && !us.quiet) {
-    (void)fprintf(stderr,
-                  "soter: SCHED_FIFO is not permitted (%s): the law comes late where the machine "
-                  "is busy\n",
-                  strerror(errno));
+    soter_process_say(
+        "soter: SCHED_FIFO is not permitted (%s): the law comes late where the machine is busy",
+        strerror(errno));
   }
 }
 
 int main(int count, char** words) {
+  static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS};
   if (!parse(count, words)) {
     (void)fprintf(stderr, USAGE, words[0], words[0]);
     return EXIT_USAGE;
@@ -426,22 +440,22 @@ int main(int count, char** words) {
   if (us.arm) {
     return soter_actuator_request(us.channels, us.unchecked);
   }
-  if (!open_all()) {
+  if (!soter_process_begin(on_signal)) {
     return EXIT_FAILURE;
   }
+  if (!open_all()) {
+    return soter_process_end(EXIT_FAILURE);
+  }
   be_on_time();
-  struct sigaction act;
-  (void)memset(&act, 0, sizeof act);
-  act.sa_handler = on_signal;
-  (void)sigaction(SIGTERM, &act, NULL);
-  (void)sigaction(SIGINT, &act, NULL);
-  (void)sigaction(SIGUSR1, &act, NULL);
-  (void)sigaction(SIGUSR2, &act, NULL);
+  for (size_t k = 0; k < sizeof faults / sizeof faults[0]; k++) {
+    (void)signal(faults[k], on_fault);
+  }
   turns();
+  soter_process_ending();
   if (us.json) {
     report(stdout);
   } else {
     report_words(stdout);
   }
-  return fflush(stdout) == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+  return soter_process_end(EXIT_SUCCESS);
 }

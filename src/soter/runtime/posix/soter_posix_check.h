@@ -18,12 +18,16 @@
 #define SOTER_DEFECT 70     /* the exit code */
 #define SOTER_LINE_MOST 512 /* a pipe that can be written takes as much at once */
 
+/* soter_process.h, where the process has it: what it is about to leave is not passed on any more */
+extern int soter_process_stderr __attribute__((weak));
+
 static inline void soter_posix_say(const char* file, int line, const char* what) {
   char text[SOTER_LINE_MOST];
-  struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT};
+  const int to = &soter_process_stderr == NULL ? STDERR_FILENO : soter_process_stderr;
+  struct pollfd out = {.fd = to, .events = POLLOUT};
   (void)snprintf(text, sizeof text, "soter has a defect: %s:%d: not %s\n", file, line, what);
   if (poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
-    const ssize_t written = write(STDERR_FILENO, text, strlen(text));
+    const ssize_t written = write(to, text, strlen(text));
     (void)written;
   }
 }

@@ -124,12 +124,17 @@ static void become_worker(const soter_posix* d, uint32_t k, pid_t parent) {
   sigset_t none;
   (void)sigemptyset(&none);
   (void)sigprocmask(SIG_SETMASK, &none, NULL);
+  for (int number = 1; number <= SIGRTMAX; number++) {
+    (void)signal(number, SIG_DFL); /* what we ignore it need not */
+  }
   (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent || setsid() < 0) {
     _exit(NOT_STARTED);
   }
   (void)dup2(w->request_fd, REQUEST_FD);
   (void)dup2(w->answer_fd, ANSWER_FD);
+  const int words = open("/proc/self/fd/2", O_WRONLY | O_NONBLOCK); /* for us it stays as it is */
+  (void)dup2(words, STDERR_FILENO);
   (void)dup2(STDERR_FILENO, STDOUT_FILENO); /* our standard output is ours */
   for (int fd = FIRST_OTHER_FD; fd < LAST_OTHER_FD; fd++) {
     (void)close(fd);
@@ -364,7 +369,7 @@ void soter_posix_await(soter_posix* d) {
     soter_worker_status* const s = &d->status->worker[k];
     SOTER_CHECK(d->workers[k].answer != NULL);
     while (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k) && now_ns() < end_ns &&
-           __atomic_load_n(&s->ends, __ATOMIC_ACQUIRE) == 0U) {
+           __atomic_load_n(&s->ends, __ATOMIC_ACQUIRE) == 0U && d->stop == 0) {
       (void)nanosleep(&nap, NULL);
     }
     if (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k)) {

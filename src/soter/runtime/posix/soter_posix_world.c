@@ -12,7 +12,6 @@
 
 #include "soter_posix.h"
 
-#include <signal.h>
 #include <string.h>
 #include <time.h>
 
@@ -68,15 +67,6 @@ static bool heard(soter_posix* d, uint32_t k) {
   return found && (t->max_age_ns < 0 || soter_posix_clock() - time_ns <= t->max_age_ns);
 }
 
-/* Signals are blocked until the trusted thread runs, and wait. */
-static bool asked_to_end(void) {
-  sigset_t waiting;
-  (void)sigemptyset(&waiting);
-  (void)sigpending(&waiting);
-  return sigismember(&waiting, SIGINT) == 1 || sigismember(&waiting, SIGTERM) == 1 ||
-         sigismember(&waiting, SIGHUP) == 1;
-}
-
 bool soter_posix_hear(soter_posix* d) {
   const struct timespec nap = {0, NAP_NS};
   const int64_t end_ns = soter_posix_clock() + d->options.wait_ns;
@@ -85,7 +75,7 @@ bool soter_posix_hear(soter_posix* d) {
       continue;
     }
     bool found = heard(d, k);
-    while (!found && soter_posix_clock() < end_ns && !asked_to_end()) {
+    while (!found && soter_posix_clock() < end_ns && d->stop == 0) {
       (void)nanosleep(&nap, NULL);
       found = heard(d, k);
     }
@@ -96,7 +86,7 @@ bool soter_posix_hear(soter_posix* d) {
                        soter_app_outside[k].name);
     }
   }
-  return !asked_to_end();
+  return d->stop == 0;
 }
 
 bool soter_posix_leases_over(const soter_posix* d) {
