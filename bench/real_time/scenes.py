@@ -16,15 +16,12 @@ Purpose: a table; exit code 1 where the law came late or never. Non-goals: SIGKI
 from __future__ import annotations
 
 import argparse
-import fcntl
 import os
-import pty
 import re
 import signal
 import subprocess
 import sys
 import tempfile
-import termios
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
@@ -35,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from bench.mavlink import mavlink_stack  # noqa: E402
+from bench.real_time.scene_parts import Deed  # noqa: E402
 from bench.ros import dds_peers, ros1_nodes  # noqa: E402
 
 if TYPE_CHECKING:
@@ -146,7 +144,7 @@ def robots(place: Path, stack: ExitStack, only: str) -> Iterator[tuple[str, Robo
         made |= {"trusted": [str(program), *channels, "--misses", "1000000"]}
         return Robot(LEASE_MS[program.name], shm / name, place / f"{name}.txt", made, around)
 
-    world = [sys.executable, str(Path(__file__).with_name("scenes_world.py"))]
+    world = [sys.executable, str(Path(__file__).with_name("scene_parts.py"))]
     talker = place / "talker.soter"
     talker.write_text(NODE.sub(TALKER, EXAMPLE.read_text(encoding="utf-8")))
     (place / "t.c").write_text(TALKS)
@@ -172,7 +170,7 @@ def robots(place: Path, stack: ExitStack, only: str) -> Iterator[tuple[str, Robo
         made = robot(
             "ros1", program, [f"{program}_bridge", "_channels:=HERE"], world=[plant], ac=[ac]
         )
-        made.environment = stack.enter_context(ros1_nodes.nodes()).environment
+        made.environment |= stack.enter_context(ros1_nodes.nodes()).environment or {}
         yield "ros1", made
     if only in "mavlink":
         package, port = mavlink_stack.built_package(place / "mavlink"), mavlink_stack.free_port()
@@ -188,49 +186,6 @@ def robots(place: Path, stack: ExitStack, only: str) -> Iterator[tuple[str, Robo
 
 
 # ---------------------------------------------------------------- a scene
-
-
-class Deed:
-    """What is done to a process: how it is `given` its descriptors, what happens, `ends` it."""
-
-    def __init__(self, what: str) -> None:
-        self.stream, _, self.how = what.partition(" ")
-        self.given: dict[str, Any] = {}
-        self.files: tuple[int, ...] = ()
-        number, stays = getattr(signal, what, None), "USR1 PIPE XFSZ TSTP TTIN TTOU CONT WINCH"
-        self.number = number or (signal.SIGRTMIN + 3 if what == "SIGRTMIN+3" else None)
-        self.ends = what == "terminal gone" or (bool(self.number) and what[3:] not in stays.split())
-        if self.stream == "terminal":
-            self.files = pty.openpty()
-            self.given = dict.fromkeys(("stdin", "stdout", "stderr"), self.files[1])
-            self.given["preexec_fn"] = lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-        elif self.how == "closed":
-            self.given = {"preexec_fn": lambda: os.close(("in", "out", "err").index(what[3:-7]))}
-        elif self.how:
-            self.files = os.pipe()
-            self.given = {self.stream: self.files[1]}
-
-    def now(self, process: subprocess.Popen[Any]) -> None:
-        """It happens."""
-        if self.number:
-            process.send_signal(self.number)
-        elif self.how == "stopped":
-            os.write(self.files[0], b"\x13")
-        elif self.how == "full":
-            os.set_blocking(self.files[1], False)
-            for size in (4096, 1):
-                with suppress(BlockingIOError):
-                    while True:
-                        os.write(self.files[1], b" " * size)
-            os.set_blocking(self.files[1], True)
-        elif self.how == "gone":
-            self.over()
-
-    def over(self) -> None:
-        """Nothing of it stays open."""
-        while self.files:
-            os.close(self.files[-1])
-            self.files = self.files[:-1]
 
 
 def flown(robot: Robot, who: str, what: str, when: str) -> str | float:
@@ -276,8 +231,11 @@ def judged(robot: Robot, who: str, deed: Deed, when: str) -> str | float:
     time.sleep(0.2)
     if law is None or robot.told()[-1][1]:
         return "never"
-    if who in robot.running and not robot.end(who):
-        return "does not end"
+    if who in robot.running:
+        if not deed.ends and robot.running[who].poll() is not None:
+            return "dies"
+        if not robot.end(who):
+            return "does not end"
     return (law - since) / 1e6 if law > since else "stood before"
 
 
@@ -308,14 +266,14 @@ def main() -> int:
             stack.callback(robot.end_all)
             robot.renew()
             for who, what, when in scenes(name):
-                bound, found, tries = robot.lease_ms + MARGIN_MS, "", 0
-                while isinstance(found, str) or found > bound:
-                    found, tries = flown(robot, who, what, when), tries + 1
-                    if tries == TRIES:
+                bound = robot.lease_ms + MARGIN_MS
+                for _ in range(TRIES):
+                    found = flown(robot, who, what, when)
+                    wrong = isinstance(found, str) or found > bound
+                    if not wrong:
                         break
                     if found == "does not move":
                         robot.renew()
-                wrong = isinstance(found, str) or found > bound
                 count, bad = count + 1, bad + wrong
                 shown = found if isinstance(found, str) else f"{found:.1f}"
                 print(f"{name:<9} {who:<9} {what:<18} {when:<7} {shown:>14}  {bound:g}", flush=True)

@@ -39,7 +39,10 @@ UNTIL = ("--until", "1", "--bare", "0")
 STREAMS = ("stdin", "stdout", "stderr")
 ENDS = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGALRM)
 ENDS += (signal.SIGPROF, signal.SIGXCPU, signal.SIGPWR, signal.SIGIO, signal.SIGVTALRM)
+ENDS += (signal.SIGRTMIN, signal.SIGRTMAX)
+OF_THE_C_LIBRARY = (32, 33)
 STAYS = (signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+STAYS += OF_THE_C_LIBRARY
 FAULTS = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGSYS)
 
 

@@ -19,6 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #define FIRST_FD 5     /* away from those that a worker has */
@@ -85,10 +86,14 @@ bool soter_process_begin(void (*on_end)(int)) {
   while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO) {
   }
   (void)close(file);
+  (void)setvbuf(stdout, NULL, _IOLBF, BUFSIZ); /* as on a terminal */
   for (int number = 1; number <= SIGRTMAX; number++) {
     const bool known = sigaction(number, NULL, &was) == 0;
     const bool nohup = number == SIGHUP && known && was.sa_handler == SIG_IGN;
-    if ((IGNORED & BIT(number)) != 0U) {
+    if (!known) { /* the C library's own, until it wants one */
+      const uintptr_t ignored[8] = {(uintptr_t)SIG_IGN};
+      (void)syscall(SYS_rt_sigaction, number, ignored, NULL, 8U);
+    } else if ((IGNORED & BIT(number)) != 0U) {
       (void)signal(number, SIG_IGN);
     } else if ((LEFT & BIT(number)) == 0U && !nohup) {
       (void)sigaction(number, &act, NULL);
