@@ -178,8 +178,6 @@ TIMEOUT_S = 300
 LINES, LINE_MAX = 8, 1000
 """How many lines of a compiler's output are shown, and letters of each."""
 DEFECT = "this is a defect of soter: please report it with the program"
-ROOM = 4 * 2**20
-"""Bytes for files of a compiler: where there is no room for so many, that is why it failed."""
 WARNINGS = (
     "-Wall",
     "-Wextra",
@@ -262,10 +260,11 @@ def told_version(compiler: Compiler) -> str:
 
 
 def _require_room(work: Path) -> None:
+    """Raises SoterError D006 where a folder that a compiler writes to takes no 4 MiB."""
     for folder in (os.environ.get("TMPDIR") or tempfile.gettempdir(), work):
         try:
             with tempfile.TemporaryFile(dir=folder) as file:
-                file.write(bytes(ROOM))
+                file.write(bytes(4 << 20))
         except OSError as error:
             text = f"nothing compiles without room in `{visible(str(folder))}`: {reason(error)}"
             raise mistake("D006", text, "make room there; TMPDIR names another folder") from error
@@ -278,10 +277,7 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Run a compiler in `work`; SoterError D006 if there is no room, else X004 with its lines.
-
-    With `telling` only lines with one of these words, if there are any.
-    """
+    """Run a compiler in `work`; SoterError X004 with its lines, those with `telling` if any."""
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:

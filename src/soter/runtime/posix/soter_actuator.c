@@ -15,8 +15,8 @@
 
 #include "soter_actuator.h"
 #include "soter_actuator_app.h"
+#include "soter_check.h"
 #include "soter_outside.h"
-#include "soter_posix_check.h"
 #include "soter_process.h"
 #include "soter_status_text.h"
 
@@ -32,6 +32,7 @@
 #include <unistd.h>
 
 #define EXIT_USAGE 2
+#define EXIT_DEFECT 70
 #define SECOND INT64_C(1000000000)
 #define PERIOD_NS INT64_C(500000)
 #define PRIORITY 81
@@ -303,7 +304,7 @@ void soter_check_failed(const char* file, int line, const char* what) {
     }
     (void)nanosleep(&nap, NULL);
   }
-  _exit(again ? SOTER_DEFECT : soter_process_end(SOTER_DEFECT));
+  _exit(again ? EXIT_DEFECT : soter_process_end(EXIT_DEFECT));
 }
 
 /* ------------------------------------------------------------------ the report */

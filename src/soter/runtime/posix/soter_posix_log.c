@@ -151,7 +151,8 @@ static void watch_workers(soter_posix* d) {
   }
 }
 
-static void watch_trusted(soter_posix* d) {
+void soter_posix_watch(soter_posix* d) {
+  watch_workers(d);
   const int64_t beat = __atomic_load_n(&d->heartbeat_ns, __ATOMIC_ACQUIRE);
   const int64_t period = APP_LONGEST_NS + SILENT_NS;
   if (beat != 0 && !d->silent_seen && soter_posix_clock() - beat > period &&
@@ -160,11 +161,6 @@ static void watch_trusted(soter_posix* d) {
     soter_posix_note(d, "the trusted thread has been silent for more than %.1f s",
                      (double)period / 1e9);
   }
-}
-
-void soter_posix_watch(soter_posix* d) {
-  watch_workers(d);
-  watch_trusted(d);
 }
 
 static void show(const soter_posix* d, const soter_record* r, uint64_t instants, uint64_t misses) {

@@ -22,7 +22,6 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#define FIRST_FD 5     /* away from those that a worker has */
 #define LINE_MOST 1024 /* a pipe takes as much whole, or not at all */
 #define STACK_BYTES ((size_t)64 * 1024)
 #define PATIENCE_S 5U
@@ -64,18 +63,17 @@ static bool redirect(relay* r, int file) {
   int ends[2];
   pthread_t thread;
   pthread_attr_t attributes;
-  r->to = fcntl(file, F_DUPFD_CLOEXEC, FIRST_FD);
-  if (r->to < 0 || pipe2(ends, O_CLOEXEC) != 0 || dup2(ends[1], file) < 0) {
+  r->to = fcntl(file, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
+  if (r->to < 0 || pipe2(ends, O_CLOEXEC) != 0) {
     return false;
   }
-  r->from = fcntl(ends[0], F_DUPFD_CLOEXEC, FIRST_FD);
-  (void)close(ends[0]);
-  (void)close(ends[1]);
+  r->from = ends[0];
   (void)pthread_attr_init(&attributes);
   (void)pthread_attr_setstacksize(&attributes, STACK_BYTES);
   (void)pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED);
-  return fcntl(file, F_SETFL, O_NONBLOCK) == 0 &&
-         pthread_create(&thread, &attributes, pass_on, r) == 0;
+  return pthread_create(&thread, &attributes, pass_on, r) == 0 &&
+         fcntl(ends[1], F_SETFL, O_NONBLOCK) == 0 && dup2(ends[1], file) == file &&
+         close(ends[1]) == 0;
 }
 
 bool soter_process_begin(void (*on_end)(int)) {
@@ -99,16 +97,14 @@ bool soter_process_begin(void (*on_end)(int)) {
       (void)sigaction(number, &act, NULL);
     }
   }
-  (void)sigfillset(&mask);
-  (void)pthread_sigmask(SIG_SETMASK, &mask, NULL); /* they are no matter of these threads */
-  soter_process_stderr = fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, FIRST_FD);
+  (void)sigemptyset(&mask);
+  (void)pthread_sigmask(SIG_SETMASK, &mask, NULL);
   if (!redirect(&relays[0], STDOUT_FILENO) || !redirect(&relays[1], STDERR_FILENO)) {
-    (void)dup2(soter_process_stderr, STDERR_FILENO);
     perror("not run: there is no pipe or thread for what it says");
     return false;
   }
-  (void)sigemptyset(&mask);
-  return pthread_sigmask(SIG_SETMASK, &mask, NULL) == 0;
+  soter_process_stderr = relays[1].to;
+  return true;
 }
 
 void soter_process_say(const char* format, ...) {

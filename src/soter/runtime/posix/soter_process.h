@@ -14,9 +14,9 @@ extern "C" {
 
 extern int soter_process_stderr; /* where standard error led as the process began */
 
-/* Before there is a thread or an open file of one's own: 0, 1 and 2 are opened where they are
- * closed, and whoever writes to 1 or 2 never waits: what finds no room is lost. `on_end` is called
- * for every signal that would end the process. False, and said: it cannot run. */
+/* Before there is a thread or an open file: 0, 1 and 2 are opened where they are closed, whoever
+ * writes to 1 or 2 never waits: what finds no room is lost; `on_end` is called for every signal
+ * that would end the process. False, and said: it cannot run. */
 bool soter_process_begin(void (*on_end)(int));
 
 /* A line on standard error, now or never; how many were lost is said with the next one. */

@@ -24,12 +24,6 @@
 
 namespace soter {
 
-/* `rosnode kill`, and another node of this name. */
-inline void on_shutdown(XmlRpc::XmlRpcValue& /*request*/, XmlRpc::XmlRpcValue& answer) {
-  stage() = 2;
-  answer = ros::xmlrpc::responseInt(1, "", 0);
-}
-
 /* A topic of ROS that is bridged, either way. */
 class Bridged {
  public:
@@ -186,7 +180,11 @@ class Bridge {
     std::vector<std::thread> threads;
     stage() = 1;
     ros::XMLRPCManager::instance()->unbind("shutdown");
-    ros::XMLRPCManager::instance()->bind("shutdown", on_shutdown);
+    ros::XMLRPCManager::instance()->bind(
+        "shutdown", [](XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& answer) {
+          stage() = 2; /* `rosnode kill`, or another node of this name */
+          answer = ros::xmlrpc::responseInt(1, "", 0);
+        });
     std::thread master(&Bridge::watch, this); /* asks the master, which may be slow, or gone */
     for (const std::unique_ptr<Bridged>& topic : topics_) {
       threads.emplace_back(&Bridged::serve, topic.get());
