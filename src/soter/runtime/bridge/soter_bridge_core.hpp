@@ -20,7 +20,6 @@
 #include "soter_status_text.h"
 
 #include <time.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <cstdint>
@@ -48,7 +47,7 @@ inline std::atomic<int>& stage() {
 
 inline void on_end(int /*signal*/) {
   if (stage().exchange(2) == 0) {
-    _exit(EXIT_FAILURE);
+    std::_Exit(EXIT_FAILURE);
   }
 }
 

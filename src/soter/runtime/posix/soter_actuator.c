@@ -5,8 +5,7 @@
  * us anew: SIGUSR1, taken where the trusted part says that the proof speaks of this state, or
  * SIGUSR2, whatever the state is. What is applied goes to `soter_actuate` and, for whoever looks,
  * into the channels of the module's topics; what we are about into `soter.actuators`. At the end
- * the law is applied, whatever ends it; then it says what happened. Words wait for nobody
- * (soter_process.h).
+ * the law is applied, whatever ends it, and it says what happened; no word waits for anybody.
  * Non-goals: the program; devices (actuate.c is yours).
  */
 #ifndef _GNU_SOURCE
@@ -91,14 +90,6 @@ static void on_fault(int number) {
   soter_check_failed("signal", number, "free of faults");
 }
 
-static int64_t clock_ns(void) {
-  struct timespec t = {0, 0};
-  const bool told = clock_gettime(CLOCK_MONOTONIC, &t) == 0;
-  SOTER_CHECK(told);
-  (void)told;
-  return (int64_t)t.tv_sec * SECOND + t.tv_nsec;
-}
-
 /* ------------------------------------------------------------------ a turn */
 
 static void say(uint32_t k, int64_t now) {
@@ -131,7 +122,7 @@ static void take(uint32_t k) {
   }
   (void)memcpy(m->head, m->message, sizeof m->head);
   const uint8_t* const command = (const uint8_t*)m->message + HEAD_BYTES;
-  if (soter_lease_take(&m->lease, clock_ns(), command, m->head[0], m->head[1])) {
+  if (soter_lease_take(&m->lease, soter_actuator_clock(), command, m->head[0], m->head[1])) {
     m->taken++;
   } else {
     m->refused++;
@@ -157,10 +148,10 @@ static void turn(uint32_t k) {
   module_times* const m = &us.module[k];
   const bool held = m->lease.state == SOTER_LEASE_HOLDS;
   take(k);
-  const int64_t now = clock_ns();
+  const int64_t now = soter_actuator_clock();
   const bool obeys = soter_lease_read(&m->lease, now, m->held);
   apply(k, obeys, now);
-  const int64_t after = clock_ns();
+  const int64_t after = soter_actuator_clock();
   SOTER_CHECK(after >= now); /* the clock does not go back */
   m->older += obeys && after > m->lease.until ? 1U : 0U;
   if (held) {
@@ -216,7 +207,7 @@ static void arm_one(module_times* m, bool checked, int64_t now) {
 
 static void arm(void) {
   const bool checked = arming == SIGUSR1;
-  const int64_t now = clock_ns();
+  const int64_t now = soter_actuator_clock();
   arming = 0;
   if (us.turns > 0U && now - us.module[0].turned_ns > HELD_UP_NS) {
     return; /* whoever asked has been told that nobody answers */
@@ -254,14 +245,14 @@ static void tell(int64_t now) {
 }
 
 static void turns(void) {
-  int64_t next = clock_ns();
+  int64_t next = soter_actuator_clock();
   SOTER_CHECK(us.period_ns > 0 && soter_actuator_count <= ACTUATOR_MODULES);
   const int64_t last = us.until_ns > 0 ? next + us.until_ns : INT64_MAX;
-  while (ending == 0 && clock_ns() < last) {
+  while (ending == 0 && soter_actuator_clock() < last) {
     if (arming != 0) {
       arm();
     }
-    const int64_t now = clock_ns();
+    const int64_t now = soter_actuator_clock();
     if (next <= now) {
       next = next + us.period_ns > now ? next + us.period_ns : now + us.period_ns;
     }
@@ -278,9 +269,14 @@ static void turns(void) {
     const struct timespec t = {.tv_sec = (time_t)(wake / SECOND), .tv_nsec = (long)(wake % SECOND)};
     (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
   }
+}
+
+/* What is left behind counts until somebody else speaks. */
+static void leave_the_law(void) {
+  SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
     (void)memcpy(us.module[k].held, us.module[k].lease.info->law, us.module[k].lease.info->size);
-    apply(k, false, clock_ns());
+    apply(k, false, soter_actuator_clock());
   }
 }
 
@@ -452,6 +448,7 @@ int main(int count, char** words) {
     (void)signal(faults[k], on_fault);
   }
   turns();
+  leave_the_law();
   soter_process_ending();
   if (us.json) {
     report(stdout);

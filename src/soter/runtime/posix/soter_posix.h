@@ -352,7 +352,6 @@ uint64_t soter_posix_surely_ac(soter_posix* d, uint32_t module);
 int64_t soter_posix_begin_by(soter_posix* d);
 
 /* soter_posix_status.c: what the trusted part says of itself; a bit a module, 1: AC. */
-bool soter_posix_status_open(soter_posix* d);
 uint32_t soter_posix_modes(soter_posix* d);
 void soter_posix_status(soter_posix* d, uint32_t modes);
 

@@ -23,7 +23,6 @@
 #include <unistd.h>
 
 #define LINE_MOST 1024 /* a pipe takes as much whole, or not at all */
-#define STACK_BYTES ((size_t)64 * 1024)
 #define PATIENCE_S 5U
 #define BIT(number) (UINT64_C(1) << ((number) - 1))
 #define IGNORED (BIT(SIGPIPE) | BIT(SIGXFSZ) | BIT(SIGTSTP) | BIT(SIGTTIN) | BIT(SIGTTOU))
@@ -60,31 +59,24 @@ static void* pass_on(void* given) {
 }
 
 static bool redirect(relay* r, int file) {
-  int ends[2];
+  int ends[2] = {-1, -1};
   pthread_t thread;
   pthread_attr_t attributes;
   r->to = fcntl(file, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
-  if (r->to < 0 || pipe2(ends, O_CLOEXEC) != 0) {
-    return false;
-  }
+  (void)pipe2(ends, O_CLOEXEC);
   r->from = ends[0];
   (void)pthread_attr_init(&attributes);
-  (void)pthread_attr_setstacksize(&attributes, STACK_BYTES);
+  (void)pthread_attr_setstacksize(&attributes, 262144); /* it may be locked */
   (void)pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED);
-  return pthread_create(&thread, &attributes, pass_on, r) == 0 &&
-         fcntl(ends[1], F_SETFL, O_NONBLOCK) == 0 && dup2(ends[1], file) == file &&
+  return r->to >= 0 && fcntl(ends[1], F_SETFL, O_NONBLOCK) == 0 &&
+         pthread_create(&thread, &attributes, pass_on, r) == 0 && dup2(ends[1], file) == file &&
          close(ends[1]) == 0;
 }
 
-bool soter_process_begin(void (*on_end)(int)) {
+static void set_signals(void (*on_end)(int)) {
   const struct sigaction act = {.sa_handler = on_end};
   struct sigaction was;
   sigset_t mask;
-  int file = 0;
-  while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO) {
-  }
-  (void)close(file);
-  (void)setvbuf(stdout, NULL, _IOLBF, BUFSIZ); /* as on a terminal */
   for (int number = 1; number <= SIGRTMAX; number++) {
     const bool known = sigaction(number, NULL, &was) == 0;
     const bool nohup = number == SIGHUP && known && was.sa_handler == SIG_IGN;
@@ -99,6 +91,15 @@ bool soter_process_begin(void (*on_end)(int)) {
   }
   (void)sigemptyset(&mask);
   (void)pthread_sigmask(SIG_SETMASK, &mask, NULL);
+}
+
+bool soter_process_begin(void (*on_end)(int)) {
+  int file = 0;
+  while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO) {
+  }
+  (void)close(file);
+  (void)setvbuf(stdout, NULL, _IOLBF, BUFSIZ); /* as on a terminal */
+  set_signals(on_end);
   if (!redirect(&relays[0], STDOUT_FILENO) || !redirect(&relays[1], STDERR_FILENO)) {
     perror("not run: there is no pipe or thread for what it says");
     return false;

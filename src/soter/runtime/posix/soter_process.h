@@ -26,7 +26,7 @@ void soter_process_say(const char* format, ...) __attribute__((format(printf, 1,
  * is gone, whatever holds it up. */
 void soter_process_ending(void);
 
-/* The same, and the rest of standard error; gives `code`, or 1 where the output was not written. */
+/* The same, and the rest of standard error; `code`, or 1 where the output was not written. */
 int soter_process_end(int code);
 
 #ifdef __cplusplus
