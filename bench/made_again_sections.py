@@ -144,6 +144,7 @@ SMALL = {
         instead="bench/real_time/driver.py --minutes 0.05 --trials 1 --kills 5 --deaths 1",
         machine=SCHEDULER,
     ),
+    "Words, signals, and when the law comes": Small("--only worker", machine=SCHEDULER, part=True),
     "ROS 1: who dies, and what the wheels are told": Small("--ac 2 --trusted 1", machine=SCHEDULER),
     "ROS 1: what is wrong on the wire": Small(machine=SCHEDULER),
     "The wire of ROS 2: samples": Small("--samples 200", apart="needs Fast DDS and cyclonedds"),

@@ -278,6 +278,9 @@ BENCHMARKS = (
         "bench/real_time/driver.py --minutes 10 --trials 100 --kills 10000 --deaths 200",
     ),
     Benchmark(
+        "Words, signals, and when the law comes", "bench/real_time/scenes.py", last="scenes;"
+    ),
+    Benchmark(
         "ROS 1: who dies, and what the wheels are told",
         "bench/ros/ros1_kills.py",
         heads="max ms|bound|over it",

@@ -50,8 +50,11 @@ MAX_AGE_NS = 600_000_000
 
 @pytest.fixture(scope="module")
 def actuator(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return patient_actuator(tmp_path_factory.mktemp("actuator"))
+
+
+def patient_actuator(folder: Path) -> Path:
     """The program of the actuators, which take leases of any length."""
-    folder = tmp_path_factory.mktemp("actuator")
     soter.load(source_in(folder)).build("posix", folder / "out", "Vehicle")
     law = folder / "out" / "stop_lease.c"
     text, count = re.subn(

@@ -144,3 +144,36 @@ def test_a_trusted_part_that_ends_leaves_the_law_and_a_restart_checks_the_start_
     assert lines[3] == (2, "the law", 1)
     assert lines[4][:2] == (2, "a lease")
     assert WHEN // 2 <= lines[4][2] <= WHEN // 2 + 100, "two looks of a DM after it is safer"
+
+
+# ---------------------------------------------------------------- in time, and how late
+
+INSIDE, BEYOND = 3000, 12_000
+"""Turns of a loop in SC that take 0.34 ms in the emulator, and 1.4 ms: of 0.2 and 1 ms allowed."""
+
+
+@pytest.mark.parametrize(("busy", "obeyed"), [(INSIDE, True), (BEYOND, False)])
+def test_an_sc_that_is_out_later_than_late_and_inside_its_response_keeps_its_lease(
+    busy: int, obeyed: bool, tmp_path: Path
+) -> None:
+    """It steps five times as often as its DM: it begins by a reading of the clock of its own."""
+    wanted("mps2-an500")
+    walls = ROOT / "examples" / "wall"
+    for name in ("shuttle.soter", "shuttle_firmware.soter"):
+        text = (walls / name).read_text()
+        (tmp_path / name).write_text(text.replace("late dm 1ms, sc 1ms", "late dm 100us, sc 200us"))
+    board = ROOT / "tests" / "generators" / "telling_board.c"
+    package = soter.load(tmp_path / "shuttle_firmware.soter").build(
+        "cortex-m", tmp_path / "out", board=str(board)
+    )
+    program = package.folder / "shuttle_firmware.c"
+    text, number = re.subn(
+        r"(soter_fault shuttle_firmware_Guard_Back_step\([^{;]*\{\n)",
+        rf"\1  for (volatile int busy = 0; busy < {busy}; busy++) {{\n  }}\n",
+        program.read_text(),
+    )
+    assert number == 1
+    program.write_text(text)
+    said = make(package.folder, "-s", "run-loop", "CFLAGS=-Os -DKIND=0").stdout
+    lines = re.findall(r"^start (\d+): (the law|a lease) from (\d+)$", said, re.MULTILINE)
+    assert ([who for _, who, _ in lines] == ["the law", "a lease"]) == obeyed, said

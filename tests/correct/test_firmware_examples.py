@@ -93,6 +93,36 @@ def test_the_clock_of_the_machine_is_obeyed(built: Path) -> None:
     assert b"between the walls" in ran.stdout
 
 
+LATE_NS, RESPONSE_NS = 200_000, 1_000_000
+"""Of SC and of the DM: `late` and `response`."""
+
+
+def package_of_little_lateness(folder: Path) -> Path:
+    """The shuttle in the world, whose parts begin soon and may take longer than that."""
+    folder.mkdir()
+    for source in (SHUTTLE, SHUTTLE.with_name("shuttle.soter")):
+        text = source.read_text(encoding="utf-8").replace(
+            "late dm 1ms, sc 1ms", "late dm 200us, sc 200us"
+        )
+        (folder / source.name).write_text(text)
+    soter.load(folder / SHUTTLE.name).build("c", folder / "out")
+    done = make(folder / "out", "lib", f"CFLAGS=-O2 {' '.join(WARNINGS)}")
+    assert done.returncode == 0, done.stderr
+    return folder / "out"
+
+
+def test_a_step_that_takes_as_long_as_it_may_keeps_its_lease(tmp_path: Path) -> None:
+    """It begins in time, and its output is out later than `late`, and inside of the response."""
+    package = package_of_little_lateness(tmp_path / "tight")
+    text, step = example("main.c"), "pass_on(Vehicle_step(&vehicle, now), now, now)"
+    assert text.count(step) == 1
+    for takes_ns, obeyed in ((LATE_NS + 1, True), (RESPONSE_NS, True), (RESPONSE_NS + 1, False)):
+        slow = text.replace(step, f"{step[:-1]} + INT64_C({takes_ns}))")
+        said = processes.run([compiled(package, f"after_{takes_ns}.c", slow)], capture_output=True)
+        keeps = b"0 ms: the drive obeys" in said.stdout and b"holds the law" not in said.stdout
+        assert keeps == obeyed, (takes_ns, said.stdout)
+
+
 @pytest.mark.parametrize("name", ["main.c", "main.cpp"])
 def test_the_sensor_dies_and_the_shuttle_stands_still(built: Path, name: str) -> None:
     own = compiled(built, name, example(name))

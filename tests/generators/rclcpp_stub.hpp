@@ -24,7 +24,10 @@ struct rmw_message_info_t {
 
 namespace rclcpp {
 
-void init(int argc, char const* const* argv);
+class InitOptions {};
+enum class SignalHandlerOptions { All, SigInt, SigTerm, None };
+void init(int argc, char const* const* argv, const InitOptions& options = InitOptions(),
+          SignalHandlerOptions handlers = SignalHandlerOptions::All);
 bool ok();
 bool shutdown();
 

@@ -156,6 +156,8 @@ def test_the_c_has_no_heap_and_no_mutable_globals(room: str) -> None:
         explorer = room.startswith("explore")  # never deployed: it keeps every world
         bridge = path.parent.name == "dds"  # not trusted, and DDS below it allocates as it likes
         core = path.parent.name == "cortex_m"  # interrupts take no argument
+        # descriptors and signals are the process's, and a handler takes no argument
+        core = core or path.name in {"soter_process.c", "soter_posix_main.c"}
         may = explorer or bridge
         assert may or not re.search(r"\b(malloc|calloc|realloc|free|alloca)\s*\(", text), path.name
         for line in text.splitlines():

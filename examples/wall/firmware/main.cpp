@@ -47,8 +47,10 @@ struct Trusted {
     if (silent) {
       return;  // for good: a person starts the trusted part anew, and arms the lease
     }
-    report(shuttle_firmware_Guard_node_Guard_dm, start, out);
-    report(shuttle_firmware_Guard_node_Guard_Back, out, out);  // it began after the DM, by then
+    const uint32_t dm = shuttle_firmware_Guard_node_Guard_dm;
+    const bool looks = soter_grant_next(&grant, dm) <= start;  // SC then begins behind the DM
+    report(dm, start, out);
+    report(shuttle_firmware_Guard_node_Guard_Back, looks ? out : start, out);
     shuttle_firmware_Guard_command command{};
     int64_t stamp = 0, expiry = 0;
     if (soter_grant_lease(&grant, out, &stamp, &expiry)) {

@@ -19,6 +19,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake, reason
 from soter.report.wording import visible
 from soter.version import pip_install
 
@@ -258,6 +259,17 @@ def told_version(compiler: Compiler) -> str:
     return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
 
 
+def _require_room(work: Path) -> None:
+    """Raises SoterError D006 where a folder that a compiler writes to takes no 4 MiB."""
+    for folder in (os.environ.get("TMPDIR") or tempfile.gettempdir(), work):
+        try:
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(4 << 20))
+        except OSError as error:
+            text = f"nothing compiles without room in `{visible(str(folder))}`: {reason(error)}"
+            raise mistake("D006", text, "make room there; TMPDIR names another folder") from error
+
+
 def compile_with(
     command: Sequence[str],
     work: Path,
@@ -270,6 +282,7 @@ def compile_with(
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:
         return
+    _require_room(work)
     lines = done.text.replace(str(work) + os.sep, "").strip().splitlines()
     shown = [x for x in lines if any(word in x for word in telling)] or lines
     notes = [visible(x[:LINE_MAX]) for x in shown[:LINES]]

@@ -249,7 +249,9 @@ def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> 
 
 TRUSTED = "trusted"
 """The folder of the trusted part, which knows nothing of a middleware."""
-LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c", "soter_status_text.c")
+LINKED = tuple(
+    f"soter_{n}.c" for n in ("outside", "channel", "posix_check", "process", "status_text")
+)
 """Files of that folder that a bridge is linked with, to open channels and report on modules."""
 COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
 """Files that all bridges in C share."""

@@ -43,14 +43,15 @@ if TYPE_CHECKING:
 
 
 POSIX = RUNTIME / "posix"
-CHECK = ("soter_posix_check.h", "soter_posix_check.c")
-"""The files with what runs where a check fails; the program of the actuators has its own."""
-CHANNEL = ("soter_channel.h", "soter_channel.c", *CHECK)
+CHECK = "soter_posix_check.c"
+"""The file with what runs where a check fails; the program of the actuators has its own."""
+CHANNEL = ("soter_channel.h", "soter_channel.c", CHECK)
 DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
     *("soter_posix_setup.c", "soter_posix_workers.c"),
     *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
     *("soter_status.h", "soter_posix_status.c", "soter_posix_looks.c"),
+    *("soter_process.h", "soter_process.c"),
 )
 WORKER = "soter_worker.c"
 APP_SOURCE = "soter_posix_app.c"
@@ -111,7 +112,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
         commands=[f"make -C {folder}", f"{folder}/{command}"],
         programs={
             command: ["-pthread", "-I.", *trusted],
-            **{name: [*_folder(of), "-I.", *of] for name, of in beside.items()},
+            **{name: [*_folder(of), "-pthread", "-I.", *of] for name, of in beside.items()},
         },
     )
 
@@ -204,7 +205,7 @@ def _worker_files(
             own = f"{folder}/extern/{Path(w.source).name}"
             copied = c99.extern_files([w.source])
             files += [PackageFile(f"{folder}/{f.path}", f.text) for f in copied]
-        sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK[1], own]
+        sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK, own]
         sources_by_program[w.program] = sources
     return sources_by_program
 

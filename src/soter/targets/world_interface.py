@@ -271,7 +271,7 @@ class WorldTables:
         law = f"{self.unit.prefix}_lease.c"
         return [
             *(n for n in (*ACTUATOR, *OUTSIDE, *STATUS_TEXT) if n.endswith(".c")),
-            *(APP[1], "actuate.c", "soter_lease.c", law, "soter_channel.c"),
+            *(APP[1], "actuate.c", "soter_lease.c", law, "soter_channel.c", "soter_process.c"),
         ]
 
     # ------------------------------------------------------------ the other side

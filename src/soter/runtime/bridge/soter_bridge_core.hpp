@@ -15,6 +15,7 @@
 #define SOTER_BRIDGE_CORE_HPP
 
 #include "soter_outside.h"
+#include "soter_process.h"
 #include "soter_sources.hpp"
 #include "soter_status_text.h"
 
@@ -22,6 +23,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <mutex>
@@ -35,6 +37,18 @@ inline int64_t monotonic_ns() {
   struct timespec t = {0, 0};
   (void)clock_gettime(CLOCK_MONOTONIC, &t);
   return static_cast<int64_t>(t.tv_sec) * 1000000000 + t.tv_nsec;
+}
+
+/* 0: nothing acts yet, and a signal ends the process; 1: it acts; 2: it ends, with the law. */
+inline std::atomic<int>& stage() {
+  static std::atomic<int> at{0};
+  return at;
+}
+
+inline void on_end(int /*signal*/) {
+  if (stage().exchange(2) == 0) {
+    std::_Exit(EXIT_FAILURE);
+  }
 }
 
 /* A line for whoever shows how things are: the levels of diagnostic_msgs. */
@@ -250,8 +264,8 @@ class Outward {
                               false);
   }
 
-  /* On a thread of its own, as long as `go_on` says so. `now_ns`: of the clock of the stamps;
-   * `publish` gets a value and its stamp. */
+  /* On a thread of its own, as long as `go_on` says so, and then the law. `now_ns`: of the clock of
+   * the stamps; `publish` gets a value and its stamp. */
   void serve(const std::function<bool()>& go_on, const std::function<int64_t()>& now_ns,
              const std::function<void(const Value&, int64_t)>& publish) {
     const Tell tell = [&](int64_t written) {
@@ -261,6 +275,9 @@ class Outward {
     while (go_on()) {
       soter_outside_wait(&channel_, WAIT_NS);
       turn(monotonic_ns(), tell);
+    }
+    if (heard_ > 0 && T::law(&value_)) {
+      told(monotonic_ns(), tell, monotonic_ns());
     }
   }
 

@@ -23,6 +23,7 @@
 #define SCB_ICSR (*(volatile uint32_t*)0xE000ED04U)
 #define FROM_THREAD 8U /* of an EXC_RETURN */
 #define PEND_INSTANT (1U << 28)
+#define SC 1U /* of the nodes of a grant */
 #define TICK_COUNTS ((uint32_t)(BOARD_CLOCK_HZ * APP_TICK_NS / INT64_C(1000000000)))
 #define APART __attribute__((section(".ac_bss")))
 
@@ -47,6 +48,7 @@ static volatile uint32_t ticks_high = UINT32_MAX;
 static volatile int64_t next_ns;     /* the instant that comes */
 static volatile uint32_t unfinished; /* ticks since an instant became due */
 static request requests[APP_EXTERNS + 1];
+static int64_t begun_ns[APP_COMPONENTS + 1], ended_ns[APP_COMPONENTS + 1]; /* of this instant */
 static held modules[APP_LEASES + 1];
 static uint64_t law_or_command[APP_COMMAND_WORDS];
 static int64_t fault_ns = -1, takeover_ns;
@@ -184,14 +186,16 @@ static void note_old_reads(int64_t ct) {
   }
 }
 
-static void granted(uint32_t i, int64_t start, int64_t out) {
+/* Each step counts from its own beginning; SC's output is out with all the others. */
+static void granted(uint32_t i, int64_t out) {
   const soter_loop_lease* const m = &soter_app_leases[i];
   SOTER_CHECK(m->grant->nodes <= APP_NODES);
   held* const h = &modules[i];
   const soter_component* const c = soter_components_of(&state);
   for (uint32_t k = 0; k < m->grant->nodes; k++) {
-    while (c[m->components[k]].latched == 0U && soter_grant_next(&h->grant, k) <= start) {
-      (void)soter_grant_done(&h->grant, k, k == 0U ? start : out, out);
+    const uint32_t x = m->components[k];
+    if (begun_ns[x] >= 0 && c[x].latched == 0U) {
+      (void)soter_grant_done(&h->grant, k, begun_ns[x], k == SC ? out : ended_ns[x]);
     }
   }
 }
@@ -325,13 +329,16 @@ static void trusted_steps(void) {
   SOTER_CHECK(APP_PROGRAM->components <= APP_COMPONENTS);
   const soter_component* const c = soter_components_of(&state);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
+    begun_ns[i] = -1;
     if (c[i].pending != 0U && !is_unprivileged(i)) {
+      begun_ns[i] = clock_ns();
       if (APP_PROGRAM->component[i].is_extern && c[i].latched == 0U &&
           soter_header_of(&state)->ct != APP_PROGRAM->component[i].phase_ns) {
         soter_app_answer(&state, i); /* an extern plant, in C */
       } else {
         (void)soter_fire(APP_PROGRAM, &state, i, NULL);
       }
+      ended_ns[i] = clock_ns();
     }
   }
 }
@@ -399,7 +406,6 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
     finish();
   }
 #endif
-  const int64_t start = clock_ns();
   soter_progress(APP_PROGRAM, &state);
   sense(ct);
   note_old_reads(ct);
@@ -407,7 +413,7 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
   note_takeover();
   const int64_t out = clock_ns();
   for (uint32_t i = 0; i < soter_app_lease_count; i++) {
-    granted(i, start, out);
+    granted(i, out);
     give_lease(i, out);
   }
 #if defined(SOTER_COUNTED)

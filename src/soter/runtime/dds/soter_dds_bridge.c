@@ -11,6 +11,7 @@
 
 #include "soter_bridge_common.h"
 #include "soter_dds_topics.h"
+#include "soter_process.h"
 
 #include "dds/ddsrt/log.h"
 
@@ -34,7 +35,7 @@ static const char help[] =
     "  --status text|json       at the end, too, what was counted; on SIGUSR1 as text without it\n"
     "The domain is $ROS_DOMAIN_ID (0 where it is not set). $CYCLONEDDS_URI configures Cyclone "
     "DDS.\n"
-    "SIGINT and SIGTERM end it.\n";
+    "SIGINT, SIGTERM and SIGHUP end it, with the law.\n";
 
 typedef struct {
   const char* channels;
@@ -58,7 +59,7 @@ static void on_signal(int number) {
 static void on_log(void* given, const dds_log_data_t* log) {
   soter_dds_bridge* const bridge = given;
   SOTER_CHECK(bridge != NULL && log != NULL);
-  char text[SOTER_BRIDGE_LINE / 2];
+  char text[256];
   (void)snprintf(text, sizeof text, "%.*s",
                  (int)(log->size < sizeof text ? log->size : sizeof text), log->message);
   text[strcspn(text, "\n")] = '\0';
@@ -205,6 +206,7 @@ static void run(soter_dds_bridge* bridge, const options* o) {
     (void)pthread_join(bridge->topic[k].thread, NULL);
   }
   soter_dds_look(bridge);
+  soter_process_ending();
   if (o->status) {
     soter_dds_report(bridge, o->json);
   }
@@ -218,15 +220,12 @@ int soter_dds_main(const soter_dds_system* system, int count, char** words) {
   if (wrong >= 0) {
     return wrong;
   }
-  struct sigaction action;
-  (void)memset(&action, 0, sizeof action);
-  action.sa_handler = on_signal;
-  (void)sigaction(SIGINT, &action, NULL);
-  (void)sigaction(SIGTERM, &action, NULL);
-  (void)sigaction(SIGUSR1, &action, NULL);
+  if (!soter_process_begin(on_signal)) {
+    return 1;
+  }
   if (!make_topics(&bridge)) {
     soter_dds_say(&bridge, "", "there is no memory");
-    return 1;
+    return soter_process_end(1);
   }
   dds_set_log_sink(on_log, &bridge);
   const bool opened = open_all(&bridge, o.channels);
@@ -242,5 +241,5 @@ int soter_dds_main(const soter_dds_system* system, int count, char** words) {
   }
   soter_dds_close_diagnostics(&bridge);
   free(bridge.topic);
-  return opened ? 0 : 1;
+  return soter_process_end(opened ? 0 : 1);
 }

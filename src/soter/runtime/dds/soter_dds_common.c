@@ -9,6 +9,7 @@
 
 #include "soter_bridge_common.h"
 #include "soter_dds_topics.h"
+#include "soter_process.h"
 
 #include <signal.h>
 #include <stdio.h>
@@ -33,7 +34,8 @@ int64_t soter_dds_wall_ns(void) {
 
 void soter_dds_say(const soter_dds_bridge* bridge, const char* about, const char* what) {
   SOTER_CHECK(bridge->system != NULL);
-  soter_bridge_say(bridge->system->program, about, what);
+  soter_process_say("%s: %s%s%s", bridge->system->program, about, about[0] != '\0' ? ": " : "",
+                    what);
 }
 
 void soter_dds_count(soter_dds_topic* topic, int what, const char* why) {

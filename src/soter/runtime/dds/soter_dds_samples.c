@@ -292,5 +292,8 @@ void* soter_dds_serve_outward(void* given) {
     soter_outside_wait(&topic->channel, WAIT_NS);
     turn(topic, soter_dds_monotonic_ns());
   }
+  if (topic->heard > 0 && topic->out->law(topic->last_value)) {
+    tell(topic, soter_dds_monotonic_ns(), soter_dds_monotonic_ns()); /* the last word is the law */
+  }
   return NULL;
 }

@@ -9,6 +9,7 @@
 
 #include "soter_bridge_common.h"
 #include "soter_mavlink_topics.h"
+#include "soter_process.h"
 
 #include <poll.h>
 #include <signal.h>
@@ -30,7 +31,7 @@ static const char help[] =
     "  --delay SECONDS       from a measurement to its arrival, at most, 0 to 1: for messages\n"
     "                        without a stamp, and while TIMESYNC has no answer\n"
     "  --status text|json    at the end, too, what was counted; on SIGUSR1 as text without it\n"
-    "SIGINT and SIGTERM end it.\n";
+    "SIGINT, SIGTERM and SIGHUP end it, with the law.\n";
 
 typedef struct {
   const char* channels;
@@ -346,6 +347,7 @@ static void run(soter_mavlink_bridge* bridge, const options* o) {
   for (size_t k = ins; k < begun; k++) {
     (void)pthread_join(bridge->topic[k].thread, NULL);
   }
+  soter_process_ending();
   if (o->status) {
     soter_mavlink_report(bridge, o->json);
   }
@@ -355,7 +357,6 @@ int soter_mavlink_main(const soter_mavlink_system* system, int count, char** wor
   SOTER_CHECK(system != NULL && system->source_count > 0U);
   static soter_mavlink_bridge bridge; /* too large for a stack; nothing of it outlives this call */
   options o = {.channels = NULL, .links = 0, .status = false, .json = false};
-  struct sigaction action;
   (void)memset(&bridge, 0, sizeof bridge);
   bridge.system = system;
   bridge.delay_ns = system->delay_ns;
@@ -363,15 +364,13 @@ int soter_mavlink_main(const soter_mavlink_system* system, int count, char** wor
   if (wrong >= 0) {
     return wrong;
   }
-  (void)memset(&action, 0, sizeof action);
-  action.sa_handler = on_signal;
-  (void)sigaction(SIGINT, &action, NULL);
-  (void)sigaction(SIGTERM, &action, NULL);
-  (void)sigaction(SIGUSR1, &action, NULL);
+  if (!soter_process_begin(on_signal)) {
+    return 1;
+  }
   (void)pthread_mutex_init(&bridge.held, NULL);
   if (!make_topics(&bridge)) {
     soter_mavlink_say(&bridge, "", "it has more topics or sources than a bridge can carry");
-    return 1;
+    return soter_process_end(1);
   }
   const bool opened = open_all(&bridge, &o);
   if (opened) {
@@ -380,5 +379,5 @@ int soter_mavlink_main(const soter_mavlink_system* system, int count, char** wor
   for (size_t k = 0; k < bridge.links; k++) {
     soter_mavlink_link_close(&bridge.link[k]);
   }
-  return opened && soter_mavlink_ending() != 2 ? 0 : 1;
+  return soter_process_end(opened && soter_mavlink_ending() != 2 ? 0 : 1);
 }

@@ -8,6 +8,7 @@
 
 #include "soter_bridge_common.h"
 #include "soter_mavlink_topics.h"
+#include "soter_process.h"
 
 #include <signal.h>
 #include <stdio.h>
@@ -28,7 +29,8 @@ int64_t soter_mavlink_now(void) {
 
 void soter_mavlink_say(soter_mavlink_bridge* bridge, const char* about, const char* what) {
   SOTER_CHECK(bridge->system != NULL);
-  soter_bridge_say(bridge->system->program, about, what);
+  soter_process_say("%s: %s%s%s", bridge->system->program, about, about[0] != '\0' ? ": " : "",
+                    what);
 }
 
 void soter_mavlink_say_of(soter_mavlink_bridge* bridge, uint64_t many, const char* about,

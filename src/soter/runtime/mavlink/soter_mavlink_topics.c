@@ -189,5 +189,8 @@ void* soter_mavlink_serve(void* given) {
     soter_outside_wait(&topic->channel, WAIT_NS);
     turn(topic, soter_mavlink_now());
   }
+  if (topic->heard > 0 && topic->out->law(topic->out->last)) {
+    tell(topic, soter_mavlink_now(), soter_mavlink_now(), true); /* the last word is the law */
+  }
   return NULL;
 }

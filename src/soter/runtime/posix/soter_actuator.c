@@ -4,8 +4,8 @@
  * than its lease says, by a clock of our own, and then hold the fail-safe law until somebody arms
  * us anew: SIGUSR1, taken where the trusted part says that the proof speaks of this state, or
  * SIGUSR2, whatever the state is. What is applied goes to `soter_actuate` and, for whoever looks,
- * into the channels of the module's topics; what we are about into `soter.actuators`. At the end,
- * and on the terminal, what happened.
+ * into the channels of the module's topics; what we are about into `soter.actuators`. At the end
+ * the law is applied, whatever ends it, and it says what happened; no word waits for anybody.
  * Non-goals: the program; devices (actuate.c is yours).
  */
 #ifndef _GNU_SOURCE
@@ -14,8 +14,9 @@
 
 #include "soter_actuator.h"
 #include "soter_actuator_app.h"
+#include "soter_check.h"
 #include "soter_outside.h"
-#include "soter_posix_check.h"
+#include "soter_process.h"
 #include "soter_status_text.h"
 
 #include <errno.h>
@@ -30,9 +31,11 @@
 #include <unistd.h>
 
 #define EXIT_USAGE 2
+#define EXIT_DEFECT 70
 #define SECOND INT64_C(1000000000)
 #define PERIOD_NS INT64_C(500000)
 #define PRIORITY 81
+#define HELD_UP_NS SECOND /* less than the patience of --arm */
 #define HEAD_BYTES ((size_t)24)
 
 static const char* const USAGE =
@@ -40,7 +43,7 @@ static const char* const USAGE =
     "       %s --channels FOLDER --arm [--unchecked]\n"
     "--arm, or SIGUSR1, arms the leases of the actuators that run anew, where the trusted part\n"
     "says that every module's safer holds on fresh readings; --unchecked, or SIGUSR2, whatever it\n"
-    "says. SIGTERM ends them, with a report.\n";
+    "says. SIGTERM ends them, with the law and a report.\n";
 
 typedef struct {
   soter_outside in;
@@ -83,12 +86,8 @@ static void on_signal(int number) {
   }
 }
 
-static int64_t clock_ns(void) {
-  struct timespec t = {0, 0};
-  const bool told = clock_gettime(CLOCK_MONOTONIC, &t) == 0;
-  SOTER_CHECK(told);
-  (void)told;
-  return (int64_t)t.tv_sec * SECOND + t.tv_nsec;
+static void on_fault(int number) {
+  soter_check_failed("signal", number, "free of faults");
 }
 
 /* ------------------------------------------------------------------ a turn */
@@ -106,12 +105,12 @@ static void say(uint32_t k, int64_t now) {
   if (us.quiet) {
     return;
   }
-  (void)fprintf(stderr, "%.6f %s: %s", (double)now / 1e9, soter_actuator_modules[k].name,
-                words[m->lease.state]);
+  char late[64] = "";
   if (m->lease.state == SOTER_LEASE_ENDED) {
-    (void)fprintf(stderr, ", %.1f us after it", (double)(now - m->lease.until) / 1e3);
+    (void)snprintf(late, sizeof late, ", %.1f us after it", (double)(now - m->lease.until) / 1e3);
   }
-  (void)fputc('\n', stderr);
+  soter_process_say("%.6f %s: %s%s", (double)now / 1e9, soter_actuator_modules[k].name,
+                    words[m->lease.state], late);
 }
 
 static void take(uint32_t k) {
@@ -123,7 +122,7 @@ static void take(uint32_t k) {
   }
   (void)memcpy(m->head, m->message, sizeof m->head);
   const uint8_t* const command = (const uint8_t*)m->message + HEAD_BYTES;
-  if (soter_lease_take(&m->lease, clock_ns(), command, m->head[0], m->head[1])) {
+  if (soter_lease_take(&m->lease, soter_actuator_clock(), command, m->head[0], m->head[1])) {
     m->taken++;
   } else {
     m->refused++;
@@ -149,10 +148,10 @@ static void turn(uint32_t k) {
   module_times* const m = &us.module[k];
   const bool held = m->lease.state == SOTER_LEASE_HOLDS;
   take(k);
-  const int64_t now = clock_ns();
+  const int64_t now = soter_actuator_clock();
   const bool obeys = soter_lease_read(&m->lease, now, m->held);
   apply(k, obeys, now);
-  const int64_t after = clock_ns();
+  const int64_t after = soter_actuator_clock();
   SOTER_CHECK(after >= now); /* the clock does not go back */
   m->older += obeys && after > m->lease.until ? 1U : 0U;
   if (held) {
@@ -180,8 +179,8 @@ static bool may_arm(int64_t now) {
     }
     m->answer = soter_lease_may_arm(&m->lease, now, m->head[0], m->head[1], m->head[2]);
     if (m->answer != SOTER_ARM_FINE && !us.quiet) {
-      (void)fprintf(stderr, "%.6f %s: not armed: %s\n", (double)now / 1e9,
-                    soter_actuator_modules[k].name, soter_arm_text(m->answer));
+      soter_process_say("%.6f %s: not armed: %s", (double)now / 1e9, soter_actuator_modules[k].name,
+                        soter_arm_text(m->answer));
     }
     fine = fine && m->answer == SOTER_ARM_FINE;
   }
@@ -208,8 +207,11 @@ static void arm_one(module_times* m, bool checked, int64_t now) {
 
 static void arm(void) {
   const bool checked = arming == SIGUSR1;
-  const int64_t now = clock_ns();
+  const int64_t now = soter_actuator_clock();
   arming = 0;
+  if (us.turns > 0U && now - us.module[0].turned_ns > HELD_UP_NS) {
+    return; /* whoever asked has been told that nobody answers */
+  }
   us.told_ns = 0; /* the answer is told at once */
   if (checked && !may_arm(now)) {
     us.not_armed++;
@@ -243,14 +245,14 @@ static void tell(int64_t now) {
 }
 
 static void turns(void) {
-  int64_t next = clock_ns();
+  int64_t next = soter_actuator_clock();
   SOTER_CHECK(us.period_ns > 0 && soter_actuator_count <= ACTUATOR_MODULES);
   const int64_t last = us.until_ns > 0 ? next + us.until_ns : INT64_MAX;
-  while (ending == 0 && clock_ns() < last) {
+  while (ending == 0 && soter_actuator_clock() < last) {
     if (arming != 0) {
       arm();
     }
-    const int64_t now = clock_ns();
+    const int64_t now = soter_actuator_clock();
     if (next <= now) {
       next = next + us.period_ns > now ? next + us.period_ns : now + us.period_ns;
     }
@@ -269,6 +271,15 @@ static void turns(void) {
   }
 }
 
+/* What is left behind counts until somebody else speaks. */
+static void leave_the_law(void) {
+  SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    (void)memcpy(us.module[k].held, us.module[k].lease.info->law, us.module[k].lease.info->size);
+    apply(k, false, soter_actuator_clock());
+  }
+}
+
 /* ------------------------------------------------------------------ a check that fails */
 
 /* Nothing of what was computed counts any more. The devices get the law, a constant, until somebody
@@ -284,12 +295,12 @@ void soter_check_failed(const char* file, int line, const char* what) {
       soter_actuate(k, soter_actuator_modules[k].lease->law, false);
     }
     if (!said) { /* the devices come first */
-      soter_posix_say(file, line, what);
+      soter_process_say("soter has a defect: %s:%d: not %s", file, line, what);
       said = true;
     }
     (void)nanosleep(&nap, NULL);
   }
-  _exit(SOTER_DEFECT);
+  _exit(again ? EXIT_DEFECT : soter_process_end(EXIT_DEFECT));
 }
 
 /* ------------------------------------------------------------------ the report */
@@ -411,14 +422,14 @@ static void be_on_time(void) {
   us.locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
   us.fifo = sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
   if (!us.fifo && !us.quiet) {
-    (void)fprintf(stderr,
-                  "soter: SCHED_FIFO is not permitted (%s): the law comes late where the machine "
-                  "is busy\n",
-                  strerror(errno));
+    soter_process_say(
+        "soter: SCHED_FIFO is not permitted (%s): the law comes late where the machine is busy",
+        strerror(errno));
   }
 }
 
 int main(int count, char** words) {
+  static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS};
   if (!parse(count, words)) {
     (void)fprintf(stderr, USAGE, words[0], words[0]);
     return EXIT_USAGE;
@@ -426,22 +437,23 @@ int main(int count, char** words) {
   if (us.arm) {
     return soter_actuator_request(us.channels, us.unchecked);
   }
-  if (!open_all()) {
+  if (!soter_process_begin(on_signal)) {
     return EXIT_FAILURE;
   }
+  if (!open_all()) {
+    return soter_process_end(EXIT_FAILURE);
+  }
   be_on_time();
-  struct sigaction act;
-  (void)memset(&act, 0, sizeof act);
-  act.sa_handler = on_signal;
-  (void)sigaction(SIGTERM, &act, NULL);
-  (void)sigaction(SIGINT, &act, NULL);
-  (void)sigaction(SIGUSR1, &act, NULL);
-  (void)sigaction(SIGUSR2, &act, NULL);
+  for (size_t k = 0; k < sizeof faults / sizeof faults[0]; k++) {
+    (void)signal(faults[k], on_fault);
+  }
   turns();
+  leave_the_law();
+  soter_process_ending();
   if (us.json) {
     report(stdout);
   } else {
     report_words(stdout);
   }
-  return fflush(stdout) == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+  return soter_process_end(EXIT_SUCCESS);
 }

@@ -36,7 +36,9 @@ extern const uint32_t soter_actuator_count;
  */
 void soter_actuate(uint32_t module, const void* command, bool obeys);
 
-/* soter_actuator_arm.c: asks actuators that run to be armed again; the exit code of the command. */
+/* soter_actuator_arm.c: CLOCK_MONOTONIC; and asks actuators that run to be armed again: the exit
+ * code of the command. */
+int64_t soter_actuator_clock(void);
 int soter_actuator_request(const char* folder, bool unchecked);
 
 #endif

@@ -26,9 +26,11 @@
 #define ALIVE_NS (5 * SOTER_STATUS_EVERY_NS)
 #define PATH_MAX_BYTES 4096
 
-static int64_t now_ns(void) {
+int64_t soter_actuator_clock(void) {
   struct timespec t = {0, 0};
-  (void)clock_gettime(CLOCK_MONOTONIC, &t);
+  const bool told = clock_gettime(CLOCK_MONOTONIC, &t) == 0;
+  SOTER_CHECK(told);
+  (void)told;
   return (int64_t)t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
@@ -63,10 +65,10 @@ static uint64_t answers(const uint64_t* words) {
 
 /* Waits for the answer to a request; false: none came. */
 static bool answered(soter_outside* channel, uint64_t before, uint64_t* words) {
-  const int64_t end = now_ns() + PATIENCE_NS;
+  const int64_t end = soter_actuator_clock() + PATIENCE_NS;
   int64_t written = 0;
   SOTER_CHECK(channel->size == WORDS * sizeof words[0]);
-  while (now_ns() < end) {
+  while (soter_actuator_clock() < end) {
     soter_outside_wait(channel, SOTER_STATUS_EVERY_NS);
     if (soter_outside_read(channel, &written, words, NULL) && answers(words) != before) {
       return true;
@@ -129,8 +131,8 @@ int soter_actuator_request(const char* folder, bool unchecked) {
     return EXIT_FAILURE;
   }
   const bool found = soter_outside_read(&channel, &written, words, NULL);
-  if (!found || now_ns() - written > ALIVE_NS || words[SOTER_ACTUATORS_PROCESS] == 0U ||
-      !is_actuator(words[SOTER_ACTUATORS_PROCESS])) {
+  if (!found || soter_actuator_clock() - written > ALIVE_NS ||
+      words[SOTER_ACTUATORS_PROCESS] == 0U || !is_actuator(words[SOTER_ACTUATORS_PROCESS])) {
     (void)fprintf(stderr, "not armed: no actuators of this program run with channels in `%s`\n",
                   folder);
     return EXIT_FAILURE;

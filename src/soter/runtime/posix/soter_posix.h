@@ -310,7 +310,7 @@ typedef struct {
   char notes[SOTER_NOTES][SOTER_NOTE_MAX];
   uint32_t note_count;
   char digest[65];
-  bool log_failed, silent_seen, began, done;
+  bool silent_seen, began, done;
   bool leases_over; /* it ended as no lease is given any more */
   uint64_t lines_lost;
 } soter_posix;
@@ -352,7 +352,6 @@ uint64_t soter_posix_surely_ac(soter_posix* d, uint32_t module);
 int64_t soter_posix_begin_by(soter_posix* d);
 
 /* soter_posix_status.c: what the trusted part says of itself; a bit a module, 1: AC. */
-bool soter_posix_status_open(soter_posix* d);
 uint32_t soter_posix_modes(soter_posix* d);
 void soter_posix_status(soter_posix* d, uint32_t modes);
 
@@ -364,8 +363,9 @@ void* soter_posix_run(void* driver);
  * them at the end of this instant. `by_ns`: how late. */
 void soter_posix_missed(soter_posix* d, soter_miss kind, uint32_t component, int64_t by_ns);
 
-/* soter_posix_log.c: the logger's thread. */
+/* soter_posix_log.c: the logger's thread; what another watches. */
 void* soter_posix_logger(void* driver);
+void soter_posix_watch(soter_posix* d);
 
 /* soter_posix_report.c */
 void soter_histogram_add(soter_histogram* h, int64_t ns);

@@ -1,14 +1,15 @@
 /* soter_posix_log.c: the logger's thread, and the ring between it and the trusted one.
  *
- * Purpose: hash the states, write a line an instant and a recording, say on a terminal how it goes,
- * end workers that answer no more, notice that the trusted thread is silent. Non-goals: being on
- * time. What it has no room for is dropped and counted.
+ * Purpose: hash the states, write a line an instant and a recording, say on a terminal how it goes;
+ * and for the main thread, which no file holds up, end workers that answer no more and notice that
+ * the trusted thread is silent. Non-goals: being on time. What has no room is dropped and counted.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
 #endif
 
 #include "soter_posix.h"
+#include "soter_process.h"
 #include "soter_sha256.h"
 
 #include <errno.h>
@@ -55,7 +56,6 @@ static void failed(soter_posix* d, FILE** log, const char* path) {
   SOTER_CHECK(*log != NULL && path != NULL);
   soter_posix_note(d, "the log `%s` cannot be written (%s): it ends here, the run goes on", path,
                    strerror(errno));
-  d->log_failed = true;
   (void)fclose(*log);
   *log = NULL;
 }
@@ -117,7 +117,6 @@ static FILE* opened(soter_posix* d, const char* path, const char* head) {
   if (path != NULL && file == NULL) {
     soter_posix_note(d, "the log `%s` cannot be written (%s): the run goes on without", path,
                      strerror(errno));
-    d->log_failed = true;
   }
   if (file != NULL) {
     (void)fputs(head, file);
@@ -152,7 +151,8 @@ static void watch_workers(soter_posix* d) {
   }
 }
 
-static void watch_trusted(soter_posix* d) {
+void soter_posix_watch(soter_posix* d) {
+  watch_workers(d);
   const int64_t beat = __atomic_load_n(&d->heartbeat_ns, __ATOMIC_ACQUIRE);
   const int64_t period = APP_LONGEST_NS + SILENT_NS;
   if (beat != 0 && !d->silent_seen && soter_posix_clock() - beat > period &&
@@ -176,7 +176,7 @@ static void show(const soter_posix* d, const soter_record* r, uint64_t instants,
 void* soter_posix_logger(void* driver) {
   soter_posix* const d = (soter_posix*)driver;
   static soter_record taken; /* too large for a stack */
-  const bool live = (d->options.live || !d->options.quiet) && isatty(STDERR_FILENO) != 0;
+  const bool live = (d->options.live || !d->options.quiet) && isatty(soter_process_stderr) != 0;
   const struct timespec nap = {0, NAP_NS};
   uint64_t instants = 0;
   uint64_t misses = 0;
@@ -196,8 +196,6 @@ void* soter_posix_logger(void* driver) {
       instants++;
       misses += taken.times.misses;
     }
-    watch_workers(d);
-    watch_trusted(d);
     if (live && taken.times.ct >= shown) {
       show(d, &taken, instants, misses);
       shown = taken.times.ct + SECOND / 4;

@@ -12,6 +12,7 @@
 #endif
 
 #include "soter_posix.h"
+#include "soter_process.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -19,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #define EXIT_USAGE 2
 #define EXIT_VIOLATED 3
@@ -27,6 +29,7 @@
 #define SECOND 1e9
 #define S_MAX 4.0e9
 #define EARLY_MOST_NS 10000000
+#define IDLE_NAPS 500
 
 static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
@@ -211,7 +214,7 @@ static void print_words(const soter_posix* d) {
   (void)printf("%s: %" PRIu32 " violations\n", h->violations == 0U ? "safe" : "violated",
                h->violations);
   soter_posix_report(d, stdout);
-  if (d->ring.dropped == 0U && d->calendars == 0U) {
+  if (d->ring.dropped == 0U && d->calendars == 0U && d->digest[0] != '\0') {
     (void)printf("trace_sha256 %s\n", d->digest);
   }
 }
@@ -223,9 +226,6 @@ static int finish(const soter_posix* d) {
   } else {
     print_words(d);
   }
-  if (fflush(stdout) != 0) {
-    return EXIT_FAILURE;
-  }
   if (d->stop != 0 && !d->leases_over) {
     return EXIT_STOPPED;
   }
@@ -235,46 +235,69 @@ static int finish(const soter_posix* d) {
   return d->leases_over || d->missed > d->options.misses_allowed ? EXIT_LATE : EXIT_SUCCESS;
 }
 
-/* Signals only ever arrive here: every thread blocks them. */
-static void wait_for_end(soter_posix* d, const sigset_t* ending) {
+static void wait_for_end(soter_posix* d) {
   const struct timespec nap = {0, 20000000L};
   while (!__atomic_load_n(&d->done, __ATOMIC_ACQUIRE)) {
-    const int signal = sigtimedwait(ending, NULL, &nap);
-    if (signal > 0) {
-      __atomic_store_n(&d->stop, signal, __ATOMIC_RELEASE);
-    } else if (d->options.end_with_leases && soter_posix_leases_over(d)) {
+    (void)nanosleep(&nap, NULL);
+    soter_posix_watch(d);
+    if (d->stop == 0 && d->options.end_with_leases && soter_posix_leases_over(d)) {
       d->leases_over = true;
       __atomic_store_n(&d->stop, SIGTERM, __ATOMIC_RELEASE);
     }
   }
 }
 
-static int go(soter_posix* d, const sigset_t* ending) {
+/* Whoever takes what the logger writes may stand still: then it is left alone. */
+static bool joined(soter_posix* d, pthread_t logger) {
+  const struct timespec nap = {0, 10000000L};
+  uint64_t before = 0;
+  for (int idle = 0; idle < IDLE_NAPS; idle++) {
+    if (pthread_tryjoin_np(logger, NULL) == 0) {
+      return true;
+    }
+    (void)nanosleep(&nap, NULL);
+    const uint64_t written = __atomic_load_n(&d->ring.tail, __ATOMIC_ACQUIRE);
+    idle = written == before ? idle : 0;
+    before = written;
+  }
+  soter_posix_note(d, "nobody takes what the log has: it ends here");
+  return false;
+}
+
+static int go(soter_posix* d) {
   pthread_t trusted;
   pthread_t logger;
   soter_posix_lock(d);
   if (!soter_posix_thread(d, &trusted, soter_posix_run)) {
     (void)fprintf(stderr, "not run: no thread can be made\n");
     soter_posix_release(d);
-    return EXIT_FAILURE;
+    return soter_process_end(EXIT_FAILURE);
   }
   const struct timespec nap = {0, 1000000L};
   while (!__atomic_load_n(&d->began, __ATOMIC_ACQUIRE)) {
     (void)nanosleep(&nap, NULL);
   }
   const bool logged = soter_posix_thread(d, &logger, soter_posix_logger);
-  wait_for_end(d, ending);
+  wait_for_end(d);
   (void)pthread_join(trusted, NULL);
-  if (logged) {
-    (void)pthread_join(logger, NULL);
-  }
+  const bool over = !logged || joined(d, logger);
   soter_posix_release(d);
   soter_posix_note_old_reads(d);
-  return finish(d);
+  soter_process_ending();
+  const int code = soter_process_end(finish(d));
+  if (!over) {
+    _exit(code); /* `exit` would wait for its files */
+  }
+  return code;
+}
+
+static soter_posix driver;
+
+static void on_end(int number) {
+  __atomic_store_n(&driver.stop, number, __ATOMIC_RELEASE);
 }
 
 int main(int count, char** words) {
-  static soter_posix driver;
   soter_posix* const d = &driver;
   const char* const wrong = soter_self_test(APP_PROGRAM);
   if (wrong != NULL) {
@@ -296,20 +319,17 @@ int main(int count, char** words) {
     (void)fprintf(stderr, USAGE, words[0]);
     return EXIT_USAGE;
   }
-  sigset_t ending;
-  (void)sigemptyset(&ending);
-  (void)sigaddset(&ending, SIGINT);
-  (void)sigaddset(&ending, SIGTERM);
-  (void)sigaddset(&ending, SIGHUP);
-  (void)sigprocmask(SIG_BLOCK, &ending, NULL);
-  if (!soter_posix_open(d)) {
+  if (!soter_process_begin(on_end)) {
     return EXIT_FAILURE;
+  }
+  if (!soter_posix_open(d)) {
+    return soter_process_end(EXIT_FAILURE);
   }
   soter_posix_workers(d, words[0]);
   soter_posix_await(d);
   if (!soter_posix_hear(d)) {
     soter_posix_release(d);
-    return EXIT_STOPPED;
+    return soter_process_end(EXIT_STOPPED);
   }
-  return go(d, &ending);
+  return go(d);
 }

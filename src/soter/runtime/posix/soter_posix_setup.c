@@ -9,6 +9,7 @@
 #endif
 
 #include "soter_posix.h"
+#include "soter_process.h"
 
 #include <errno.h>
 #include <sched.h>
@@ -25,15 +26,14 @@
 #define POLICY_DEADLINE 6U
 
 void soter_posix_note(soter_posix* d, const char* format, ...) {
-  SOTER_CHECK(d->note_count <= SOTER_NOTES);
-  char* const text = d->notes[d->note_count < SOTER_NOTES ? d->note_count : SOTER_NOTES - 1];
+  const uint32_t at = __atomic_fetch_add(&d->note_count, 1U, __ATOMIC_ACQ_REL); /* any thread */
+  char* const text = d->notes[at < SOTER_NOTES ? at : SOTER_NOTES - 1];
   va_list rest;
   va_start(rest, format);
   (void)vsnprintf(text, SOTER_NOTE_MAX, format, rest);
   va_end(rest);
-  d->note_count += d->note_count < SOTER_NOTES ? 1U : 0U;
   if (!d->options.quiet) {
-    (void)fprintf(stderr, "soter: %s\n", text);
+    soter_process_say("soter: %s", text);
   }
 }
 

@@ -10,21 +10,6 @@
 
 #include "soter_posix.h"
 
-bool soter_posix_status_open(soter_posix* d) {
-  SOTER_CHECK(d->options.channels != NULL);
-  if (APP_PROGRAM->modules == 0U) {
-    return true; /* plants beside a robot share its folder: the channel is the robot's */
-  }
-  const char* const wrong =
-      soter_outside_open(&d->status_channel, d->options.channels, SOTER_STATUS_CHANNEL,
-                         APP_STATUS_HASH, sizeof d->said, true);
-  if (wrong != NULL) {
-    (void)fprintf(stderr, "not run: the channel `%s` in `%s`: %s\n", SOTER_STATUS_CHANNEL,
-                  d->options.channels, wrong);
-  }
-  return wrong == NULL;
-}
-
 uint32_t soter_posix_modes(soter_posix* d) {
   const soter_module* const m = soter_modules_of(APP_PROGRAM, &d->state);
   uint32_t modes = 0;

@@ -124,12 +124,17 @@ static void become_worker(const soter_posix* d, uint32_t k, pid_t parent) {
   sigset_t none;
   (void)sigemptyset(&none);
   (void)sigprocmask(SIG_SETMASK, &none, NULL);
+  for (int number = 1; number <= SIGRTMAX; number++) {
+    (void)signal(number, SIG_DFL); /* what we ignore it need not */
+  }
   (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent || setsid() < 0) {
     _exit(NOT_STARTED);
   }
   (void)dup2(w->request_fd, REQUEST_FD);
   (void)dup2(w->answer_fd, ANSWER_FD);
+  const int words = open("/proc/self/fd/2", O_WRONLY | O_NONBLOCK); /* for us it stays as it is */
+  (void)dup2(words, STDERR_FILENO);
   (void)dup2(STDERR_FILENO, STDOUT_FILENO); /* our standard output is ours */
   for (int fd = FIRST_OTHER_FD; fd < LAST_OTHER_FD; fd++) {
     (void)close(fd);
@@ -145,10 +150,6 @@ static void become_worker(const soter_posix* d, uint32_t k, pid_t parent) {
 
 /* ------------------------------------------------------------------ the process that starts them
  */
-
-static int64_t now_ns(void) {
-  return soter_posix_clock();
-}
 
 static void start_worker(soter_posix* d, uint32_t k) {
   soter_worker_status* const s = &d->status->worker[k];
@@ -184,12 +185,13 @@ static void look_after(soter_posix* d, uint32_t k, int64_t* ended_ns) {
   int status = 0;
   if (s->pid != 0 && waitpid(s->pid, &status, WNOHANG) == s->pid) {
     end_worker(d, k, status);
-    *ended_ns = now_ns();
+    *ended_ns = soter_posix_clock();
   }
   if (s->pid == 0) {
     __atomic_store_n(&s->kill_done, asked, __ATOMIC_RELEASE);
     const bool there = d->workers[k].command[0] != '\0';
-    if (there && s->starts <= d->options.restarts && now_ns() - *ended_ns >= d->options.again_ns) {
+    if (there && s->starts <= d->options.restarts &&
+        soter_posix_clock() - *ended_ns >= d->options.again_ns) {
       start_worker(d, k);
     }
   }
@@ -359,12 +361,13 @@ bool soter_posix_ready(soter_posix* d, uint32_t worker) {
 /* Waits, bounded, until workers are there: that saves AC its first answers. */
 void soter_posix_await(soter_posix* d) {
   const struct timespec nap = {0, NAP_NS};
-  const int64_t end_ns = now_ns() + d->options.wait_ns;
+  const int64_t end_ns = soter_posix_clock() + d->options.wait_ns;
   for (uint32_t k = 0; d->shared && k < soter_app_extern_count; k++) {
     soter_worker_status* const s = &d->status->worker[k];
     SOTER_CHECK(d->workers[k].answer != NULL);
-    while (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k) && now_ns() < end_ns &&
-           __atomic_load_n(&s->ends, __ATOMIC_ACQUIRE) == 0U) {
+    while (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k) &&
+           soter_posix_clock() < end_ns && __atomic_load_n(&s->ends, __ATOMIC_ACQUIRE) == 0U &&
+           d->stop == 0) {
       (void)nanosleep(&nap, NULL);
     }
     if (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k)) {

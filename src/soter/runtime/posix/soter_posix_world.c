@@ -12,7 +12,6 @@
 
 #include "soter_posix.h"
 
-#include <signal.h>
 #include <string.h>
 #include <time.h>
 
@@ -54,7 +53,9 @@ bool soter_posix_open(soter_posix* d) {
     d->lease[k].ended_ns = -1; /* nothing has begun, and nothing has ended */
     fine = fine && opened(d, &d->lease[k].channel, l->channel, l->hash, l->size, true);
   }
-  return fine && soter_posix_status_open(d);
+  /* plants beside a robot share its folder: the channel of the status is the robot's */
+  return fine && (APP_PROGRAM->modules == 0U || opened(d, &d->status_channel, SOTER_STATUS_CHANNEL,
+                                                       APP_STATUS_HASH, sizeof d->said, true));
 }
 
 /* Whether somebody speaks: there is a value, and none too old where the topic says what that is. */
@@ -68,15 +69,6 @@ static bool heard(soter_posix* d, uint32_t k) {
   return found && (t->max_age_ns < 0 || soter_posix_clock() - time_ns <= t->max_age_ns);
 }
 
-/* Signals are blocked until the trusted thread runs, and wait. */
-static bool asked_to_end(void) {
-  sigset_t waiting;
-  (void)sigemptyset(&waiting);
-  (void)sigpending(&waiting);
-  return sigismember(&waiting, SIGINT) == 1 || sigismember(&waiting, SIGTERM) == 1 ||
-         sigismember(&waiting, SIGHUP) == 1;
-}
-
 bool soter_posix_hear(soter_posix* d) {
   const struct timespec nap = {0, NAP_NS};
   const int64_t end_ns = soter_posix_clock() + d->options.wait_ns;
@@ -85,7 +77,7 @@ bool soter_posix_hear(soter_posix* d) {
       continue;
     }
     bool found = heard(d, k);
-    while (!found && soter_posix_clock() < end_ns && !asked_to_end()) {
+    while (!found && soter_posix_clock() < end_ns && d->stop == 0) {
       (void)nanosleep(&nap, NULL);
       found = heard(d, k);
     }
@@ -96,7 +88,7 @@ bool soter_posix_hear(soter_posix* d) {
                        soter_app_outside[k].name);
     }
   }
-  return !asked_to_end();
+  return d->stop == 0;
 }
 
 bool soter_posix_leases_over(const soter_posix* d) {

@@ -43,6 +43,7 @@ int main(void) {
   static uint64_t out[SOTER_CHANNEL_WORDS(WORKER_OUT_SIZE) + 1U];
   const size_t in_bytes = soter_channel_bytes(WORKER_IN_SIZE);
   const size_t out_bytes = soter_channel_bytes(WORKER_OUT_SIZE);
+  (void)setvbuf(stdout, NULL, _IOLBF, BUFSIZ); /* it is no terminal */
   const void* const asked = mmap(NULL, in_bytes, PROT_READ, MAP_SHARED, REQUEST_FD, 0);
   void* const given = mmap(NULL, out_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, ANSWER_FD, 0);
   if (asked == MAP_FAILED || given == MAP_FAILED) {

@@ -15,6 +15,7 @@
 #include <ros/master.h>
 #include <ros/ros.h>
 #include <ros/this_node.h>
+#include <ros/xmlrpc_manager.h>
 
 #include <cmath>
 #include <functional>
@@ -86,7 +87,7 @@ class BridgedOut : public Bridged {
   }
 
   void serve() override {
-    outward_.serve([] { return ros::ok(); }, [] { return ns_of(ros::Time::now()); },
+    outward_.serve([] { return ros::ok() && stage() == 1; }, [] { return ns_of(ros::Time::now()); },
                    [this](const typename T::Value& value, int64_t stamp_ns) {
                      typename T::Message message;
                      T::convert(value, stamp_ns, &message);
@@ -177,7 +178,14 @@ class Bridge {
       return 1;
     }
     std::vector<std::thread> threads;
-    threads.emplace_back(&Bridge::watch, this); /* asks the master, which may be slow, or gone */
+    stage() = 1;
+    ros::XMLRPCManager::instance()->unbind("shutdown");
+    ros::XMLRPCManager::instance()->bind(
+        "shutdown", [](XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& answer) {
+          stage() = 2; /* `rosnode kill`, or another node of this name */
+          answer = ros::xmlrpc::responseInt(1, "", 0);
+        });
+    std::thread master(&Bridge::watch, this); /* asks the master, which may be slow, or gone */
     for (const std::unique_ptr<Bridged>& topic : topics_) {
       threads.emplace_back(&Bridged::serve, topic.get());
     }
@@ -185,13 +193,17 @@ class Bridge {
     for (std::thread& thread : threads) {
       thread.join();
     }
+    soter_process_ending();
+    ros::WallDuration(0.1).sleep(); /* what was published last goes out */
+    ros::shutdown();
+    master.join();
     return 0;
   }
 
  private:
   void turns() {
     int64_t told = monotonic_ns();
-    while (ros::ok()) {
+    while (ros::ok() && stage() == 1) {
       const bool changed = trusted_.hear();
       const int64_t now = monotonic_ns();
       if (changed || now - told >= DIAGNOSTICS_NS) {

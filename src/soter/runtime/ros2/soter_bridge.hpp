@@ -79,7 +79,8 @@ class BridgedOut : public Bridged {
   }
 
   void serve() override {
-    outward_.serve([] { return rclcpp::ok(); }, [this] { return node_->now().nanoseconds(); },
+    outward_.serve([] { return rclcpp::ok() && stage() == 1; },
+                   [this] { return node_->now().nanoseconds(); },
                    [this](const typename T::Value& value, int64_t stamp_ns) {
                      Message message;
                      T::convert(value, stamp_ns, &message);
@@ -157,23 +158,29 @@ class Bridge {
       return 1;
     }
     std::vector<std::thread> threads;
+    stage() = 1;
     threads.emplace_back(&Bridge::turns, this);
     for (const std::unique_ptr<Bridged>& topic : topics_) {
       threads.emplace_back(&Bridged::serve, topic.get());
     }
     rclcpp::executors::MultiThreadedExecutor executor;
     executor.add_node(node_);
-    executor.spin();
+    std::thread spinning([&executor] { executor.spin(); });
     for (std::thread& thread : threads) {
       thread.join();
     }
+    soter_process_ending();
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds(100)); /* what was published last goes out */
+    rclcpp::shutdown();
+    spinning.join();
     return 0;
   }
 
  private:
   void turns() {
     int64_t told = monotonic_ns();
-    while (rclcpp::ok()) {
+    while (rclcpp::ok() && stage() == 1) {
       const bool changed = trusted_.hear();
       const int64_t now = monotonic_ns();
       if (changed || now - told >= DIAGNOSTICS_NS) {
