@@ -49,6 +49,7 @@ from bench.run_all import (  # noqa: E402 - needs the path
     machine,
     now,
     printed,
+    rests_on,
     results,
     write,
 )
@@ -247,9 +248,7 @@ def _last(text: str) -> str:
 
 def made_of(command: str) -> str:
     """Which code, examples and benchmark are checked out; nothing where they were edited since."""
-    first = command.split(maxsplit=1)[0]
-    folder = str(Path(first).parent) if first.endswith(".py") else "tests"
-    what = ("src", "examples", folder)
+    what = rests_on(command)
     edited = _git("status", "--porcelain", *what)
     trees = _git("rev-parse", *(f"HEAD:{x}" for x in what)).split()
     return "" if edited.strip() else " ".join(x[:8] for x in trees)
@@ -371,7 +370,7 @@ def main() -> int:
     add("--seconds", type=float, default=LONGEST, help="begin nothing after so many")
     add("--each", type=float, default=LONGEST, help="seconds that a command may take")
     parser.add_argument(
-        "--write", action="store_true", help="write what differs into docs/benchmarks.md"
+        "--write", action="store_true", help="put whole rows into docs/benchmarks.md, made now"
     )
     parser.add_argument("--list", action="store_true", help="name the sections, run nothing")
     arguments = parser.parse_args()
@@ -395,7 +394,7 @@ def main() -> int:
     verdicts = []
     for s, output in outputs:
         verdicts.append(verdict(s, output))
-        if arguments.write and s.made is None and not s.flights and verdicts[-1].differ:
+        if arguments.write and s.made is None and not s.flights and not verdicts[-1].not_made:
             written(s, output)
         print(shown(verdicts[-1]), flush=True)
     return told_at_last(verdicts, OUT / f"verdicts-{name}")
@@ -407,7 +406,8 @@ def written(s: Section, output: Output) -> None:
     block = f"```\n{output.text.rstrip()}\n```"
     old = kept[s.name]
     text = BLOCK.sub(lambda _: block, old.text, count=1)
-    kept[s.name] = Result(f"python {s.command}", *now(), machine(), text, old.about)
+    made = now(*rests_on(s.command))
+    kept[s.name] = Result(f"python {s.command}", *made, machine(), text, old.about)
     write(kept)
 
 

@@ -101,7 +101,6 @@ SMALL = {
     "What people wait for": Small(machine=CLOCK),
     "From the wheel to proved, re-checked, flown": Small(machine=CLOCK),
     "The surveillance drone: stacks that must not be proved": Small("--quick"),
-    "The generated program and the kernel": Small(apart=MINUTES),
     "The house": Small(apart="counts of the code, others after every commit"),
     "Mutants of Python before and after the tests were made faster": Small(machine=BEFORE),
     "The model of time against every schedule": Small(
@@ -126,7 +125,6 @@ SMALL = {
     "Holes put back into the prover": Small(apart=MINUTES),
     "The same adversaries against an engine that is not told everything": Small("--problems 1"),
     "Verify, recheck and run against each other": Small("--modules 4 --stiff 1"),
-    "Before and after the house was cut anew": Small(machine=BEFORE),
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
     ),

@@ -23,7 +23,7 @@ if str(ROOT) not in sys.path:
 from bench import made_again  # noqa: E402 - needs the path
 from bench.made_again_compare import compared, numbers_in, sampled, stood  # noqa: E402
 from bench.made_again_sections import EXCEPT, NOT_SEEN, PAGES, SMALL  # noqa: E402
-from bench.run_all import BENCHMARKS, BLOCK, Result, printed, results  # noqa: E402
+from bench.run_all import BENCHMARKS, BLOCK, CITED, Result, printed, results  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -62,7 +62,7 @@ def blocks(text: str) -> Iterator[str]:
 def sentences(text: str) -> Iterator[str]:
     """Every paragraph that has figures and a mark of them, or names a benchmark."""
     text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
-    text = re.sub(r"^(\||#|    ).*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^(\||#|    ).*$", "", CITED.sub("", text), flags=re.MULTILINE)
     for paragraph in re.split(r"\n\s*\n|\n(?=- |\d+\. )", text):
         if (SCRIPT.search(paragraph) or DAGGER in paragraph) and numbers_in(paragraph):
             yield paragraph
