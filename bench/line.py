@@ -65,7 +65,7 @@ def proof_figures() -> dict[str, Any]:
 
 def measured() -> dict[str, Any]:
     """A line."""
-    made, commit = now("src", "examples")
+    made, commit = now()
     steps, escapes = figures_of(ESCAPES, *SOUNDNESS)
     slips, right, misleading = figures_of(SLIPS, "bench/newcomers/slips.py")
     with tempfile.TemporaryDirectory(prefix="soter-line-") as folder:

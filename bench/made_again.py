@@ -49,7 +49,6 @@ from bench.run_all import (  # noqa: E402 - needs the path
     machine,
     now,
     printed,
-    rests_on,
     results,
     write,
 )
@@ -248,7 +247,9 @@ def _last(text: str) -> str:
 
 def made_of(command: str) -> str:
     """Which code, examples and benchmark are checked out; nothing where they were edited since."""
-    what = rests_on(command)
+    first = command.split(maxsplit=1)[0]
+    folder = str(Path(first).parent) if first.endswith(".py") else "tests"
+    what = ("src", "examples", folder)
     edited = _git("status", "--porcelain", *what)
     trees = _git("rev-parse", *(f"HEAD:{x}" for x in what)).split()
     return "" if edited.strip() else " ".join(x[:8] for x in trees)
@@ -406,8 +407,7 @@ def written(s: Section, output: Output) -> None:
     block = f"```\n{output.text.rstrip()}\n```"
     old = kept[s.name]
     text = BLOCK.sub(lambda _: block, old.text, count=1)
-    made = now(*rests_on(s.command))
-    kept[s.name] = Result(f"python {s.command}", *made, machine(), text, old.about)
+    kept[s.name] = Result(f"python {s.command}", *now(), machine(), text, old.about)
     write(kept)
 
 

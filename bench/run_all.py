@@ -441,20 +441,15 @@ def escaped(line: str) -> str:
     return re.sub(r"([|*_<`\[])", r"\\\1", line)
 
 
-def rests_on(command: str) -> tuple[str, ...]:
-    """What the output of a command (without `python`) rests on: code, examples, its own folder."""
-    first = Path(command.split(maxsplit=1)[0])
-    own = first.parent if first.parent.name != "bench" else first
-    return ("src", "examples", str(own) if first.suffix == ".py" else "tests")
+def now() -> tuple[str, str]:
+    """The day, and the first commit on the way to this one that has its code and examples.
 
-
-def now(*paths: str) -> tuple[str, str]:
-    """The day, and the first commit on the way to this one that has these files as they are.
-
-    So a branch that changes none of them names a commit that stays when others take its work.
+    A branch that changes neither names a commit that stays when others take its work.
     """
     words = ["git", "log", "--first-parent", "-1", "--format=%h", "--abbrev=8", "--"]
-    told = subprocess.run([*words, *paths], cwd=ROOT, capture_output=True, text=True, check=True)
+    told = subprocess.run(
+        [*words, "src", "examples"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return datetime.now(tz=timezone.utc).date().isoformat(), told.stdout.strip()
 
 
@@ -472,7 +467,7 @@ def main() -> int:
         if arguments.only and arguments.only.lower() not in b.name.lower():
             continue
         print(f"== {b.name}", flush=True)
-        when, words = now(*rests_on(b.arguments)), shlex.split(b.arguments)
+        when, words = now(), shlex.split(b.arguments)
         done = subprocess.run(
             [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=False
         )
