@@ -75,9 +75,6 @@ SMALL = {
     ),
     "The drone on MuJoCo's rigid body": Small("--hours 0.1", flights=20),
     "Go-to legs that PX4 flew": Small(times=SIMULATED, apart=MINUTES),
-    "What every AC can make the drone miss": Small(
-        "--flights 1 --seconds 10", apart="not made yet"
-    ),
     "The rhythm that the drone follows worst": Small(
         "--sequences 20000", apart="fewer sequences find others"
     ),
@@ -128,7 +125,6 @@ SMALL = {
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
     ),
-    "Flights, every verdict checked again": Small(apart=MINUTES),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
     "Mutants of the re-checker's core": Small(apart=MINUTES),
