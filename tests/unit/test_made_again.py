@@ -210,6 +210,15 @@ def test_a_page_may_show_some_of_the_lines_that_say_the_same() -> None:
     assert len(compared("K of 8 cells\nK of 7 cells\nK of 9 cells\n", made).differ) == 2
 
 
+def test_how_many_were_over_a_bound_is_a_figure() -> None:
+    """The heading `over it` counts; `over 60 s` is one of times."""
+    head = "what died              n  max ms   bound  over it  over 60 s\n"
+    row = f"{head}trusted part: the law 20    66.7    69.0        0          2\n"
+    late = row.replace(" 0 ", " 1 ")
+    assert len(compared(row, late).differ) == len(sampled(row, late, 1).differ) == 1
+    assert compared(row, row.replace("66.7", "70.1").replace(" 2\n", " 3\n")).differ == []
+
+
 def test_a_speed_beside_real_time_is_of_the_clock() -> None:
     assert (
         compared(
