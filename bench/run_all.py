@@ -202,7 +202,7 @@ BENCHMARKS = (
     Benchmark("Random problems and adversaries", "bench/verify/soundness.py"),
     Benchmark(
         "A closed-loop adversary against proved modules",
-        "bench/adversary/against_proofs.py --steps 300000000",
+        "bench/adversary/against_proofs.py --modules 300 --steps 300000000",
         last="^all ",
         heads="proved|safe only|violations",
     ),
