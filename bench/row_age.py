@@ -29,7 +29,7 @@ from bench.run_all import CITED, results  # noqa: E402 - needs the path
 from bench.run_all import file_of as output_of  # noqa: E402
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
 SRC = ROOT / "src"
 SOTER, EXAMPLES = SRC / "soter", ROOT / "examples"
@@ -149,43 +149,30 @@ def about(command: str) -> frozenset[str]:
     )
 
 
-def git(*arguments: str) -> str:
-    """What git prints."""
+def git(*arguments: str) -> str | None:
+    """What git prints; None where it fails."""
     done = subprocess.run(
         ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    return done.stdout if done.returncode == 0 else ""
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def whole_history() -> bool:
     """Whether commits can be counted here: not in an archive, nor in a shallow clone."""
-    return git("rev-parse", "--is-shallow-repository").strip() == "false"
+    return git("rev-parse", "--is-shallow-repository") == "false"
 
 
 @cache
-def changed_since(commit: str) -> tuple[frozenset[str], ...]:
-    """Of each commit since, merges aside, the files that it changed, and their folders.
-
-    Raises ValueError where HEAD does not stand on the commit.
-    """
-    if git("merge-base", commit, "HEAD").strip() != git("rev-parse", commit).strip():
-        raise ValueError(f"{commit}: HEAD does not stand on it")
-    told = git("log", "--no-merges", "--name-only", "--format=%x00", f"{commit}..HEAD")
-    return tuple(
-        frozenset(f[:end] for f in one.split("\n") for end in ends(f) if f)
-        for one in told.split("\0")[1:]
-    )
-
-
-def ends(path: str) -> Iterator[int]:
-    """Where the names of a file and of its folders end in a path."""
-    yield from (m.start() for m in re.finditer("/|$", path))
-
-
 def age(command: str, commit: str) -> int:
-    """Commits since that one which changed what the command's figures are about."""
-    paths = about(command.removeprefix("python "))
-    return sum(not paths.isdisjoint(files) for files in changed_since(commit))
+    """Commits since that one which changed what the command's figures are about.
+
+    Raises ValueError where HEAD does not stand on it.
+    """
+    if git("merge-base", "--is-ancestor", commit, "HEAD") is None:
+        raise ValueError(f"{commit}: HEAD does not stand on it")
+    paths = sorted(about(command.removeprefix("python ")))
+    words = ("rev-list", "--count", "--no-merges", f"{commit}..HEAD", "--", *paths)
+    return int(git(*words) or "0")
 
 
 def too_old(text: str) -> list[str]:
