@@ -20,7 +20,7 @@ INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
 # tests that say which package of others they need
 THIRD_PARTIES = $(shell grep -rl importorskip tests --include='test_*.py')
 
-.PHONY: help setup demo test test-changed test-all test-rest test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode release clean
+.PHONY: help setup demo test test-changed test-all test-rest test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick bench-line figures vscode release clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -100,6 +100,9 @@ bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 
 bench-quick: $(VENV)/.dev  ## 15 seconds: what people wait for, beside its targets; bench/quick.py --help
 	$(PY) bench/quick.py
+
+bench-line: $(VENV)/.dev  ## a line of docs/benchmarks/line.jsonl, to be committed with a change; 5 minutes
+	$(PY) bench/line.py
 
 figures: $(VENV)/.dev  ## every figure of docs/ made again, beside what the page says; hours. SMALL=1: quicker runs
 	$(PY) bench/made_again.py --resume $(if $(SMALL),--small)

@@ -31,7 +31,7 @@ WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}")
 REAL_TIME = re.compile(rf"{NUMBER} ?(?:x|{TIMES}) real(?: time)?")
 CLOCK = (
     r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|/ verify|took|time|search|s|ms|us|ns|seconds|check s|rate|"
-    r"ratio|(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|"
+    r"ratio|(?:x )?real|longest|slowest answer|(?:<=|over) \d.*|best(?: cpu)?|median|"
     r".*, (?:s|ms|us|ns)|target(?: .*)?|met|faster|efficiency|by medians|memory|"
     r"p50.*|p99.*|max(?: ms)?"
 )

@@ -75,9 +75,6 @@ SMALL = {
     ),
     "The drone on MuJoCo's rigid body": Small("--hours 0.1", flights=20),
     "Go-to legs that PX4 flew": Small(times=SIMULATED, apart=MINUTES),
-    "What every AC can make the drone miss": Small(
-        "--flights 1 --seconds 10", apart="not made yet"
-    ),
     "The rhythm that the drone follows worst": Small(
         "--sequences 20000", apart="fewer sequences find others"
     ),
@@ -101,7 +98,6 @@ SMALL = {
     "What people wait for": Small(machine=CLOCK),
     "From the wheel to proved, re-checked, flown": Small(machine=CLOCK),
     "The surveillance drone: stacks that must not be proved": Small("--quick"),
-    "The generated program and the kernel": Small(apart=MINUTES),
     "The house": Small(apart="counts of the code, others after every commit"),
     "Mutants of Python before and after the tests were made faster": Small(machine=BEFORE),
     "The model of time against every schedule": Small(
@@ -126,11 +122,9 @@ SMALL = {
     "Holes put back into the prover": Small(apart=MINUTES),
     "The same adversaries against an engine that is not told everything": Small("--problems 1"),
     "Verify, recheck and run against each other": Small("--modules 4 --stiff 1"),
-    "Before and after the house was cut anew": Small(machine=BEFORE),
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
     ),
-    "Flights, every verdict checked again": Small(apart=MINUTES),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
     "Mutants of the re-checker's core": Small(apart=MINUTES),

@@ -100,10 +100,9 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
       }
     }
     if (due(t, m->sensor_period, m->sensor_phase)) {
-      /* silent for `dropout` longer than its period, from the first release on */
+      /* silent for `dropout` longer than its period, once it has spoken at its first release */
       int64_t since = s.topic[0].stamp + m->sensor_period;
-      since = s.topic[0].stamp == NEVER ? m->sensor_phase : since;
-      int drop = t + m->sensor_period <= since + m->dropout && !(ac && t == t0)
+      int drop = s.topic[0].stamp != NEVER && t + m->sensor_period <= since + m->dropout
           && choose(&s, DROP, 1) > 0;
       if (!drop) {
         if (ac && t == t0) {

@@ -167,10 +167,10 @@ def run(wanted: int, steps: int, first: int, family: str) -> list[Batch]:
                     print(f"\nVIOLATION {row.family} seed {row.seed}\n{row.text}\n{row.again}")
             seconds = time.perf_counter() - began
             told = f"{proved}/{wanted} proved of {len(batches)} seeds, {spent:,} steps"
-            print(f"\r{told}, {seconds:.0f} s ", end="", flush=True)
+            print(f"\r{told}, {seconds:.0f} s ", end="", file=sys.stderr, flush=True)
         for waiting in running:
             waiting.cancel()
-    print()
+    print(file=sys.stderr)
     return batches
 
 

@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
@@ -26,6 +27,10 @@ from unit import test_c_figures as c_figures  # noqa: E402 - needs the path
 from unit import test_docstrings as docstrings  # noqa: E402 - needs the path
 from unit import test_house_figures as figures  # noqa: E402 - needs the path
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CART = "examples/wall/cart.soter"
 ENTERED = """
 import inspect
 import sys
@@ -105,22 +110,26 @@ def entered(*words: str) -> int:
     return int(done.stderr.rsplit("entered", 1)[1])
 
 
+def beside_numpy() -> Iterator[tuple[str, float]]:
+    """A small and a large program: how many times an import of NumPy its check takes."""
+    numpy_s = processor_s("-c", "import numpy")
+    for program in (CART, "examples/drone/surveillance.soter"):
+        yield Path(program).name, processor_s(*SOTER, "check", program) / numpy_s
+
+
 def main() -> int:
     """Print the counts, then what a check takes beside an import of NumPy."""
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
-    cart = "examples/wall/cart.soter"
     commands = (
-        ("check", cart),
-        ("build", cart, "--target", "c", "-o", "DIR"),
-        ("verify", cart, "--no-refute"),
+        ("check", CART),
+        ("build", CART, "--target", "c", "-o", "DIR"),
+        ("verify", CART, "--no-refute"),
     )
     named = {f"files that `soter {c[0]}` of the cart enters": entered(*c) for c in commands}
     for what, figure in (counts() | named).items():
         print(f"{what:50} {figure}")
-    numpy_s = processor_s("-c", "import numpy")
-    for program in (cart, "examples/drone/surveillance.soter"):
-        ratio = processor_s(*SOTER, "check", program) / numpy_s
-        name = f"`soter check` of {Path(program).name} beside `import numpy`"
+    for program, ratio in beside_numpy():
+        name = f"`soter check` of {program} beside `import numpy`"
         print(f"{name:50} {ratio:.1f} times")
     return 0
 

@@ -271,8 +271,8 @@ def attack_loop(  # noqa: PLR0915 - one tick of a whole loop, from top to bottom
     """The whole closed loop: (runs that leave C, starts outside R(H), steps).
 
     It starts with a verdict for AC on a sample of a state with this estimate, and the next DM step
-    as late as can be. SC waits for the DM where both are released together; its publication is
-    gated when it is made.
+    as late as can be. SC waits for the verdict of every DM step that was released by its own
+    release (docs/proof.md); its publication is gated when it is made.
     """
     rng = np.random.default_rng(seed)
     runs, of = estimate.shape[1], p.times
@@ -289,7 +289,7 @@ def attack_loop(  # noqa: PLR0915 - one tick of a whole loop, from top to bottom
     never = np.int64(2**40)
     verdict_at = np.full(runs, never)
     verdict = np.ones(runs, dtype=bool)
-    dm_start = np.full(runs, never)
+    dm_start, dm_out = np.full(runs, never), np.zeros(runs, dtype=np.int64)
     sc_start, publish_at, act_at = (np.full(runs, never) for _ in range(3))
     wanted, coming, u_sc = np.zeros(runs), np.zeros(runs), np.zeros(runs)
     left = np.zeros(runs, dtype=bool)
@@ -297,16 +297,15 @@ def attack_loop(  # noqa: PLR0915 - one tick of a whole loop, from top to bottom
         dm_due = t >= first and (t - first) % of.dm == 0
         if dm_due:
             dm_start = t + foe.ticks(of.late_dm)
+            dm_out = dm_start + foe.ticks(of.response_dm)
         if (t - first) % of.sc == 0:
-            sc_start = t + foe.ticks(of.late_sc)
-            if dm_due:  # one thread: SC's turn comes after the DM's
-                sc_start = np.maximum(sc_start, dm_start + of.response_dm)
+            sc_start = np.maximum(t + foe.ticks(of.late_sc), dm_out)
         now = dm_start == t
         if now.any():
             seen = past.at(t, foe.ticks(of.max_age)) + foe.error(x)
             fine = np.where(mode, cells.has(trust, seen), cells.has(give_back, seen))
             verdict = np.where(now, fine, verdict)
-            verdict_at = np.where(now, t + foe.ticks(of.response_dm), verdict_at)
+            verdict_at = np.where(now, dm_out, verdict_at)
         if (verdict_at == t).any():
             came = verdict_at == t
             mode = np.where(came, verdict, mode)
