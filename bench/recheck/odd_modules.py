@@ -11,7 +11,7 @@ announced nothing. `--runs`: what is proved is run as `bench/verify/contradictio
 code 1 where there is one of these.
 Non-goals: schedules, delays, many plants (`contradictions.py`); wrong certificates (`forged.py`).
 
-What is added to an SC that brings the state back, or to a rate, is limited, so that most are proved.
+What is added to an SC that brings the state back, or to a rate, is limited: most are proved.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ SMOOTH = (
     *("smoothstep(-0.6, 0.6, {a})", "smoothstep({b}, {b} + {w}, {a})", "norm(vec2({a}, {b}))"),
     *("dot(vec2({a}, {b}), vec2(0.5, -1.0))", "saturate(vec2({a}, {b}), 0.8).y", "pair({a}).a"),
 )
-"""Numbers that `rest` may be followed with; a, b, c: such ones, w: a width, n: an int, t: a truth."""
+"""Numbers that `rest` may be followed with; a, b, c: such, w: a width, n: an int, t: a truth."""
 NUMBERS = (
     *SMOOTH,
     *("sqrt({a} * {a})", "floor({a})", "wrap_angle({a})", "wrap_angle(3.0 * {a})", "sign({a})"),

@@ -14,7 +14,7 @@ from flint import arb
 
 import soter
 from soter.certificate.reading.symbolic_operations import PRELUDE, Operations
-from soter.certificate.terms import straight_line, terms
+from soter.certificate.terms import straight_line
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
 from soter.certificate.terms.linear_enclosures import FUNCTIONS, exact
 from soter.certificate.terms.terms import Terms
@@ -169,7 +169,7 @@ def test_an_enclosure_that_is_too_narrow_by_a_billionth_of_a_thousandth_is_left(
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setitem(straight_line.OPERATIONS, f"line_{kind}", narrow)
-        patched.setitem(terms.FUNCTIONS, kind, narrow)
+        patched.setitem(FUNCTIONS, kind, narrow)
         assert escapes(name, rounded=True, computed=program.function(f"of_{name}"))
 
 

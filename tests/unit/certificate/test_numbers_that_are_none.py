@@ -115,9 +115,9 @@ def test_what_a_truth_chooses_of_two_that_hold_holds(tmp_path: Path) -> None:
     for x, wanted in (((-0.5, 0.5), CERTAIN), ((1.25, 2.0), FALSE_BITS), ((0.5, 1.5), EITHER)):
         assert bits(terms, truth, x) == wanted
     made = Terms()
-    x, y = (made.add_input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
-    c = made.below_zero(y)
-    a, b = (made.below_zero(made.combine(((f, x),), exact(-1.0))) for f in (ONE, -ONE))
+    one, other = (made.add_input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
+    c = made.below_zero(other)
+    a, b = (made.below_zero(made.combine(((f, one),), exact(-1.0))) for f in (ONE, -ONE))
     for p, q in itertools.product((a, b, TRUE), repeat=2):
         truth = choice_of_truths(c, p, q)
         form = form_of_box([(exact(-0.5), exact(0.5)), (exact(-1.0), exact(1.0))], symbols=False)

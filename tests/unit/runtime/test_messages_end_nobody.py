@@ -37,11 +37,31 @@ INSTANTS = 201
 """Of the cart in a second."""
 UNTIL = ("--until", "1", "--bare", "0")
 STREAMS = ("stdin", "stdout", "stderr")
-ENDS = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGALRM)
+ENDS: tuple[int, ...] = (
+    signal.SIGHUP,
+    signal.SIGINT,
+    signal.SIGQUIT,
+    signal.SIGTERM,
+    signal.SIGALRM,
+)
 ENDS += (signal.SIGPROF, signal.SIGXCPU, signal.SIGPWR, signal.SIGIO, signal.SIGVTALRM)
 ENDS += (signal.SIGRTMIN, signal.SIGRTMAX)
-STAYS = (signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU, 32, 33)
-FAULTS = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGSYS)
+STAYS: tuple[int, ...] = (
+    signal.SIGPIPE,
+    signal.SIGXFSZ,
+    signal.SIGTSTP,
+    signal.SIGTTIN,
+    signal.SIGTTOU,
+    32,
+    33,
+)
+FAULTS: tuple[int, ...] = (
+    signal.SIGSEGV,
+    signal.SIGBUS,
+    signal.SIGABRT,
+    signal.SIGFPE,
+    signal.SIGSYS,
+)
 
 
 @pytest.fixture(scope="module")
@@ -136,9 +156,10 @@ def test_closed_descriptors_are_no_file_of_its_own(cart: Path, tmp_path: Path, c
         done = run(cart, "--json", "--record", record, stdout=out, preexec_fn=before)
     assert done.returncode == 0
     assert record.read_bytes().startswith(b"soter recording 1")
-    flight, seen = FlightRecording(record, system_of(check_file(str(CART)), "Protected")), []
+    flight = FlightRecording(record, system_of(check_file(str(CART)), "Protected"))
+    seen: list[list[object]] = []
     flight.show_to(type("Seen", (), {"see": seen.append})())
-    assert sum(map(len, seen)) == INSTANTS
+    assert sum(len(one) for one in seen) == INSTANTS
     assert flight.cut == ""
     if 1 not in files:
         assert json.loads((tmp_path / "out").read_text())["instants"] == INSTANTS
@@ -176,7 +197,7 @@ def test_a_report_that_cannot_be_written_is_no_success(cart: Path, reader: str) 
 def test_a_report_is_whole_however_late_it_is_read(cart: Path) -> None:
     """Whoever reads it has a buffer of a pipe, and takes it a piece at a time."""
     whole = json.loads(run(cart, "--json").stdout)
-    command = [cart, *UNTIL, "--json", "--quiet"]
+    command: list[str | Path] = [cart, *UNTIL, "--json", "--quiet"]
     with processes.started(command, stdout=processes.PIPE, bufsize=0) as process:
         assert process.stdout is not None
         text = b""
@@ -278,7 +299,7 @@ def test_a_disk_without_room_is_told_of_a_compiler(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", ENDS)
 def test_a_signal_ends_the_trusted_part_with_a_report(cart: Path, number: signal.Signals) -> None:
-    command = [cart, "--until", "1000000", "--json", "--quiet"]
+    command: list[str | Path] = [cart, "--until", "1000000", "--json", "--quiet"]
     with processes.started(command, stdout=processes.PIPE) as process:
         status = Path(f"/proc/{process.pid}/status")
 
@@ -297,7 +318,7 @@ def test_nohup_is_heeded(cart: Path) -> None:
     def ignored() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
-    command = [cart, "--until", "1000000", "--json", "--quiet"]
+    command: list[str | Path] = [cart, "--until", "1000000", "--json", "--quiet"]
     with processes.started(command, stdout=processes.PIPE, preexec_fn=ignored) as process:
         processes.computed(process, 0.05)
         process.send_signal(signal.SIGHUP)

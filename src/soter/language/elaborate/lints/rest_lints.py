@@ -187,22 +187,14 @@ class _Run:
             i = self.module.scope.topics[m.topic]
             moves[i, leaf_index(self.system.topics[i], (*positions(m.topic.type, m.path),))] = m
         for k, (number, bound) in enumerate(self.bounds.items()):
-            move, safe = moves.get(number), self.module.symbol.safe
-            ways = [x[k] for x in self.seen[self.first or 0 :]] if self.first is not None else [0.0]
-            drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
-            lost = [w for w, x in (("down", -FAR), ("up", FAR)) if not self._holds(safe, k, x)]
-            if move is None and (k in self.read or bound is not None or not lost):
+            move = moves.get(number)
+            if move is None and (k in self.read or bound is not None):
                 continue
-            way, said = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
-            by = 0.0 if move is None else cast("float", self.own.value(move.by))
-            wrong = [w for w in said if drift[w] > 1.01 * by] + [w for w in lost if w not in said]
-            far = max(drift[w] for w in lost or said)
+            wrong, item = self._moved_by(k, move)
+            items += [item] if item else []
             if wrong:
-                label = f"SC moves `{self.names[k]}` {wrong[0]} from where `rest` holds"
+                label = f"SC moves `{self.names[k]}` {wrong} from where `rest` holds"
                 found = found or ((move or rest).span, label)
-                way = lost[0] if len(lost) == 1 else ""
-            by_ = move.by.span.text if move and far <= by else f"{4.0 * far or 0.1:.1g}"
-            items.append(f"{self.names[k]} by {by_} {way}".strip())
         if found is None:
             return None
         gap = Span(rest.span.source, rest.condition.span.end, rest.within.span.start)
@@ -210,6 +202,23 @@ class _Run:
         before = gap.text[: gap.text.index("moves" if rest.moves else "within")]
         help_ = replace(gap, f"{before}{new} within ", f"write `{new}`, or more")
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
+
+    def _moved_by(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
+        """Which way number `k` moves further than `moves` says; what it should say. "": nothing."""
+        safe = self.module.symbol.safe
+        ways = [0.0] if self.first is None else [x[k] for x in self.seen[self.first :]]
+        drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
+        lost = [w for w, x in (("down", -FAR), ("up", FAR)) if not self._holds(safe, k, x)]
+        if move is None and not lost:
+            return "", ""
+        way, said = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
+        by = 0.0 if move is None else cast("float", self.own.value(move.by))
+        wrong = [w for w in said if drift[w] > 1.01 * by] + [w for w in lost if w not in said]
+        far = max(drift[w] for w in lost or said)
+        if wrong:
+            way = lost[0] if len(lost) == 1 else ""
+        bound = move.by.span.text if move and far <= by else f"{4.0 * far or 0.1:.1g}"
+        return wrong[0] if wrong else "", f"{self.names[k]} by {bound} {way}".strip()
 
     def _late(self) -> Doubt:
         """`within` is over before `rest` holds."""
