@@ -363,10 +363,8 @@ def test_a_board_without_any_library_gives_the_law(tmp_path: Path, loop: str, co
 RUNTIME = SOTER / "runtime"
 PRINTING = frozenset(("stdio.h", "cstdio", "iostream", "ostream", "fstream"))
 PRINT = {
-    "bridge/soter_bridge_common.h",
     "bridge/soter_simulation_core.hpp",
     "posix/soter_posix.h",
-    "posix/soter_posix_check.h",
     "ros1/soter_simulation.hpp",
     "ros2/soter_simulation.hpp",
 }

@@ -274,7 +274,7 @@ def test_a_group_is_held_up_together(tmp_path: Path) -> None:
 )
 def test_it_is_said_which_assumption_is_kept(said: str, inside: bool, tmp_path: Path) -> None:
     flat = flat_of(tmp_path, said)
-    assert [f.inside is not None for f in flat.faults if f.stream] == [inside]
+    assert {f.inside is not None for f in flat.faults if f.stream} == {inside}
 
 
 def changed_cart(folder: Path, faults: str) -> Path:

@@ -178,7 +178,7 @@ ROOMS = {
     "tests/unit/simulate": (18, "as above"),
     "tests/unit/language": (21, "as above"),
     "tests/unit/verify/claims": (18, "a file a claim or a choice, found by its name"),
-    "tests/unit/certificate": (68, "as above; and what single functions promise, by kind"),
+    "tests/unit/certificate": (70, "as above; and what single functions promise, by kind"),
     "tests/unit/verify/tubes": (21, "as above, what enumerates small systems, maps, columns, fits"),
     "tests/unit/cli": (39, "as above: a file a command"),
     "tests/unit/monitor": (17, "as above: a file a format, and what a log may lie about"),

@@ -424,7 +424,7 @@ def test_times_that_are_declared_are_said(tmp_path: Path) -> None:
     }
     assert p1c_of(facts) == "proved"
     silent = facts_with(tmp_path, (DECLARED[0], DECLARED[1].replace("dropout 0ms", "dropout 20ms")),
-                        ("max_age 20ms", "max_age 90ms"))  # fmt: skip
+                        ("max_age 20ms", "max_age 90ms"), (" - x.b - y", " - x.b"))  # fmt: skip
     assert "dropout 20 ms" in keys(silent)
     assert "no dropout" not in keys(silent)
 

@@ -45,22 +45,31 @@ def test_a_window_holds_its_share_of_all_runs() -> None:
 @all_rows("delay", [0, 3])
 @all_rows("paths", [[1], [2], [1, 1], [0]])
 @all_rows("linear", [True, False])
+@all_rows("stations", [("sensor",), ("sensor", "node")])
+@all_rows("silent", [0, 5])
 def test_into_which_windows_runs_are_told_apart(
-    jitter: int, delay: int, paths: list[int], linear: bool, monkeypatch: pytest.MonkeyPatch
+    jitter: int,
+    delay: int,
+    paths: list[int],
+    linear: bool,
+    stations: tuple[str, ...],
+    silent: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sc_chains, "is_linear", lambda *_: linear)
-    reads = [SimpleNamespace(paths=["way"] * n) for n in paths]
+    reads = [SimpleNamespace(paths=[SimpleNamespace(clocks=stations)] * n) for n in paths]
     facts = SimpleNamespace(
         kind="flow",
         jitter_ns=jitter,
         delay_ns=delay,
         late_commands=False,
-        setting=SimpleNamespace(by_sc=reads),
+        setting=SimpleNamespace(by_sc=reads, silent=silent),
     )
     model: Any = SimpleNamespace(facts=facts)
     parts = 4 if jitter else 1
     assert windows(model, [0], 4) == tuple(Window(k, parts) for k in range(parts))
-    ages = 4 if delay and linear and sum(paths) == 1 else 1
+    mixed = bool(silent) and len(stations) > 1
+    ages = 4 if delay and linear and sum(paths) == 1 and not mixed else 1
     assert windows(model, [0], 4, by_age=True) == tuple(
         Window(k, parts, a, ages) for k in range(parts) for a in range(ages)
     )

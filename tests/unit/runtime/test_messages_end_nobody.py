@@ -37,31 +37,11 @@ INSTANTS = 201
 """Of the cart in a second."""
 UNTIL = ("--until", "1", "--bare", "0")
 STREAMS = ("stdin", "stdout", "stderr")
-ENDS: tuple[int, ...] = (
-    signal.SIGHUP,
-    signal.SIGINT,
-    signal.SIGQUIT,
-    signal.SIGTERM,
-    signal.SIGALRM,
-)
-ENDS += (signal.SIGPROF, signal.SIGXCPU, signal.SIGPWR, signal.SIGIO, signal.SIGVTALRM)
-ENDS += (signal.SIGRTMIN, signal.SIGRTMAX)
-STAYS: tuple[int, ...] = (
-    signal.SIGPIPE,
-    signal.SIGXFSZ,
-    signal.SIGTSTP,
-    signal.SIGTTIN,
-    signal.SIGTTOU,
-    32,
-    33,
-)
-FAULTS: tuple[int, ...] = (
-    signal.SIGSEGV,
-    signal.SIGBUS,
-    signal.SIGABRT,
-    signal.SIGFPE,
-    signal.SIGSYS,
-)
+ENDS = [signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGALRM]
+ENDS += [signal.SIGPROF, signal.SIGXCPU, signal.SIGPWR, signal.SIGIO, signal.SIGVTALRM]
+ENDS += [signal.SIGRTMIN, signal.SIGRTMAX]
+STAYS = [signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU, 32, 33]
+FAULTS = [signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGSYS]
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,7 @@
 """The re-checker's values, numbers where known and terms where not, and operations on them.
 
 Purpose: the parts of a value: its leaves, its type, whether it is whole or decided; operators,
-built-in functions, choices and look-ups in tables: computed where all numbers are known, a term
-otherwise.
+built-in functions, choices, tables: computed where all numbers are known, a term otherwise.
 Non-goals: expressions and statements (`symbolic_reading.py`); terms themselves
 (`certificate/terms/`), those of a solver (`certificate/induction/solver_reading.py`).
 
@@ -14,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import wraps
+from operator import add, eq, ge, gt, le, lt, mul, ne, sub
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from soter.certificate.report import NotRecheckedError
@@ -474,14 +474,9 @@ def _require_numbers(*compared: Value) -> None:
         raise NotRecheckedError(f"a NaN that is compared {NOT_HERE}")
 
 
-COMPARED: dict[str, Callable[[Any, Any], bool]] = {
-    "<": lambda a, b: a < b,
-    "<=": lambda a, b: a <= b,
-    ">": lambda a, b: a > b,
-    ">=": lambda a, b: a >= b,
-    "==": lambda a, b: a == b,
-    "!=": lambda a, b: a != b,
-}
+COMPARED: dict[str, Callable[[Any, Any], bool]] = dict(
+    zip(("<", "<=", ">", ">=", "==", "!="), (lt, le, gt, ge, eq, ne), strict=True)
+)
 INTS: dict[str, Callable[[int, int], int]] = {
     "+": arith.add_int,
     "-": arith.sub_int,
@@ -490,9 +485,9 @@ INTS: dict[str, Callable[[int, int], int]] = {
     "%": arith.mod_int,
 }
 FLOATS: dict[str, Callable[[float, float], float]] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
+    "+": add,
+    "-": sub,
+    "*": mul,
     "/": arith.div_float,
 }
 BUILTINS: dict[str, Callable[[Any], Value]] = {

@@ -3,8 +3,8 @@
 Purpose: each function takes the *form* of a set (below). `compile_step` gives the form of what the
 terms make of it, with ranges that are wanted; `compile_lines` rows over the states that hold all
 over the form; `compile_truths` what is known of propositions there, `all_certain` of them over
-whole ranges. To make them, `AffineForms` has
-a row and a range of every `Linear`, once `make_atoms` has made those of its atoms.
+whole ranges. To make them, `AffineForms` has a row and a range of every `Linear`, once `make_atoms`
+has made those of its atoms.
 Non-goals: reading programs (`reading/symbolic_reading.py`), which sets to check
 (`grid/sc_chains.py`, `cell_predicates.py`), how programs run (`straight_line.py`).
 
@@ -101,10 +101,8 @@ class AffineForms:
     def enter_box(self, index: int, atom: Atom) -> None:
         """Enter line and range of an input that the form does not describe: its box, or domain."""
         low, high = self.boxes.get(index, (atom.low, atom.high))
-        self.free[index] = (
-            self.make.constant((low + high) * HALF),
-            self.make.constant((high - low) * HALF),
-        )
+        middle, half = (low + high) * HALF, (high - low) * HALF
+        self.free[index] = self.make.constant(middle), self.make.constant(half)
         self.rows[index] = {index: self.make.one}, self.make.zero, self.make.zero
         self.bounds[index] = self.make.constant(low), self.make.constant(high)
 

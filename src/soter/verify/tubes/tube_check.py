@@ -469,9 +469,7 @@ class TubeLevels(LevelTable):
         """`fun level(x0: float, ...): int`."""
         good = self.functions["good"]
         given = (("x", len(self.states)), ("m", self.maps))
-        inputs = [
-            [w.variable(f"{name}{k}", "parameter", FLOAT) for k in range(n)] for name, n in given
-        ]
+        inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in given]
         found = w.call(good, *(_numbers(w, [w.read(x) for x in of]) for of in inputs if of))
         answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
         return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])

@@ -26,11 +26,7 @@ from soter.language.elaborate.lints.refuted_at_once import (
     doubt_trials,
 )
 from soter.language.elaborate.lints.rest_lints import doubt_rest
-from soter.language.elaborate.lints.step_lints import (
-    doubt_plant,
-    doubt_publications,
-    doubt_steps,
-)
+from soter.language.elaborate.lints.step_lints import doubt_plant, doubt_publications, doubt_steps
 from soter.language.elaborate.step_times import is_measured, least_age_ns
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
