@@ -251,6 +251,11 @@ PAGES = (
     Made("drone.md", "```           axis", "bench/drone/bound.py"),
     Made("drone.md", "```                   found", RHYTHM),
     Made(
+        "deploy.md",
+        r"tries it: (\d+) scenes, and in none the law late",
+        "@Words, signals, and when the law comes",
+    ),
+    Made(
         "drone.md",
         "```system     hours",
         "bench/drone/off_model.py --minutes 12",
@@ -475,6 +480,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("dds.md", "| `trusted/`"): DEFINED,
     ("dds.md", "| key"): DEFINED,
     ("deploy.md", "``` your loop"): "a drawing",
+    ("deploy.md", "| process | SIGTERM"): DEFINED,
     ("drone.md", "| file"): DEFINED,
     ("drone.md", "| gains"): DEFINED,
     ("drone.md", "```w  = v"): "a formula",
@@ -549,6 +555,8 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_hostile_files.py",
     ("verification.md", "| what is written"): DEFINED,
     ("verification.md", "| kind"): DEFINED,
+    ("verification.md", "| function | what is enclosed"): "bounds of a theorem; "
+    f"{HELD}unit/certificate/test_functions_of_the_prelude.py",
     ("verification.md", '```{ "system"'): DEFINED,
 }
 """(page, how a table or block begins, or words of a paragraph) -> why nothing here makes it."""

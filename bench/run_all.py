@@ -97,7 +97,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The drone on MuJoCo's rigid body",
-        "bench/drone/off_model.py --minutes 12",
+        "bench/drone/off_model.py --hours 10 --system Protected",
         heads="violations|alarms|of D",
     ),
     Benchmark(
@@ -228,7 +228,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Verify, recheck and run against each other",
-        "bench/verify/contradictions.py --modules 300 --stiff 50",
+        "bench/verify/contradictions.py --modules 450 --stiff 50",
     ),
     Benchmark("The time of soter recheck", "bench/recheck/beside_verify.py"),
     Benchmark(
@@ -242,7 +242,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Certificates made wrong and sealed again",
-        "bench/recheck/corruptions.py --count 1000",
+        "bench/recheck/corruptions.py --count 200",
         last="^all |target",
         heads="count|accepted, FALSE",
     ),
@@ -250,7 +250,7 @@ BENCHMARKS = (
     Benchmark("Mutants of the re-checker's core", "bench/recheck/core_mutants.py"),
     Benchmark(
         "Certificates that say more than is true",
-        "bench/recheck/overstated.py --share 0.5",
+        "bench/recheck/overstated.py --share 0.1",
         last="^all |target",
         heads="count|OVERSTATED|REJECTED",
     ),
