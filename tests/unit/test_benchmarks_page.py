@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import processes
 from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -188,9 +188,10 @@ def test_only_commits_of_its_rooms_make_a_row_older(
 
     def git(*words: str) -> str:
         who = ("-c", "user.name=a", "-c", "user.email=a@b")
-        return subprocess.run(
+        done = processes.run(
             ["git", *who, *words], cwd=tmp_path, check=True, capture_output=True, text=True
-        ).stdout.strip()
+        )
+        return str(done.stdout).strip()
 
     monkeypatch.setattr(row_age, "ROOT", tmp_path)
     monkeypatch.setattr(row_age, "about", lambda _: frozenset({"src/soter/timing", "bench/a.py"}))
