@@ -15,10 +15,13 @@ from soter.api import load
 from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
 from soter.api.assurance.evidence import OTHER_REPORT
 from soter.api.assurance.hazard_traceability import Tracing
+from soter.api.assurance.safety_case import compiled_as_proved
+from soter.certificate.folder import Certificate
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.safety_case import CaseNode, SafetyCase
 from soter.report.safety_case_page import body
 from tables import all_rows
+from unit.certificate.tubes.test_forged_rest import held
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -313,3 +316,12 @@ def test_a_hazard_with_the_id_of_a_goal_has_an_anchor_of_its_own(
     anchors = re.findall(r'id="([^"]*)"', page)
     assert len(anchors) == len(set(anchors))
     assert '<a href="#row-G1.1">' in page
+
+
+def test_a_dm_that_follows_sc_is_said_not_to_be_tried(tmp_path: Path) -> None:
+    """A certificate of a module with `rest` has no tables from which to make its DM."""
+    flat, entry = held()
+    certificate = Certificate(tmp_path, {}, {}, "")
+    said, why, differs = compiled_as_proved(flat, flat.modules[0], [entry], certificate)
+    assert (said, differs) == ("", False)
+    assert why == "not tried: its predicates are no tables of cells"
