@@ -163,6 +163,22 @@ def width(terms: Terms, value: Linear, x: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize(
+    "body",
+    [
+        "min(2.0 * x, 1.0 - 0.27 * abs(sin(exp(x))))",
+        "max(0.27 * abs(sin(exp(-x))) - 1.0, 2.0 * x)",
+    ],
+)
+def test_of_two_numbers_whose_ranges_are_apart_one_is_the_lesser_and_one_the_greater(
+    tmp_path: Path, body: str
+) -> None:
+    """Though a line over their difference does not say so."""
+    terms, value = read(tmp_path, f"{body} - 2.0 * x", kind="float")
+    assert width(terms, value, (-0.366, 0.366)) < 1e-9
+    assert width(terms, value, (-0.4, 0.4)) > 1e-4
+
+
+@pytest.mark.parametrize(
     ("body", "alone"),
     [
         ("max(x + e, -1.9) - e", 0.0),
