@@ -20,6 +20,7 @@ from soter.certificate.terms.compile_terms import (
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.straight_line import CERTAIN
 from soter.certificate.terms.terms import TRUE, Linear, Terms, choice_of_truths
+from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file
 from soter.language.model import typed
 
@@ -29,6 +30,14 @@ if TYPE_CHECKING:
 FALSE_BITS, EITHER = 1, 3
 PROGRAM = """soter 1;
 fun low(v: float): bool {{ return v < 0.25; }}
+fun whole(v: float): int {{ return int(v); }}
+fun root(v: float): int {{ let y = sqrt(v); return int(y); }}
+fun sure(v: float): float {{ let y = sqrt(v); assert y >= 0.0; return y; }}
+fun side(v: float): float {{
+  let y = sqrt(v);
+  if y >= 0.0 {{ return 1.0; }} else {{ assert false; }}
+  return 2.0;
+}}
 fun f(x: float, e: float): {kind} {{ {body} }}
 """
 
@@ -96,18 +105,39 @@ def test_a_comparison_has_a_value_also_where_a_number_may_be_none(
 @pytest.mark.parametrize(
     "body",
     [
-        "low(sqrt(x))",
-        "let y = sqrt(x); return y < 0.5;",
         "int(sqrt(x)) < 3",
         "1.0 / (x * x - 1.0) < 3.0",
         "x > 0.5 ? sqrt(x) < 0.5 : int(sqrt(x)) == 0",
+        "whole(sqrt(x)) > 3",
+        "root(x) > 3",
+        "sure(x) > 3.0",
+        "side(x) > 3.0",
+        "float(whole(asin(x - 0.5))) < log(x)",
+        "1.0 / (1.0 / (exp(2000.0 * x) - exp(2000.0 * x))) > 3.0",
+        "1.0 / (2.0 + sqrt(x)) > 3.0 && log(x) > float(root(x))",
     ],
 )
-def test_what_is_used_otherwise_or_faults_is_demanded(tmp_path: Path, body: str) -> None:
-    """An int of no number is a fault, so is a division by 0; an argument goes anywhere."""
+def test_what_makes_a_step_fault_is_demanded(tmp_path: Path, body: str) -> None:
+    """An int of no number is a fault, so is a division by 0, wherever what it is of was made."""
     terms, _ = read(tmp_path, body)
     assert terms.obligations
     assert not demanded(terms, (-1.5, 1.5))
+    function = soter.load(tmp_path / "one.soter").function("f")
+    for k in range(-6, 7):
+        try:
+            function(k / 4.0, 0.0)
+        except StepFault:
+            assert not demanded(terms, (k / 4.0, k / 4.0))
+
+
+@pytest.mark.parametrize("body", ["low(sqrt(x))", "let y = sqrt(x); return y < 0.25;"])
+def test_a_number_that_is_none_goes_anywhere_until_it_is_compared(
+    tmp_path: Path, body: str
+) -> None:
+    terms, truth = read(tmp_path, body)
+    assert terms.obligations == []
+    for x, known in ((-1.0, EITHER), (0.01, CERTAIN), (1.0, FALSE_BITS)):
+        assert bits(terms, truth, (x, x)) == known
 
 
 def test_what_a_truth_chooses_of_two_that_hold_holds(tmp_path: Path) -> None:
@@ -130,6 +160,22 @@ def width(terms: Terms, value: Linear, x: tuple[float, float]) -> float:
     form = form_of_box([(exact(x[0]), exact(x[1]))], symbols=True)
     (_, _, spread, _, _) = lines(form)
     return 2 * float(spread)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "min(2.0 * x, 1.0 - 0.27 * abs(sin(exp(x))))",
+        "max(0.27 * abs(sin(exp(-x))) - 1.0, 2.0 * x)",
+    ],
+)
+def test_of_two_numbers_whose_ranges_are_apart_one_is_the_lesser_and_one_the_greater(
+    tmp_path: Path, body: str
+) -> None:
+    """Though a line over their difference does not say so."""
+    terms, value = read(tmp_path, f"{body} - 2.0 * x", kind="float")
+    assert width(terms, value, (-0.366, 0.366)) < 1e-9
+    assert width(terms, value, (-0.4, 0.4)) > 1e-4
 
 
 @pytest.mark.parametrize(
@@ -210,6 +256,10 @@ HUGE = "x * 1.0e308"
         (f"clamp({HUGE} + e, -1.0, 1.0)", False),
         (f"clamp(e - {HUGE}, -1.0, 1.0)", False),
         (f"clamp(x > 0.0 ? {HUGE} : e, -1.0, 1.0)", False),
+        (f"clamp(4.0 * ({HUGE}){' - 4.4e307' * 7}, -1.0, 1.0)", True),
+        (f"clamp({HUGE}, -1.0e300, 1.0e300)", True),
+        ("smoothstep(-1.7e308, 1.7e308, x)", True),
+        (f"smoothstep({HUGE}, 1.7e308, e)", True),
         (f"clamp({HUGE} * 0.5, -1.0, 1.0)", True),
         (f"clamp({HUGE} * e, -1.0, 1.0)", True),
         (f"clamp({HUGE} - e * 1.0e308, -1.0, 1.0)", True),
@@ -231,7 +281,9 @@ def test_what_is_made_of_an_infinite_number_is_as_large_or_that_it_is_none_is_de
     for k in range(-32, 33):
         x = k / 16.0
         form = form_of_box([(exact(x), exact(x)), (exact(0.5), exact(0.5))], symbols=False)
-        truths = compile_truths(terms, [0, 1], [*terms.obligations, *value.beyond], {})(form)
+        truths = compile_truths(
+            terms, [0, 1], [*terms.obligations, *value.beyond, *value.rests], {}
+        )(form)
         if any(t != CERTAIN for t in truths):
             fine = False
             continue

@@ -118,11 +118,14 @@ def test_a_root_asks_that_there_is_one() -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
     operations = Operations(terms, rounded=True)
-    operations.builtin("sqrt", terms.apply_function("square", x, nonnegative=True))
+    square = terms.apply_function("square", x, nonnegative=True)
     assert terms.multiply(x, x).nonnegative
+    assert not operations.builtin("sqrt", square).rests
+    root = operations.builtin("sqrt", x)
+    assert root.rests
     assert not terms.obligations
-    operations.builtin("sqrt", x)
-    assert terms.obligations
+    operations.demand(root)
+    assert terms.obligations == list(root.rests)
 
 
 @pytest.mark.parametrize("n", [1, 2])

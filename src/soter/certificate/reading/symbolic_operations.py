@@ -12,7 +12,7 @@ values.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import reduce, wraps
 from operator import add, eq, ge, gt, le, lt, mul, ne, sub
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -28,6 +28,7 @@ from soter.certificate.terms.linear_enclosures import (
     magnitude,
 )
 from soter.certificate.terms.terms import (
+    ANYTHING,
     LARGEST,
     TRUE,
     Linear,
@@ -141,9 +142,11 @@ FAR_TURNS = exact(2.0**-33)
 is shown of such sums in `left_out_states.py`."""
 EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
+SMALL = exact(2.0**900)
+"""An infinite number stays one where any 2^60 smaller ones are added, and is beyond all of them."""
 
 
-def one_number(operation: F) -> F:
+def remembered(operation: F) -> F:
     """A decorator: of the same operands, as objects, an operation gives one and the same value.
 
     The machine does, and so what a program writes twice may cancel. What must hold is demanded
@@ -160,6 +163,33 @@ def one_number(operation: F) -> F:
     return asked  # type: ignore[return-value]  # of the same type
 
 
+def one_number(operation: F) -> F:
+    """As `remembered`, where a result rests on all that its operands rest on, and on its doubts."""
+
+    @wraps(operation)
+    def asked(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
+        before = len(self.doubts)
+        result = operation(self, *operands)
+        given = (d for x in operands if isinstance(x, Linear) for d in x.rests)
+        return _resting_on(result, [*given, *self.doubts[before:]])
+
+    return remembered(asked)  # type: ignore[return-value]  # of the same type
+
+
+def _resting_on(result: Value, doubts: Sequence[Proposition]) -> Value:
+    """A result that is known where there is no doubt; of numbers that are none any truth is."""
+    if isinstance(result, Linear):
+        rests = tuple(dict.fromkeys([*result.rests, *doubts]))
+        known = rests == result.rests or isinstance(result, SymbolicInt)  # an int is always some
+        return result if known else replace(result, rests=rests)
+    if not doubts:
+        return result
+    if isinstance(result, (bool, Proposition)):
+        any_truth = Proposition("below", argument=ANYTHING)
+        return decided(choice_of_truths(reduce(both, doubts), truth_of(result), any_truth))
+    return result
+
+
 class Operations:
     """The operators over terms. `rounded`: as the machine computes them; else over real numbers.
 
@@ -171,6 +201,8 @@ class Operations:
         self.is_rounded = rounded
         self.made: dict[object, tuple[Value, object]] = {}
         """Operation and operands -> the result, and these operands, which keep their identity."""
+        self.doubts: list[Proposition] = []
+        """Without which a number is infinite or none, but nothing faults: entered as they come."""
         self.everywhere = False
         """Whether functions of `EVERYWHERE` are exact, also beyond their error bounds' domains."""
 
@@ -187,6 +219,17 @@ class Operations:
         """Demand it wherever the code being read runs."""
         self.terms.oblige(truth_of(what))
 
+    def demand(self, *numbers: Value) -> None:
+        """Demand of numbers that they are some, and not infinite."""
+        for x in numbers:
+            if isinstance(x, Linear):
+                for what in (*x.rests, *x.beyond):
+                    self.terms.oblige(what)
+
+    def _doubt(self, what: Value) -> None:
+        if decided(truth_of(what)) is not True:
+            self.doubts.append(truth_of(what))
+
     @one_number
     def negation(self, a: Value) -> Value:
         """The truth "not `a`"."""
@@ -202,7 +245,7 @@ class Operations:
         """The truth "`a` or `b`"."""
         return decided(either(truth_of(a), truth_of(b)))
 
-    @one_number
+    @remembered
     def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
         """`c ? a : b`, leaf by leaf; NotRecheckedError for lists of two lengths."""
         if isinstance(a, tuple):
@@ -215,7 +258,10 @@ class Operations:
             return a
         x, y = self._term(a), self._term(b)
         finite = [either(negation(c), f) for f in x.beyond] + [either(c, f) for f in y.beyond]
-        return self._like(_with_beyond(self.terms.choose(c, x, y), finite), a, b)
+        rests = [either(negation(c), r) for r in x.rests] + [either(c, r) for r in y.rests]
+        chosen = _with_beyond(self.terms.choose(c, x, y), finite)
+        chosen = replace(chosen, rests=()) if chosen.rests else chosen
+        return _resting_on(self._like(chosen, a, b), rests)
 
     @one_number
     def negate(self, x: Value) -> Value:
@@ -254,6 +300,7 @@ class Operations:
         elif op == "*":
             result = self.terms.multiply(x, y)
         elif op == "/" and not whole:
+            self.demand(replace(y, beyond=()))  # it may be 0 where it is not as enclosed
             result = self.terms.divide(x, y)
         else:
             raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
@@ -271,16 +318,18 @@ class Operations:
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
         return self._like(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
 
+    @one_number
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
-        """The prelude's `clamp`: x between limits; that these are in order is an obligation."""
-        self.terms.oblige_number(truth_of(self.compare("<=", low, high)))
+        """The prelude's `clamp`: x between limits; it is a number where these are in order."""
+        self._doubt(self.compare("<=", low, high))
         return self.extreme("min", self.extreme("max", x, low), high)
 
     @one_number
     def prelude(self, name: str, *given: Value) -> Linear:
         """A function of the prelude: the exact one within its tested bound (an assumption).
 
-        Where it may leave the range of doubles, as `exp` does, that it does not is an obligation.
+        What is outside of its domain is no number; where it may leave the range of doubles, as
+        `exp` does, it may be infinite.
         NotRecheckedError where the bound is one that is not read here.
         """
         bound, numbers = BOUNDS[name], [self.finite(x) for x in given]
@@ -294,8 +343,8 @@ class Operations:
             return self.terms.apply_function(name, *numbers)
         for x, ends in zip(numbers, bound.domain, strict=True):
             low, high = map(exact, ends)
-            self._oblige_none_below_zero(self.terms.combine(((ONE, x),), -low))
-            self._oblige_none_below_zero(self.terms.combine(((-ONE, x),), high))
+            self._doubt_below_zero(self.terms.combine(((ONE, x),), -low))
+            self._doubt_below_zero(self.terms.combine(((-ONE, x),), high))
         if name == "wrap_angle" and self.is_rounded and not turned:
             return self.terms.apply_function("wrapped_double", *numbers)
         value = self._exact_function(name, *numbers)
@@ -310,30 +359,31 @@ class Operations:
             return value
         return self.terms.with_error(value, relative * largest + absolute, low, high)
 
-    def _oblige_none_below_zero(self, x: Linear) -> None:
-        self.terms.oblige_number(negation(self.terms.below_zero(x)))
+    def _doubt_below_zero(self, x: Linear) -> None:
+        self._doubt(negation(self.terms.below_zero(x)))
 
     def _exact_function(self, name: str, *numbers: Linear) -> Linear:
-        """A function of the prelude over real numbers; where it is defined is an obligation."""
+        """A function of the prelude over real numbers; elsewhere it is no number."""
         terms = self.terms
         if name == "tan":  # it has no value where the cosine is 0
             cosine = terms.apply_function("cos", *numbers)
             minus = terms.combine(((-ONE, cosine),))
-            terms.oblige_number(either(terms.below_zero(cosine), terms.below_zero(minus)))
+            self._doubt(either(terms.below_zero(cosine), terms.below_zero(minus)))
         elif name == "hypot":
             squares = [terms.multiply(x, x) for x in numbers]
             return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
         elif name == "pow":
             x, y = numbers
-            if not (y.low == y.high >= 0 and y.low.is_integer()):
-                self._oblige_none_below_zero(x)
-                above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
-                terms.oblige_number(either(above, rises))
+            if y.low == y.high >= 0 and y.low.is_integer():
+                return terms.apply_function(name, x, Linear(y.low, {}, ZERO, y.low, y.low))
+            self._doubt_below_zero(x)
+            above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
+            self._doubt(either(above, rises))
         elif name == "smoothstep":
             low, high, x = numbers
             parts = terms.subtract(x, low), terms.subtract(high, low)
             for difference in parts:
-                terms.rounded(difference)  # none may leave the range of doubles
+                self.finite(terms.rounded(difference))
             return terms.apply_function("smooth_step", terms.divide(*parts))
         return terms.apply_function(name, *numbers)
 
@@ -342,16 +392,17 @@ class Operations:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
-        x = self.finite(x)
+        given, x = x, self.finite(x)
         if name == "sqrt":
             if not x.nonnegative:
-                self._oblige_none_below_zero(x)
+                self._doubt_below_zero(x)
             return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
             return self._like(self.terms.apply_function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
+            self.demand(given)  # an int of what is infinite, or no number, is a fault
             whole = x if self._is_floor(x) else self.terms.apply_function("truncated", x)
             return self.as_int(whole)
         if name != "floor":
@@ -426,21 +477,21 @@ class Operations:
         return self.terms.rounded(x) if self.is_rounded else x
 
     def _operands(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
-        """Two operands as terms; one may be infinite if the result then is, or a comparison."""
+        """Two operands as terms; one may be infinite if the result then is, or a limit is not."""
         x, y = self._term(a), self._term(b)
         for one, other in ((x, y), (y, x)):
             large = self.is_rounded and (other.low >= 1 or other.high <= -1)
-            small = self.is_rounded and abs(hull(other.low, other.high)) < LARGEST * HALF
-            shown = {"*": large, "+": small, "-": small, "/": False, "%": False}.get(op, True)
+            small = abs(hull(other.low, other.high)) < SMALL
+            added = small and self.is_rounded
+            shown = {"*": large, "+": added, "-": added, "/": False, "%": False}.get(op, small)
             if other.beyond or not shown:
                 self.finite(one)
         return x, y
 
     def finite(self, x: Value) -> Linear:
-        """A number as a term; that it is not infinite is demanded."""
+        """A number as a term; what is made of it rests on that it is not infinite."""
         term = self._term(x)
-        for is_finite in term.beyond:
-            self.terms.oblige_number(is_finite)
+        self.doubts += term.beyond
         return term
 
     def _term(self, x: Value) -> Linear:

@@ -12,28 +12,24 @@ the lowering, or with what verifies: this is written from docs/language.md and d
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial, reduce
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from soter.certificate.reading.symbolic_operations import (
-    COMPARED,
     NOT_HERE,
     PRELUDE,
     Operations,
     Rows,
     SymbolicInt,
     Value,
-    decided,
     in_range,
     is_known,
     map_leaves,
     scalar_leaves,
-    truth_of,
     zip_leaves,
 )
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.linear_enclosures import ONE
-from soter.certificate.terms.terms import Linear, Proposition, Terms, both, choice_of_truths
+from soter.certificate.terms.terms import Linear, Proposition, Terms
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
@@ -43,8 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from soter.language.model.types import Type
-
-    Reading = Callable[[Any, "CallFrame"], Value]
 
 
 STEPS_MAX = 200_000
@@ -356,10 +350,10 @@ class SymbolicReader(CodeReader):
     def expression(
         self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
     ) -> Value:
-        """The value of an expression, whose numbers are not infinite, as is demanded."""
-        finite = self.operations.finite
+        """The value of an expression, whose numbers are some, and not infinite, as is demanded."""
         value = super().expression(expr, variables)
-        return map_leaves(lambda x: finite(x) if isinstance(x, Linear) else x, value)
+        self.operations.demand(*scalar_leaves(value))
+        return value
 
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
@@ -370,7 +364,9 @@ class SymbolicReader(CodeReader):
             raise NotRecheckedError("SC faults wherever it steps")
         if any(says is not True for says, _ in frame.published.values()):
             raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")
-        return {topic: value for topic, (_, value) in frame.published.items()}
+        published = {topic: value for topic, (_, value) in frame.published.items()}
+        self.operations.demand(*scalar_leaves(tuple(published.values())))
+        return published
 
     def value(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
         """The value of an expression; by its static type an int stays an int, a bool a bool.
@@ -409,34 +405,6 @@ class SymbolicReader(CodeReader):
         finally:
             make.is_rounded = False
 
-    def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
-        """What is compared may be no number: then the comparison has a value all the same."""
-        doubts: list[Proposition] = []
-        if e.op not in COMPARED:
-            return super()._binary(e, frame)
-        truth = self._doubting(doubts, super()._binary, e, frame)
-        if not doubts:
-            return truth
-        terms, sound = self.operations.terms, reduce(both, doubts)
-        anything = terms.below_zero(terms.add_input("box", "a comparison", -ONE, ONE))
-        return decided(choice_of_truths(sound, truth_of(truth), anything))
-
-    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
-        """An int of what is no number is a fault, wherever it stands."""
-        doubts = None if e.name == "int" else self.operations.terms.doubts
-        return self._doubting(doubts, super()._builtin, e, frame)
-
-    def _doubting(
-        self, doubts: list[Proposition] | None, read: Reading, e: t.TypedExpr, frame: CallFrame
-    ) -> Value:
-        """A value in which numbers may be none: why not is entered there; None: it is demanded."""
-        terms = self.operations.terms
-        outside, terms.doubts = terms.doubts, doubts
-        try:
-            return read(e, frame)
-        finally:
-            terms.doubts = outside
-
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
@@ -468,8 +436,6 @@ class SymbolicReader(CodeReader):
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         **CodeReader.readings,
-        t.TypedBinary: _binary,
-        t.Builtin: _builtin,
         t.TopicRead: _topic,
         t.PeriodRead: _period,
         t.ModeRead: _mode,

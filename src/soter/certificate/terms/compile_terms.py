@@ -292,7 +292,10 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     b, rest, a = atom.arguments
     make, sign = forms.make, -ONE if atom.kind == "min" else ONE
     (apart,) = forms.terms.atoms[rest.atom].arguments
-    truth = make.apply("negative", *forms.range_of(apart))  # then it is b, else if certain a
+    ends = [forms.range_of(x) for x in (a, b)]
+    (low, high), (least, most) = ends if atom.kind == "max" else ends[::-1]
+    known = forms.tighter_ends(*forms.range_of(apart), low - most, high - least)
+    truth = make.apply("negative", *known)  # then it is b, else if certain a
     weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, ONE), (ZERO, ONE, ZERO))]
     weights.append(make.apply("by_truth", truth, ZERO, ZERO, sign))
     parts = list(zip(weights, map(forms.row, (b, a, rest)), strict=True))
@@ -301,7 +304,6 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
         make.sum([w * constant for w, (_, constant, _) in parts]),
         make.sum([abs(w) * spread for w, (_, _, spread) in parts]),
     )
-    ends = [forms.range_of(x) for x in (a, b)]
     (_, (low_b, high_b)), (least, most) = ends, forms.range_of(rest)
     if atom.kind == "min":
         least, most = most, least

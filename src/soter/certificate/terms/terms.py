@@ -55,6 +55,8 @@ class Linear:
     machine has is not; the bounds of its enclosure may be."""
     beyond: tuple[Proposition, ...] = ()
     """What must hold so that the machine has no infinity of its sign in its place."""
+    rests: tuple[Proposition, ...] = ()
+    """What must hold so that all this is so: elsewhere the machine may have any number, or none."""
 
     @property
     def is_constant(self) -> bool:
@@ -106,6 +108,8 @@ class Proposition:
 
 TRUE = Proposition("constant", value=True)
 FALSE = Proposition("constant", value=False)
+ANYTHING = Linear(ZERO, {}, ONE, -ONE, ONE)
+"""Of its sign nothing is known."""
 
 
 def negation(a: Proposition) -> Proposition:
@@ -165,8 +169,6 @@ class Terms:
     atoms: list[Atom] = field(default_factory=list)
     obligations: list[Proposition] = field(default_factory=list)
     """The propositions that must hold so that no step fault and no NaN arises."""
-    doubts: list[Proposition] | None = None
-    """Those without which a number that is only compared may be none, as far as it was read."""
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
@@ -177,16 +179,10 @@ class Terms:
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""
-        self._enter(what, self.obligations)
-
-    def oblige_number(self, what: Proposition) -> None:
-        """Demand `what`, without which a float is infinite or no number, but nothing faults."""
-        self._enter(what, self.obligations if self.doubts is None else self.doubts)
-
-    def _enter(self, what: Proposition, among: list[Proposition]) -> None:
         demand = either(negation(self.path), what)
-        if demand.kind != "constant" or not demand.value:
-            among.append(demand)
+        known = demand.kind == "constant" and demand.value
+        if not known and demand not in self.obligations:
+            self.obligations.append(demand)
 
     # ------------------------------------------------------------ atoms
 
