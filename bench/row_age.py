@@ -6,7 +6,8 @@ Purpose: what a row is about is derived from its command: the rooms of src/soter
 program imports, and what of bench/, tests/ and examples/ it imports or names. `api` and `cli` are
 doors: in their place stands what the methods and commands import whose names the program has. What
 loads the kernel is about `runtime`, too. The age of a row is the number of commits, merges aside,
-that changed any of these since the one that it names. Pages may not cite a row older than `MOST`.
+that changed any of these since the one that it names, or since that of a shorter run in its note
+(`PART`). Pages may not cite a row older than `MOST`.
 Non-goals: whether its figures would come out (bench/made_again.py); rooms behind those that it
 enters, which are nearly all of src for every row.
 """
@@ -31,6 +32,8 @@ from bench.run_all import file_of as output_of  # noqa: E402
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from bench.run_all import Result
+
 SRC = ROOT / "src"
 SOTER, EXAMPLES = SRC / "soter", ROOT / "examples"
 PROGRAM = SOTER / "api" / "program.py"
@@ -40,6 +43,8 @@ MOST = 150
 LONGEST_NAME = 80
 STILL = re.compile(r"^\*\*Not made again\.\*\* .+ \*\*Still holds:\*\* .+", re.MULTILINE)
 """A note of a row whose peer cannot be had: what is missing, and why its figures hold."""
+PART = re.compile(r"^\*\*Made again in part\.\*\* `[^`]+`, after ([0-9a-f]{8}): .+", re.MULTILINE)
+"""A note of a row that takes hours: arguments of a shorter run, its commit, what came out."""
 
 
 @cache
@@ -175,11 +180,17 @@ def age(command: str, commit: str) -> int:
     return int(git(*words) or "0")
 
 
+def latest(r: Result) -> str:
+    """The commit after which a row was made again last, whole or in part."""
+    commits: list[str] = [r.commit, *PART.findall(r.text)]
+    return min(commits, key=lambda c: age(r.command, c))
+
+
 def too_old(text: str) -> list[str]:
     """What a page cites by a link with a date, and may not: each row with its age."""
     asked = set(CITED.findall(text))
     kept = {output_of(name).name: r for name, r in results().items()}
-    ages = {file: age(r.command, r.commit) for file, r in kept.items() if file in asked}
+    ages = {file: age(r.command, latest(r)) for file, r in kept.items() if file in asked}
     return [
         f"{file}: {old} commits of {', '.join(rooms(kept[file].command))}"
         for file, old in sorted(ages.items())
@@ -199,10 +210,12 @@ def main() -> int:
         print("commits can be counted in a clone with its whole history only")
         return 4
     kept = results()
-    ages = {name: age(r.command, r.commit) for name, r in kept.items()}
+    ages = {name: age(r.command, latest(r)) for name, r in kept.items()}
     for name, old in sorted(ages.items(), key=lambda x: -x[1]):
         print(f"{old:5}  {name}: {', '.join(rooms(kept[name].command))}")
+    parts = [name for name, r in kept.items() if PART.search(r.text)]
     late = [name for name, old in ages.items() if old > MOST and not STILL.search(kept[name].text)]
+    print(f"made again in part, by a shorter run: {len(parts)}: {'; '.join(parts)}")
     print(f"{len(late)} of {len(ages)} rows are older than {MOST} commits of what they are about")
     return 1 if late else 0
 

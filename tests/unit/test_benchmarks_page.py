@@ -217,6 +217,15 @@ def test_only_commits_of_its_rooms_make_a_row_older(
     said = replace(row, text=f"{row.text}\n\n{why}")
     monkeypatch.setattr(row_age, "results", lambda: {FIRST.name: said})
     assert row_age.too_old(cited) == []
+    part = f"**Made again in part.** `--n 3`, after {made[2]}: `0 of 3`."
+    in_part = replace(row, text=f"{row.text}\n\n{part}")
+    assert row_age.latest(in_part) == made[2]
+    assert (
+        row_age.latest(replace(in_part, commit=made[3], text=part.replace(made[2], made[0])))
+        == made[3]
+    )
+    monkeypatch.setattr(row_age, "results", lambda: {FIRST.name: in_part})
+    assert row_age.too_old(cited) == [], "none of its commits since"
     git("checkout", "-q", "--orphan", "other")
     git("commit", "-qm", "another history")
     row_age.age.cache_clear()
