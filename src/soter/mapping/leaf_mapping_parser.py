@@ -231,6 +231,7 @@ class LeafReader:
         says_unit = unit is not None or standard is not None or "scale" in what
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
         turn = cycle(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
+        turn *= abs(float(what.get("scale", 1))) if unit or standard else 1.0
         return SignalSource(field, scale, float(what.get("offset", 0)), assumed, turn)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:

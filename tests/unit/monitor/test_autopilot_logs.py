@@ -281,7 +281,7 @@ NO_MESSAGES = (
     ("I", b"\x10char[3] sys_name" + b"PX44"), ("I", b"\x10char[3] sys_name" + b"PX"),
     ("I", b"\x0ffloat MPC_XY_Z1"), ("I", b"\x09quad NAME" + bytes(4)), ("I", b"\xff"),
     ("I", bytes(9)),
-    ("M", b"\2\x0cchar[2] perfok"), ("M", b"\0\x0cchar[2] perfokk"), ("M", b"\0"),
+    ("M", b"\2\x0cchar[2] perfok"), ("M", b"\0\x0cchar[2] perfo\0k"), ("M", b"\0"),
     ("P", b"\x0ffloat MPC_XY_Z1" + bytes(8)), ("P", b"\x0ffloat MPC_XY\0Z1" + bytes(4)),
     ("Q", b"\x90\x0dint32_t MAV_1" + bytes(4)), ("Q", b"\1\x0dint32_t MAV_1" + bytes(3)),
     ("L", b"9" + TIME + b"text"), ("L", b"6" + TIME[:5]), ("L", b"6" + TIME + b"te\0xt"),
@@ -304,6 +304,7 @@ def test_what_is_no_message_of_a_ulog_is_refused(tmp_path: Path, kind: str, body
 def test_messages_of_every_kind_that_ulog_has_are_read_over(tmp_path: Path) -> None:
     fine = (
         ("I", b"\x0euint32_t ver_x" + bytes(4)), ("M", b"\1\x0cchar[2] perf" + b"ok"),
+        ("M", b"\1\x0cchar[2] perf" + b"longer: 12\n"), ("M", b"\1\x0cuint8_t[9] m" + bytes(3)),
         ("P", b"\x0ffloat MPC_XY_Z1" + bytes(4)), ("Q", b"\2\x0dint32_t MAV_1" + bytes(4)),
         ("L", b"3" + TIME + "größer\t\n".encode()), ("L", b"0" + TIME),
         ("C", b"7\1\0" + TIME + b"text"), ("O", b"\1\0"), ("F", b"a/b-c:d-e[2] x;"),
@@ -359,6 +360,7 @@ LINES = (
     ("a decimal comma", "POSE, 5200000, 0, 0,2, 0.125, -12.34"),
     ("a cell too few", "POSE, 5200000, 0, 0.2, 0.125"),
     ("a name that nobody has", "POSF, 5200000, 0, 0.2, 0.125, -12.34"),
+    ("a name that is lost", ", 5200000, 0, 0.2, 0.125, -12.34"),
     ("a number in no byte", "POSE, 5200000, 256, 0.2, 0.125, -12.34"),
     ("a number below 0", "POSE, -5200000, 0, 0.2, 0.125, -12.34"),
     ("5,000 digits", f"POSE, {'9' * 5000}, 0, 0.2, 0.125, -12.34"),

@@ -168,6 +168,13 @@ def test_the_unit_of_the_mapping_says_so_where_the_program_has_none(tmp_path: Pa
     assert all(value[1] == pytest.approx(0.9, rel=1e-6) for value in found.values)
 
 
+@pytest.mark.parametrize("gear", [0.1, -0.5, 3.0])
+def test_a_shaft_behind_a_gear_turns_by_its_share(tmp_path: Path, gear: float) -> None:
+    wrapped = turning(0.9) % WHOLE
+    found = samples(tmp_path, wrapped.tolist(), unit="rad", scale=gear)
+    assert all(value[1] == pytest.approx(0.9 * gear, rel=1e-6) for value in found.values)
+
+
 def test_what_is_no_angle_jumps_as_far_as_it_jumps(tmp_path: Path) -> None:
     wrapped = (turning(0.9) + math.pi) % WHOLE - math.pi
     found = samples(tmp_path, wrapped.tolist(), scale=1.0)

@@ -209,9 +209,10 @@ class _DataflashReading:
                 raise damaged_log(self.path, f"{where} is longer than any is, or no text")
             if not raw.endswith(b"\n"):
                 raise damaged_log(self.path, f"its last line, {where}, has no end: {NO_END}")
-            name, _, rest = _text(raw).strip().partition(",")
+            line = _text(raw).strip()
+            name, _, rest = line.partition(",")
             form = by_name.get(name.rstrip())
-            if form is None and begun and name and self.wanted is not None:
+            if form is None and begun and line and self.wanted is not None:
                 raise damaged_log(self.path, f"{where} is of no kind that a `FMT` says")
             if form is None or self._is_left(form):
                 continue
@@ -220,7 +221,7 @@ class _DataflashReading:
             except (ValueError, struct.error):  # the latter of a number that is too large
                 values = []
             if not values or self._has_line(values[-1], by_name):
-                told = f"{where} is no `{name}`: {_text(raw).strip()[:60]}"
+                told = f"{where} is no `{name}`: {line[:60]}"
                 raise damaged_log(self.path, told)
             yield from self._take_message(form, values, form.of_text, f"in {where}")
             if name == "FMT":

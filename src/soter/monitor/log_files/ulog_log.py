@@ -50,7 +50,10 @@ def _is_other(kind: int, body: bytes) -> bool:
     if kind not in b"IMPQ" or said is None or flag > {ord("M"): 1}.get(kind, 3):
         return body == SYNC and kind == ord("S")
     size = struct.calcsize(f"<{TYPES[said[1].decode('ascii')]}") * int(said[2] or 1)
-    return len(fact) == 1 + fact[0] + size
+    value = fact[1 + fact[0] :]
+    if kind == ord("M") and len(value) != size:  # `pyulog` writes that of the first of several
+        return len(value) < size or (said[1] == b"char" and not {*value} & CONTROLS)
+    return len(value) == size
 
 
 @dataclass(frozen=True)
