@@ -54,13 +54,13 @@ test T { system S; %s horizon 30ms; always y == x; }
 """
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening", "random", "pct", "falsify"])
+@pytest.mark.parametrize("strategy", ["bfs", "random", "falsify"])
 def test_what_only_another_order_violates_is_not_found(strategy: str) -> None:
     for said, wanted in (("", True), ("order deployed;", False)):
         s = enumerated(0, WRITER_FIRST % said)
         assert bool(s.found.least) == wanted
         engine = Engine(s.system)
-        runs = 200 if strategy in {"random", "pct", "falsify"} else 0
-        exploration = engine.explore(EngineSettings(strategy=strategy, reduction="all", runs=runs))
+        how = EngineSettings(strategy=strategy, reduction="all", runs=200)
+        exploration = engine.explore(how)
         engine.close()
         assert (exploration.status == "violated") == wanted, (strategy, said, exploration.status)

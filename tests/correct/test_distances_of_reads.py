@@ -1,7 +1,4 @@
-"""How far a predicate is from changing: its sign is the truth, and nothing nearer says otherwise.
-
-Non-goals: the margins of the explorer (`tests/unit/explore/test_robustness_margins.py`).
-"""
+"""How far a predicate is from changing: its sign is the truth, nothing nearer says otherwise."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.reductions import ComposedSearch
 from soter.explore.engine.search import Search
-from soter.explore.search_options import EXHAUSTIVE, SearchOptions
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -93,14 +93,13 @@ def compared(s: Small, extra: tuple[str, ...] = ()) -> Compared:
     told = Compared(s.seed)
     engine = Engine(s.system, extra=extra)
     try:
-        for strategy in EXHAUSTIVE:
-            for reduction in REDUCTIONS:
-                _one(s, engine, EngineSettings(strategy=strategy, reduction=reduction), told)
-        _one(s, engine, EngineSettings(strategy="bfs", reduction="none", threads=2), told)
-        _one(s, engine, EngineSettings(strategy="bfs", reduction="all", threads=2), told)
-        _one(s, engine, EngineSettings(strategy="bfs", reduction="groups", threads=2), told)
-        _one(s, engine, EngineSettings(strategy="bfs", reduction="instants", plainly=True), told)
-        _one(s, engine, EngineSettings(strategy="bfs", reduction="none", plainly=True), told)
+        for reduction in REDUCTIONS:
+            _one(s, engine, EngineSettings(reduction=reduction), told)
+        _one(s, engine, EngineSettings(reduction="none", threads=2), told)
+        _one(s, engine, EngineSettings(reduction="all", threads=2), told)
+        _one(s, engine, EngineSettings(reduction="groups", threads=2), told)
+        _one(s, engine, EngineSettings(reduction="instants", plainly=True), told)
+        _one(s, engine, EngineSettings(reduction="none", plainly=True), told)
         _fingerprints(engine, told)
         _as_a_user(s, told)
         _joined(s, engine, told)
@@ -126,7 +125,7 @@ def _one(s: Small, engine: Engine, how: EngineSettings, told: Compared) -> None:
     decoder = Decoder(s.judge, engine.plan)
     worlds = [decoder.world(w.tobytes()) for w in engine.configurations()]
     stored = [s.judge.canonical(w) for w in worlds]
-    if how.strategy == "bfs" and how.threads == 1 and not how.plainly:
+    if how.threads == 1 and not how.plainly:
         told.states[how.reduction] = len(stored)
     if len(stored) != all_of_it.states:
         told.complaints.append(f"{name}: {all_of_it.states} states, {len(stored)} kept")
@@ -167,7 +166,7 @@ def _check_ends(
     And all that is observable is stored; with ample and sleep sets as long as nothing is violated.
     `some`: instances are equal, and one of several is enough.
     """
-    if how.reduction not in {"instants", "groups", "all"} or how.strategy == "deepening":
+    if how.reduction not in {"instants", "groups", "all"}:
         return
     plan = s.system.test
     assert plan is not None
@@ -237,12 +236,8 @@ def _joined(s: Small, engine: Engine, told: Compared) -> None:
 
 def _fingerprints(engine: Engine, told: Compared) -> None:
     """64 bits tell as many configurations apart as whole ones do, here."""
-    exact = engine.explore(
-        EngineSettings(strategy="bfs", storage="exact", reduction="none", go_on=True)
-    )
-    short = engine.explore(
-        EngineSettings(strategy="bfs", storage="fingerprint", reduction="none", go_on=True)
-    )
+    exact = engine.explore(EngineSettings(storage="exact", reduction="none", go_on=True))
+    short = engine.explore(EngineSettings(storage="fingerprint", reduction="none", go_on=True))
     if exact.states != short.states:
         told.complaints.append(f"fingerprints: {short.states} states, exact {exact.states}")
 

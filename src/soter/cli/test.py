@@ -38,7 +38,6 @@ from soter.explore.results import (
     VIOLATED,
     CheckpointState,
     ExploreReport,
-    Robustness,
     TestResult,
     bound_text,
     wholes,
@@ -153,8 +152,6 @@ def progress_text(looked: object) -> str:
     more = f", covered to {show_ns(looked.covered_ns)}" if looked.covered_ns else ""
     more += f", {looked.answers:,} answers of one step" if looked.answers else ""
     more += f", checkpoint at {looked.saved:,}" if looked.saved else ""
-    if looked.nearest is not None:
-        more += f", least robustness {looked.nearest:.3g}"
     return (
         f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
         f"{size(looked.bytes)}{more}"
@@ -206,7 +203,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
     lines += _checkpoint(test, console)
-    lines += ["", *_coverage(test, console), *_robustness(test, console)]
+    lines += ["", *_coverage(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
     for other in test.others:
@@ -291,18 +288,6 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
     return lines + [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
 
 
-def _robustness(test: TestResult, console: Console) -> list[str]:
-    """Lines for how near strategy `falsify` came to violating each property."""
-    lines = []
-    for one in test.robustness:
-        said = f"{one.text}  not guided: it compares no numbers, or is judged as a node steps"
-        if one.guided:
-            met = "never looked at" if one.least is None else f"{one.least:.3g}"
-            said = f"{one.text}  least robustness {met}"
-        lines.append(said if one.guided else console.paint("yellow", said))
-    return [f"{'' if i else 'nearest':<8} {line}" for i, line in enumerate(lines)]
-
-
 def _other_violation(test: TestResult, console: Console) -> list[str]:
     """Lines about another property that can be violated, with its trace."""
     word, colour, said = _verdict(test)
@@ -362,7 +347,7 @@ TEST = JsonObject(
     "name system=system.name verdict bound violated=broken.text violated_there others others_bound "
     f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts equal_instances "
     "contracts quantum_ns covered_ns closed_ns checkpoint short_of threads "
-    "threads_fewer? memory coverage robustness vacuous assumptions",
+    "threads_fewer? memory coverage vacuous assumptions",
     MADE,
     verdict=VERDICTS,
     bound=one_of(*BOUNDS, None),
@@ -376,7 +361,6 @@ TEST = JsonObject(
         TestResult, "table_bytes frontier_bytes total_bytes bytes_per_state packed_bits=bits"
     ),
     coverage=JsonObject(Coverage, KINDS, shapes=dict.fromkeys(KINDS.split(), COVERED)),
-    robustness=JsonObject(Robustness, "property=text guided least", named="robustness"),
     vacuous=JsonObject(
         "soter.explore.vacuous_tests.VacuousPart",
         "what name why",

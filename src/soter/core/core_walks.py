@@ -9,8 +9,7 @@ temporaries, unrolled loops, inlined functions, and both sides of an undecided b
 are joined after it. A subclass says what a constant, an operator, a fault and a join are, and how
 values round.
 Non-goals: alias analysis (cells are whole topics, locals and states); times; the cost of a step
-that a program may have (`language/model/tree_walk.py`); C (`codegen/body.py`), Core rewritten
-(`explore/model/robustness.py`).
+that a program may have (`language/model/tree_walk.py`); C (`codegen/body.py`).
 """
 
 from __future__ import annotations

@@ -236,7 +236,6 @@ def _judge_search(
         why=_bound_reason(bound, search, search_result),
         quantum_ns=None if search.times is None else search.times.quantum_ns,
         coverage=coverage,
-        robustness=search.robustness(),
         vacuous=says_nothing,
         assumptions=(
             *(v.text for v in says_nothing),
@@ -302,7 +301,7 @@ def _find_other_violations(
             result.others_bound = other.unshown or other.least_bound
             break
     result.others = tuple(others)
-    result.coverage, result.robustness = search.coverage(), search.robustness()
+    result.coverage = search.coverage()
 
 
 def _checkpoint_state(checkpoint: Checkpoint | None) -> CheckpointState | None:

@@ -80,8 +80,8 @@ NOT_SHORTEST = {
 }
 """Why the execution that shows a violation may not be the shortest one."""
 UNSHOWN = {
-    MEMORY: "it needs more memory than was allowed: more --memory, --strategy dfs or a shorter "
-    "--horizon may show one",
+    MEMORY: "it needs more memory than was allowed: more --memory or a shorter --horizon may show "
+    "one",
     TIME: "the time that was allowed is over: more --time shows one",
     INTERRUPTED: "the search was interrupted: let it end",
     LENGTH: f"it has more than {STEPS_MAX:,} steps: a shorter --horizon may show one with fewer",
@@ -103,19 +103,6 @@ class CheckpointState:
     states: int
     problem: str
     resumed: int
-
-
-@dataclass(frozen=True)
-class Robustness:
-    """How near `falsify` came to violating a property (docs/testing.md).
-
-    `least`: the least robustness of it in any execution, negative where it is violated; None where
-    it was never judged, or is not `guided`: a contract, or one that compares no numbers.
-    """
-
-    text: str
-    least: float | None
-    guided: bool
 
 
 @dataclass(eq=False)
@@ -194,8 +181,6 @@ class TestResult:
     page: Path | None = None
     others: tuple[TestResult, ...] = ()
     """Results for other properties that can be violated, each with a trace (`all_properties`)."""
-    robustness: tuple[Robustness, ...] = ()
-    """How near `falsify` came to violating each property."""
     others_bound: str | None = None
     """Why `others` may not be all; None: the search for more ended, or there was none."""
 

@@ -2,7 +2,7 @@
 
 Purpose: each option stands here once, with its range, its default, its words and its flag; command
 line, keywords, checks, JSON and pages read this record, and the engine reads the tables.
-`soter_explore.h` has a constant for each strategy and storage (`SOTER_DFS`).
+`soter_explore.h` has a constant for each strategy and storage (`SOTER_BFS`).
 Non-goals: how options are read (`diagnostics/command_records.py`), what strategies do
 (`explore/engine/c/`, docs/testing.md), the texts of `skew`, `horizon` and `params`, which others
 read as well.
@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-EXHAUSTIVE = ("bfs", "dfs", "deepening")
-FALSIFY = "falsify"
-SAMPLING = ("random", "pct", "coverage", FALSIFY)
-STRATEGIES = (*EXHAUSTIVE, *SAMPLING)
+SAMPLING = ("random", "falsify")
+STRATEGIES = ("bfs", *SAMPLING)
 """All strategies, the default first."""
 STORAGES = ("exact", "fingerprint")
 """All storages, the default first."""
@@ -93,7 +91,7 @@ class SearchProgress:
 
     After it found a violation: `tracing`, it looks for an execution that shows it; `minimising`,
     for the shortest one. `bytes`: all that it keeps. `answers`: how many the one step has that is
-    tried, if very many. `nearest`: the least robustness of a property so far; None: not computed.
+    tried, if very many.
     """
 
     test: str
@@ -109,7 +107,6 @@ class SearchProgress:
     """All that is observed before this time was judged, in all executions (breadth first)."""
     saved: int = 0
     """How many configurations its last checkpoint has; 0: there is none."""
-    nearest: float | None = None
 
 
 def _named(names: Iterable[str], default: str, end: str) -> str:
@@ -117,10 +114,7 @@ def _named(names: Iterable[str], default: str, end: str) -> str:
     return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
 
 
-HOW = (
-    f"{_named(EXHAUSTIVE, STRATEGIES[0], ', ')}; {', '.join(SAMPLING)}: samples, {FALSIFY} towards "
-    "a violation"
-)
+HOW = f"{STRATEGIES[0]} (the default); {', '.join(SAMPLING)}: samples, the latter by simple plans"
 ALSO = "go on after a violation: which other properties can be violated, each with a trace"
 SHORTEN = "to minimise or shrink the trace of a violation; by default {default:g} s, 0: do not"
 LENGTH = seconds("more than 0 and at most", 10**9, optional=True)
@@ -128,10 +122,7 @@ LENGTH = seconds("more than 0 and at most", 10**9, optional=True)
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """How to search. `seed` also draws what is left to chance.
-
-    `bug_depth`, the d of PCT, and `unguided`, `falsify` without what guides it: no person asks.
-    """
+    """How to search. `seed` also draws what is left to chance."""
 
     test: str | Sequence[str] | None = option(
         "--test T", None, "only this test, or these; by default all", SEVERAL
@@ -198,12 +189,9 @@ class SearchOptions:
     partial: bool = option(
         "", False, "on Ctrl-C give back what was covered, instead of raising", SWITCH
     )
-    bug_depth: int = 3
-    unguided: bool = False
     NEEDS = (
-        (f"strategy={','.join(EXHAUSTIVE)}", "storage reduction"),
         (f"strategy={','.join(SAMPLING)}", "runs"),
-        ("strategy=bfs", "threads checkpoint resume"),
+        ("strategy=bfs", "storage reduction threads checkpoint resume"),
         ("!resume", "checkpoint"),
         ("checkpoint|resume", "checkpoint_every"),
         ("!output=None", "html"),

@@ -4,7 +4,7 @@ Purpose: `PredicateMargins` compiles a predicate to a `Distance`, one number in 
 above zero where it holds, below where it does not, as far from zero as its nearest comparison is
 from turning (`a < b`: b - a, in the unit that both have), and which comparison that is. && is the
 least, || the greatest, ! the negation; where a function decides by `if`, every condition counts.
-Non-goals: C (`explore/model/robustness.py` does the like to Core, in parts of the widest distance).
+Non-goals: C; margins between instants.
 
 What has no distance (a bool, an equality) is infinitely far. Distances in different units are
 compared as numbers, so each comparison keeps its own least (`Bounds`).

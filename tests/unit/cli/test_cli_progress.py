@@ -329,5 +329,3 @@ def test_a_text_says_how_far_a_search_is(clock: list[float]) -> None:
     )
     tracing = SearchProgress("Late", 7, 1000, 55, 0, 1.0, tracing=True)
     assert progress_text(tracing).startswith("Late  violated: looking for a trace  7 states")
-    near = SearchProgress("Late", 7, 1000, 55, 0, 1.0, nearest=0.01234)
-    assert progress_text(near).endswith("depth 55, 0 bytes, least robustness 0.0123")

@@ -187,7 +187,7 @@ PYTHON: dict[str, tuple[Any, dict[str, Any]]] = {
     "a folder of no arm": (RunOptions, {"campaign": "folder"}),
     "a folder of an arm that needs none": (RunOptions, {"campaign": "folder", "arm": "ac"}),
     "runs of all executions": (SearchOptions, {"runs": 5}),
-    "threads of samples": (SearchOptions, {"strategy": "pct", "threads": 2}),
+    "threads of samples": (SearchOptions, {"strategy": "falsify", "threads": 2}),
     "storage of samples": (SearchOptions, {"strategy": "random", "storage": "fingerprint"}),
     "pages in no folder": (SearchOptions, {"html": True, "output": None}),
     "a checkpoint of none": (SearchOptions, {"checkpoint_every": 5.0}),

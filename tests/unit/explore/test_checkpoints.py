@@ -161,8 +161,7 @@ def test_two_searches_do_not_write_to_one_place(program: soter.Program, tmp_path
     ("how", "said"),
     [
         ({"checkpoint": "save", "resume": "save"}, "`checkpoint` does nothing beside `resume`"),
-        ({"checkpoint": "save", "strategy": "dfs"}, "without `strategy bfs`"),
-        ({"checkpoint": "save", "strategy": "deepening"}, "without `strategy bfs`"),
+        ({"checkpoint": "save", "strategy": "falsify"}, "without `strategy bfs`"),
         ({"resume": "save", "strategy": "random"}, "`resume` does nothing without"),
         ({"checkpoint": "save", "checkpoint_every": 0}, "`checkpoint_every` cannot be `0`"),
         ({"checkpoint": "save", "checkpoint_every": True}, "`checkpoint_every` cannot be `True`"),

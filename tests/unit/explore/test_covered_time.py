@@ -105,29 +105,19 @@ def whole(
     state_space.engine.close()
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening"])
 @pytest.mark.parametrize("share", [0.05, 0.6])
 @pytest.mark.parametrize("reduction", ["none", "sleep"])
 def test_everything_before_the_covered_time_was_reached(
-    whole: Whole, strategy: str, share: float, reduction: str
+    whole: Whole, share: float, reduction: str
 ) -> None:
     most = max(int(whole.states * share), 10)
-    for threads in (1, 2) if strategy == "bfs" else (1,):
-        how = EngineSettings(
-            strategy=strategy, reduction=reduction, max_states=most, threads=threads, keep=True
-        )
+    for threads in (1, 2):
+        how = EngineSettings(reduction=reduction, max_states=most, threads=threads, keep=True)
         exploration = whole.engine.explore(how)
         assert exploration.status == "states"
         assert 0 <= exploration.covered_ns < whole.horizon + 100 * MS
-        if strategy == "deepening":  # what is kept is of the last round, an earlier one ended
-            assert (
-                int(whole.steps[whole.times < exploration.covered_ns].max(initial=0))
-                <= exploration.depth
-            )
-        else:
-            assert whole.missing_before(exploration.covered_ns) == 0
-        if strategy != "dfs":
-            assert exploration.covered_ns > 0 or share < 0.1
+        assert whole.missing_before(exploration.covered_ns) == 0
+        assert exploration.covered_ns > 0 or share < 0.1
 
 
 def test_a_layer_that_was_cut_short_is_not_covered(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ ALL = {
 }
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening", "random"])
+@pytest.mark.parametrize("strategy", ["bfs", "random"])
 @pytest.mark.parametrize("reduction", ["none", "all"])
 def test_every_property_that_can_be_violated_is_found(strategy: str, reduction: str) -> None:
     test_result = explored(THREE, "Some", strategy=strategy, reduction=reduction)

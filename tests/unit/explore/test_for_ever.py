@@ -125,7 +125,6 @@ def test_who_reads_the_time_is_never_at_an_end(changed: dict[str, str]) -> None:
     [
         {"reduction": "none"},
         {"reduction": "ample"},
-        {"strategy": "dfs"},
         {"storage": "fingerprint"},
     ],
 )

@@ -44,12 +44,11 @@ def engine_of(test: str, **changed: int) -> Engine:
     return Engine(replace(system, test=plan))
 
 
-@all_rows("strategy", ["bfs", "dfs"])
 @all_rows("reduction", ["instants", "all"])
 @all_rows("test", ["Middle", "End", "Late"])
-def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str, strategy: str) -> None:
+def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str) -> None:
     engine = engine_of(test)
-    exploration = engine.explore(EngineSettings(strategy=strategy, reduction=reduction))
+    exploration = engine.explore(EngineSettings(reduction=reduction))
     assert exploration.status == "violated"
     possible, broken, _ = engine.replay(exploration.steps)
     assert possible == len(exploration.steps) > 2
@@ -66,14 +65,13 @@ test T { system S; horizon 30ms; always y <= 3; }
 """
 
 
-@all_rows("strategy", ["bfs", "dfs"])
 @all_rows("reduction", ["instants", "groups", "all"])
 @all_rows("plainly", [False, True])
 def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
-    strategy: str, reduction: str, plainly: bool
+    reduction: str, plainly: bool
 ) -> None:
     engine = Engine(system_of_test(check_file("breaks.soter", BREAKS), "T"))
-    how = EngineSettings(strategy=strategy, reduction=reduction, plainly=plainly)
+    how = EngineSettings(reduction=reduction, plainly=plainly)
     stored = []
     for go_on in (True, False):
         assert engine.explore(replace(how, keep=True, go_on=go_on)).status == "violated"
@@ -87,10 +85,9 @@ def test_far_fewer_are_stored_and_as_many_steps_counted() -> None:
     engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
     whole = engine.explore(EngineSettings(reduction="ample"))
     ends = engine.explore(EngineSettings(reduction="all"))
-    deep = engine.explore(EngineSettings(reduction="all", strategy="dfs"))
-    assert whole.status == ends.status == deep.status == "exhausted"
-    assert ends.states == deep.states < whole.states / 5
-    assert whole.depth == ends.depth == deep.depth
+    assert whole.status == ends.status == "exhausted"
+    assert ends.states < whole.states / 5
+    assert whole.depth == ends.depth
 
 
 def test_groups_give_the_ends_that_steps_give() -> None:
@@ -124,11 +121,8 @@ test T { system S; skip Writes at most 2; horizon 20ms; }
 """
 
 
-@pytest.mark.parametrize("strategy", ["dfs", "bfs"])
 @pytest.mark.parametrize("reduction", ["instants", "groups", "all"])
-def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(
-    reduction: str, strategy: str
-) -> None:
+def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(reduction: str) -> None:
     """The search ends with the contract; what it had come to by then passed for ends of instants.
 
     A layer's table has the calendar of its configurations once, so it refused them: a defect was
@@ -136,7 +130,7 @@ def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(
     """
     system = system_of_test(check_file("stopped.soter", STOPPED), "T")
     judge, engine = BruteForce(system), Engine(system)
-    exploration = engine.explore(EngineSettings(strategy=strategy, reduction=reduction, keep=True))
+    exploration = engine.explore(EngineSettings(reduction=reduction, keep=True))
     assert exploration.status == "violated"
     decoder = Decoder(judge, engine.plan)
     configurations = [decoder.world(w.tobytes()) for w in engine.configurations()]
@@ -165,13 +159,12 @@ test T { system S; horizon 15ms; always x <= 36; }
 """The first instant is large, the second has one step."""
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
-def test_what_an_instant_had_no_memory_for_is_not_forgotten_in_the_next(strategy: str) -> None:
+def test_what_an_instant_had_no_memory_for_is_not_forgotten_in_the_next() -> None:
     engine = Engine(system_of_test(check_file("large.soter", LARGE), "T"))
-    whole = engine.explore(EngineSettings(strategy=strategy, plainly=True))
+    whole = engine.explore(EngineSettings(plainly=True))
     assert whole.status == "exhausted"
     for memory in range(1_000_000, 2_000_000, 200_000):
-        exploration = engine.explore(EngineSettings(strategy=strategy, plainly=True, memory=memory))
+        exploration = engine.explore(EngineSettings(plainly=True, memory=memory))
         assert (exploration.status, exploration.states == whole.states) in {
             ("memory", False),
             ("exhausted", True),

@@ -129,7 +129,7 @@ def test_with_several_starts_nothing_is_joined() -> None:
 
 
 @pytest.mark.parametrize(
-    "changed", [{"strategy": "dfs"}, {"reduction": "groups"}, {"memory": 2**20}]
+    "changed", [{"strategy": "random"}, {"reduction": "groups"}, {"memory": 2**20}]
 )
 def test_other_searches_join_nothing(changed: dict[str, str]) -> None:
     engine = engine_of(walkers(BOTH + "always a < 9 || b < 3;"))

@@ -31,31 +31,31 @@ def engine_of(items: str, *walks: tuple[str, str], head: str = HEAD) -> Engine:
 def test_its_table_is_much_smaller_than_one_of_all_that_was_found() -> None:
     walks = (("a", "10ms"), ("b", "10ms"), ("c", "20ms"))
     engine = engine_of("horizon 200ms; always a <= 9;", *walks)
-    wide = engine.explore(EngineSettings(reduction="sleep"))
-    deep = engine.explore(EngineSettings(reduction="sleep", strategy="dfs"))
-    assert wide.states == deep.states
-    assert wide.table_bytes + wide.frontier_bytes < deep.table_bytes / 2
+    wide = engine.explore(EngineSettings(reduction="sleep", keep=True))
+    kept = {w.tobytes() for w in engine.configurations()}
+    assert len(kept) == wide.states
+    each = 8 * int(engine.model.words)
+    assert wide.table_bytes + wide.frontier_bytes < wide.states * each / 2
 
 
 def test_where_releases_are_lost_by_overruns_all_layers_are_kept() -> None:
     items = "horizon 60ms; overrun Na by 25ms; always a <= 9;"
     engine = engine_of(items, ("a", "10ms"))
-    wide, deep = (
-        engine.explore(EngineSettings(reduction="none", strategy=s)) for s in ("bfs", "dfs")
-    )
-    assert wide.status == deep.status == "exhausted"
-    assert wide.states == deep.states
+    wide = engine.explore(EngineSettings(reduction="none", keep=True))
+    kept = {w.tobytes() for w in engine.configurations()}
+    assert wide.status == "exhausted"
+    assert wide.states == len(kept)
 
 
 def test_what_violates_is_not_expanded_by_a_search_that_goes_on() -> None:
     engine = engine_of("horizon 60ms; skew 5ms; always a != 1;", ("a", "10ms"), ("b", "20ms"))
     for reduction in ("none", "instants"):
-        wide, deep = (
-            engine.explore(EngineSettings(reduction=reduction, strategy=s, go_on=True))
-            for s in ("bfs", "dfs")
+        wide, plain = (
+            engine.explore(EngineSettings(reduction=reduction, plainly=p, go_on=True))
+            for p in (False, True)
         )
-        assert wide.status == deep.status == "violated"
-        assert wide.states == deep.states
+        assert wide.status == plain.status == "violated"
+        assert wide.states == plain.states
 
 
 def test_threads_take_in_what_is_theirs_before_a_layer_ends() -> None:

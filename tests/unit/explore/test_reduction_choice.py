@@ -74,7 +74,7 @@ def test_what_ends_show_counts_though_the_larger_search_came_further(
     "asked",
     [
         {"reduction": "parts"},
-        {"strategy": "dfs"},
+        {"strategy": "random"},
         {"storage": "fingerprint"},
         {"max_states": 1000},
         {"known": ((0, 0),)},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.search_options import EXHAUSTIVE, SearchOptions
+from soter.explore.search_options import SearchOptions
 from tables import all_rows
 from unit.explore.random_walks import system_of_text
 
@@ -74,12 +74,9 @@ DEEP = (
 )
 
 
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize("name", STARTS)
-def test_a_start_that_others_let_be_seen(name: str, strategy: str) -> None:
-    test_result = explore_test(
-        system_of_text(STARTS[name], "T"), SearchOptions(strategy=strategy), TOLD
-    )
+def test_a_start_that_others_let_be_seen(name: str) -> None:
+    test_result = explore_test(system_of_text(STARTS[name], "T"), SearchOptions(), TOLD)
     assert test_result.verdict == "violated"
 
 
@@ -89,24 +86,21 @@ def test_a_step_beside_another_part_off_the_grid() -> None:
     )
 
 
-@all_rows("strategy", EXHAUSTIVE)
 @all_rows("most", [1, 2, 3, 4])
-def test_a_bound_that_ends_the_search_before_the_last_part(strategy: str, most: int) -> None:
-    options = SearchOptions(strategy=strategy, max_states=most)
+def test_a_bound_that_ends_the_search_before_the_last_part(most: int) -> None:
+    options = SearchOptions(max_states=most)
     assert explore_test(system_of_text(TWO_PARTS, "T"), options, TOLD).verdict != "exhausted"
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
-def test_more_choices_than_there_is_room_for(strategy: str, threads: int) -> None:
-    options = SearchOptions(strategy=strategy, threads=threads)
+def test_more_choices_than_there_is_room_for(threads: int) -> None:
+    options = SearchOptions(threads=threads)
     test_result = explore_test(system_of_text(MANY_CHOICES, "T"), options, TOLD)
     assert (test_result.verdict, test_result.bound) == ("bound", "choices")
 
 
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
-def test_an_input_with_more_values_than_fit(strategy: str) -> None:
-    options = SearchOptions(strategy=strategy, memory=2**22)
+def test_an_input_with_more_values_than_fit() -> None:
+    options = SearchOptions(memory=2**22)
     test_result = explore_test(system_of_text(WIDE_INPUT, "T"), options, TOLD)
     assert test_result.verdict == "bound"
 

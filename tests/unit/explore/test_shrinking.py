@@ -120,7 +120,7 @@ def test_shrinking_gives_the_same_trace_twice() -> None:
 def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
     for test in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
         system = system_of_text(text, test)
-        search, outcome = searched(system, "dfs")
+        search, outcome = searched(system, "random")
         with search:
             if outcome.status != "violated":
                 continue

@@ -94,7 +94,7 @@ def test_steps_of_actors_that_the_property_does_not_hear_of_do_not_matter() -> N
 def test_what_does_not_matter_may_choose_otherwise(text: str) -> None:
     random = Random(1)  # noqa: S311 - no secret
     for name in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
-        for strategy in ("dfs", "random"):
+        for strategy in ("bfs", "random"):
             violation = violated(system_of_text(text, name), strategy)
             if violation is None:
                 continue

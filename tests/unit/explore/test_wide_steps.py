@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 TOLD = TraceHeader("wide.soter", {})
 HEADER = Path(__file__).resolve().parents[3] / "src/soter/explore/engine/c/soter_explore.h"
-EXHAUSTIVE = ("bfs", "dfs", "deepening")
 
 
 def choosing(count: int, most: int) -> str:
@@ -74,9 +73,8 @@ def interrupted(text: str, test: str, after_s: float = 0.5, **how: object) -> ob
 
 
 @pytest.mark.parametrize("plainly", [False, True])
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
-def test_a_step_that_never_ends_can_be_interrupted(strategy: str, plainly: bool) -> None:
-    exploration = interrupted(choosing(70, 3), "Clean", strategy=strategy, plainly=plainly)
+def test_a_step_that_never_ends_can_be_interrupted(plainly: bool) -> None:
+    exploration = interrupted(choosing(70, 3), "Clean", plainly=plainly)
     assert exploration.status == "stopped"  # type: ignore[attr-defined]
     assert exploration.stopped == "interrupted"  # type: ignore[attr-defined]
     assert exploration.states >= 5  # type: ignore[attr-defined]
@@ -119,12 +117,9 @@ def test_the_least_trace_of_a_step_that_never_ends_is_given_up() -> None:
     assert engine.least(EngineSettings(), (0, 0), None, 0.3).status == "stopped"
 
 
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize(("text", "test"), [(choosing(70, 3), "Broken"), (GUARANTEE, "T")])
-def test_a_violation_in_a_step_that_never_ends_is_found(
-    text: str, test: str, strategy: str
-) -> None:
-    test_result = explored(text, test, strategy=strategy, minimise=0.0, time=30.0)
+def test_a_violation_in_a_step_that_never_ends_is_found(text: str, test: str) -> None:
+    test_result = explored(text, test, minimise=0.0, time=30.0)
     assert test_result.verdict == "violated"
     assert test_result.replayed is not None
 
@@ -137,7 +132,7 @@ def explored(text: str, test: str, **options: object) -> TestResult:
     return explore_test(system_of_text(text, test), made, TOLD)
 
 
-@pytest.mark.parametrize("strategy", [*EXHAUSTIVE, "random"])
+@pytest.mark.parametrize("strategy", ["bfs", "random"])
 def test_the_time_of_a_search_can_be_bounded(strategy: str) -> None:
     text = choosing(70, 3)
     test_result = explored(text, "Clean", strategy=strategy, time=0.4, runs=10**12)
@@ -154,9 +149,8 @@ def test_a_search_that_ends_in_time_says_nothing_of_it() -> None:
 # ---------------------------------------------------------------- limits
 
 
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
-def test_more_choices_than_there_is_room_for_name_the_step(strategy: str) -> None:
-    test_result = explored(choosing(CHOICES_MAX + 1, 3), "Clean", strategy=strategy)
+def test_more_choices_than_there_is_room_for_name_the_step() -> None:
+    test_result = explored(choosing(CHOICES_MAX + 1, 3), "Clean")
     assert (test_result.verdict, test_result.bound) == ("bound", "choices")
     assert f"a step of w asks for more than {CHOICES_MAX} choices" in test_result.why
     assert test_result.states > 0
@@ -179,7 +173,7 @@ test T {{ system S; horizon 20ms; always n < 2; }}
 """
 
 
-@pytest.mark.parametrize("strategy", [*EXHAUSTIVE, "random"])
+@pytest.mark.parametrize("strategy", ["bfs", "random"])
 def test_a_configuration_wider_than_there_is_room_for_says_so(strategy: str) -> None:
     test_result = explored(floats(WORDS_MAX), "T", strategy=strategy)
     assert (test_result.verdict, test_result.bound) == ("bound", "width")
@@ -258,30 +252,27 @@ import sys
 sys.path.insert(0, {tests!r})
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from unit.explore.random_walks import system_of_text
-from unit.explore.test_wide_steps import COUNTERS, TREE
+from unit.explore.test_wide_steps import TREE
 
 def resident(what):
     lines = open("/proc/self/status").read().splitlines()
     return 1024 * int(next(x for x in lines if x.startswith(what)).split()[1])
 
-engine = Engine(system_of_text(COUNTERS if {strategy!r} == "dfs" else TREE, "Long"))
+engine = Engine(system_of_text(TREE, "Long"))
 before, told = resident("VmRSS"), []
-how = EngineSettings(memory={memory}, strategy={strategy!r}, threads={threads})
+how = EngineSettings(memory={memory}, threads={threads})
 found = engine.explore(how, lambda p: told.append(p.bytes))
 print(found.status, resident("VmHWM") - before, found.total_bytes, max(told, default=0))
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize(
-    ("strategy", "threads"),
-    [("bfs", 1), ("bfs", 4), pytest.param("dfs", 1, marks=pytest.mark.long)],
-)
+@pytest.mark.parametrize("threads", [1, 4])
 @pytest.mark.long
-def test_memory_bounds_what_the_process_takes(strategy: str, threads: int) -> None:
+def test_memory_bounds_what_the_process_takes(threads: int) -> None:
     memory = 160 * 2**20
     tests = str(Path(__file__).resolve().parents[2])
-    code = MEASURE.format(tests=tests, memory=memory, strategy=strategy, threads=threads)
+    code = MEASURE.format(tests=tests, memory=memory, threads=threads)
     done = processes.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     status, peak, total, told = done.stdout.split()
     assert status == "memory"

@@ -269,8 +269,7 @@ class CoverageCounters:
     """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
 
     `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
-    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,); `nearest`:
-    (guides,), the least robustness that `falsify` met, infinity where it did not look.
+    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,).
     """
 
     branches: Words
@@ -279,7 +278,6 @@ class CoverageCounters:
     switches: Bytes
     fired: Bytes
     judged: Bytes
-    nearest: npt.NDArray[np.float64]
 
 
 def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
@@ -293,15 +291,13 @@ def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
         np.zeros((modules, 2), dtype=np.uint8),
         np.zeros(len(model.plan.actors), dtype=np.uint8),
         np.zeros(judged, dtype=np.uint8),
-        np.full(len(model.aims), math.inf),
     )
 
 
 def coverage_struct(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
     """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
-    kinds = {"branches": "uint64_t *", "nearest": "double *"}
     places = {
-        name: ffi.cast(kinds.get(name, "uint8_t *"), array.ctypes.data)
+        name: ffi.cast("uint64_t *" if name == "branches" else "uint8_t *", array.ctypes.data)
         for name, array in vars(seen).items()
     }
     return ffi.new("soter_explore_coverage *", places)

@@ -55,7 +55,7 @@ C_FOLDER = Path(__file__).parent / "c"
 FLAGS = ("-pthread",)
 C_TYPES = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
 soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
-uint64_t *, uint8_t *, double *"""
+uint64_t *, uint8_t *"""
 """The types that a search uses; cffi parses each name once beforehand, which takes 15 ms."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
@@ -355,13 +355,11 @@ class Engine:
                 "max_ran": settings.max_ran,
                 "seed": settings.seed & (2**64 - 1),
                 "runs": settings.runs,
-                "bug_depth": settings.bug_depth,
                 "actors": settings.part.actors if settings.part else 0,
                 "properties": settings.part.properties if settings.part else 0,
                 "timeds": settings.part.timeds if settings.part else 0,
                 "keep": settings.keep,
                 "plainly": settings.plainly,
-                "unguided": settings.unguided,
                 "go_on": settings.go_on,
                 "closes": settings.closes and knows_ends(settings.reduction) and self.plan.repeats,
                 "known": self._known,

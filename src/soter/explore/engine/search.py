@@ -36,8 +36,7 @@ from soter.explore.engine.reductions import ComposedSearch, explore_by_quicker, 
 from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
 from soter.explore.engine.trace_slice import Slicer
 from soter.explore.judge import INPUT, test_plan
-from soter.explore.results import Robustness
-from soter.explore.search_options import EXHAUSTIVE, FALSIFY, PARTS, SearchProgress
+from soter.explore.search_options import PARTS, SAMPLING, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
@@ -118,7 +117,7 @@ class Search:
                 _sum_of_searches(self._run_with_checkpoint(settings, until, self._checkpoint))
             )
         parts: tuple[IndependentPart | None, ...] = (None,)
-        if settings.reduction in PARTS and settings.strategy in EXHAUSTIVE and not known:
+        if settings.reduction in PARTS and settings.strategy not in SAMPLING and not known:
             apart = self._may_be_apart(settings)
             searches = self._run_composed(settings, until) if apart else None
             if searches is not None:
@@ -283,7 +282,6 @@ class Search:
                     answers=p.answers,
                     covered_ns=p.covered_ns,
                     saved=0 if saver is None else saver.states,
-                    nearest=self._least_robustness(),
                 )
             )
 
@@ -339,34 +337,6 @@ class Search:
             branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
             values=values_part(list(self._leaves()), self._published_classes()),
         )
-
-    def robustness(self) -> tuple[Robustness, ...]:
-        """How near `falsify` came to violating each property; none by other strategies."""
-        if self.options.strategy != FALSIFY:
-            return ()
-        least: dict[tuple[int, int], float] = {}
-        for aim, near in zip(
-            self._engine.generated.aims, self._engine.seen.nearest.tolist(), strict=True
-        ):
-            if not aim.flat:
-                key = aim.what, aim.index
-                least[key] = min(least.get(key, math.inf), near)
-        texts = {(0, prop.index): f"{prop.kind} {prop.text}" for prop in self._system.properties}
-        texts |= {(3, timed.index): timed.text for timed in test_plan(self._system).timed}
-        return tuple(
-            [
-                Robustness(text, near if (near := least.get(key, math.inf)) < math.inf else None,
-                           guided=key in least)
-                for key, text in texts.items()
-            ]
-        )  # fmt: skip
-
-    def _least_robustness(self) -> float | None:
-        """The least robustness of any property so far; None where none was computed."""
-        if self.options.strategy != FALSIFY:
-            return None
-        near = float(self._engine.seen.nearest.min(initial=math.inf))
-        return near if near < math.inf else None
 
     def _judged_properties(self) -> Iterator[tuple[str, bool]]:
         """The properties of the test and its nodes, and whether each was ever judged."""

@@ -18,7 +18,6 @@ from soter.codegen.unit import Unit, UnitBuilder
 from soter.core.layout import placed_leaves, scalar
 from soter.explore.model.bit_packing import word
 from soter.explore.model.packed_configuration import ConfigurationEmitter, deadline_ns
-from soter.explore.model.robustness import Guides
 from soter.explore.search_options import LEAVES_MAX
 from soter.language.model.types import (
     EnumType,
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor
     from soter.explore.model.footprints import Label
     from soter.explore.model.packed_configuration import AgeingField
-    from soter.explore.model.robustness import Aim
     from soter.language.model.system import Bound, System, Topic
     from soter.language.model.types import Type
 
@@ -54,7 +52,7 @@ class ExplorerModel:
     """The generated unit with its model.
 
     `configuration_size`: in bytes; `leaves`: topic and path of the leaves for coverage, in order;
-    `fields`: label, first bit and width of each packed field; `aims`: what each guide is for.
+    `fields`: label, first bit and width of each packed field.
     """
 
     unit: Unit
@@ -64,7 +62,6 @@ class ExplorerModel:
     bits: int
     leaves: tuple[tuple[int, tuple[str, ...]], ...]
     fields: tuple[tuple[Label, int, int], ...] = ()
-    aims: tuple[Aim, ...] = ()
 
 
 def generate_model(
@@ -82,7 +79,6 @@ def generate_model(
         builder.bits,
         tuple((x.topic, x.path) for x in builder.leaves),
         fields=builder.fields,
-        aims=builder.aims,
     )
 
 
@@ -106,8 +102,6 @@ class _ModelBuilder(UnitBuilder):
         self.test = system.test
         self.configuration_size = 0
         self.bits = 0
-        self.aims: tuple[Aim, ...] = ()
-        self.scales = 0
         self.leaves: list[_ModelLeaf] = []
         self.fields: tuple[tuple[Label, int, int], ...] = ()
         self.held_at: dict[int, int] = {}
@@ -134,27 +128,20 @@ class _ModelBuilder(UnitBuilder):
         predicates, timed = self._timed_table()
         premise_functions, premises = self._premise_table()
         leaf = self._leaf_table()
-        guides = Guides(self.system, self.core, self.frame)
-        margins, rows = guides.emit()
-        guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
-        self.aims, self.scales = tuple(guides.aims), guides.sites
         tables = {
             "actor": self._actor_table(packing),
             "timed": timed,
             "leaf": leaf,
             "ageing": self._ageing_table(configurations.ageing),
             **self._mask_tables(packing),
-            "guide": guide,
             "premise": premises,
         }
         return [
             c.Section("model of the explorer"),
-            c.Include("soter_explore_robustness.h"),
             c.Include("soter_explore_pack.h"),
             struct,
             *predicates,
             *premise_functions,
-            *margins,
             configurations.pack(pack_name),
             configurations.unpack(unpack_name),
             *(x for definitions, _ in tables.values() for x in definitions),
@@ -384,14 +371,11 @@ class _ModelBuilder(UnitBuilder):
                 ("actor", tables["actor"]),
                 ("timed", tables["timed"]),
                 ("leaf", tables["leaf"]),
-                ("guide", tables["guide"]),
                 ("premise", tables["premise"]),
                 ("actors", count(len(plan.actors))),
                 ("timeds", count(len(self.test.timed))),
                 ("leaves", count(len(self.leaves))),
                 ("branches", count(len(self.frame.branches or ()))),
-                ("guides", count(len(self.aims))),
-                ("scales", count(self.scales)),
                 ("tick_ns", int_number(plan.tick_ns)),
                 ("quantum_ns", int_number(plan.quantum_ns)),
                 ("horizon_ns", int_number(plan.horizon_ns)),

@@ -19,7 +19,7 @@ import numpy as np
 
 from soter.explore.judge import test_plan
 from soter.explore.model.symmetry import Renaming, RenamingCheck
-from soter.explore.search_options import EXHAUSTIVE, REDUCTIONS, SYMMETRY
+from soter.explore.search_options import REDUCTIONS, SAMPLING, SYMMETRY
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -345,7 +345,7 @@ class SymmetricInstances:
         self, options: SearchOptions, part: IndependentPart | None
     ) -> tuple[Family, ...]:
         """The families that a search of a part of the system (None: all of it) can use."""
-        if not REDUCTIONS[options.reduction] & SYMMETRY or options.strategy not in EXHAUSTIVE:
+        if not REDUCTIONS[options.reduction] & SYMMETRY or options.strategy in SAMPLING:
             return ()
         return tuple([f for f in self.families if f.is_inside(part)])
 

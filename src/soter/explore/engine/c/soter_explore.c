@@ -11,20 +11,8 @@ static void search(soter_search* s) {
     case SOTER_BFS:
       soter_search_bfs(s);
       return;
-    case SOTER_DFS:
-      soter_search_dfs(s);
-      return;
-    case SOTER_DEEPENING:
-      soter_search_deepening(s);
-      return;
     case SOTER_RANDOM:
       soter_search_random(s);
-      return;
-    case SOTER_PCT:
-      soter_search_pct(s);
-      return;
-    case SOTER_COVERAGE:
-      soter_search_coverage(s);
       return;
     case SOTER_FALSIFY:
       soter_search_falsify(s);

@@ -76,16 +76,6 @@ typedef struct {
 /* The premise of an always that is an implication; a fault is false. */
 typedef bool (*soter_premise)(const void* state);
 
-/* What guides a search towards a violation (soter_explore_robustness.h): of a property (`what` 0)
- * or a timed one (3), how far its condition (of leadsto the premise as well) is from changing;
- * `scale` has a place for every comparison. */
-typedef struct {
-  uint32_t what, index;
-  bool flat; /* no numbers are compared: it leads nowhere */
-  double (*premise)(const void* state, double* scale); /* NULL: none */
-  double (*of)(const void* state, double* scale); /* always, never: > 0 where nothing is violated */
-} soter_aim;
-
 /* A scalar of a topic, for coverage: kind 0 bool or enum, 1 int, 2 float. */
 typedef struct {
   uint32_t topic;
@@ -100,12 +90,10 @@ typedef struct {
   const soter_actor* actor;
   const soter_timed* timed;
   const soter_leaf* leaf;
-  const soter_aim* guide;
   const soter_premise* premise; /* [properties]: NULL of what is no implication; NULL: of none */
   uint32_t actors, timeds, leaves, branches;
-  uint32_t guides, scales; /* comparisons in the guides */
-  int64_t tick_ns;         /* every time is a multiple */
-  int64_t quantum_ns;      /* steps happen at multiples of it, where `timely` */
+  int64_t tick_ns;    /* every time is a multiple */
+  int64_t quantum_ns; /* steps happen at multiples of it, where `timely` */
   int64_t horizon_ns;
   bool ordered;      /* the steps of an instant happen in the order of the actors */
   bool timely;       /* when a step happens matters: its time is a choice */
@@ -160,15 +148,7 @@ SOTER_INLINE int64_t soter_time_of(const soter_model* m, const uint64_t* packed)
 
 /* ------------------------------------------------------------------ how */
 
-typedef enum {
-  SOTER_BFS = 0,
-  SOTER_DFS = 1,
-  SOTER_DEEPENING = 2,
-  SOTER_RANDOM = 3,
-  SOTER_PCT = 4,
-  SOTER_COVERAGE = 5,
-  SOTER_FALSIFY = 6
-} soter_strategy;
+typedef enum { SOTER_BFS = 0, SOTER_RANDOM = 1, SOTER_FALSIFY = 2 } soter_strategy;
 
 typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 
@@ -205,15 +185,13 @@ typedef struct {
   uint64_t max_ran;    /* steps that are run and not combined of others; 0: no bound */
   uint64_t seed;
   uint64_t runs;       /* of the random strategies */
-  uint32_t bug_depth;  /* PCT: d */
   bool keep;           /* keep the stored configurations for soter_explore_kept */
   uint64_t actors;     /* only these move, and only these properties and timed ones are judged: */
   uint64_t properties; /* a part of the system that shares nothing with the rest; actors 0: all */
   uint64_t timeds;
-  bool plainly;  /* never remember steps: run every one (a check of the explorer itself) */
-  bool unguided; /* falsify: every plan is drawn anew (a check of what guides it) */
-  bool closes;   /* end where whatever comes later was there before: nothing reads the time */
-  bool go_on;    /* do not stop at a violation: what violates is not expanded */
+  bool plainly; /* never remember steps: run every one (a check of the explorer itself) */
+  bool closes;  /* end where whatever comes later was there before: nothing reads the time */
+  bool go_on;   /* do not stop at a violation: what violates is not expanded */
   const soter_broken* known; /* [knowns]: nor at one of these: others are looked for */
   uint32_t knowns;
   const uint64_t*
@@ -301,7 +279,6 @@ typedef struct {
   uint8_t* judged;   /* [properties + timeds]: an always or never was looked at where time may pass;
                         what a timed property promises was due within the horizon: SOTER_JUDGED;
                         the premise of an always held there, an eventually was owed: SOTER_MET */
-  double* nearest;   /* [guides]: least robustness met; only falsify looks */
 } soter_explore_coverage;
 
 #define SOTER_JUDGED 1U

@@ -982,34 +982,6 @@ static void trace_back(soter_search* s) {
   free(all);
 }
 
-/* Links may take more memory than the search that needed none: depth first then, no deeper than the
- * violation lies; where overruns hide it there, to the end. */
-static void trace_depth_first(soter_search* s) {
-  if (s->o->goal != NULL) {
-    return; /* it does not look for goals */
-  }
-  const uint32_t bounds[] = {s->result->depth, UINT32_MAX};
-  soter_explore_options once = *s->o;
-  once.go_on = false;
-  once.max_states = 0U;
-  once.max_ran = 0U;
-  for (uint32_t k = 0; s->result->length == 0U && k < 2U && s->progress->stop == 0; k++) {
-    soter_explore_result unused = {0};
-    soter_search again = *s;
-    soter_stack t;
-    again.o = &once;
-    again.result = &unused;
-    if (soter_stack_open(&t, &again)) {
-      soter_stack_run(&t, bounds[k]);
-      if (t.broke && unused.length > 0U) {
-        s->result->broken = t.broken;
-        s->result->length = unused.length;
-      }
-    }
-    soter_stack_close(&t);
-  }
-}
-
 /* What is wanted beyond the search: all configurations, or what was noted of them. */
 static void keep(layered* all, soter_explore_result* r) {
   const soter_explore_options* const o = all->s->o;
@@ -1050,7 +1022,7 @@ void soter_search_bfs(soter_search* s) {
   if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
     s->progress->tracing = 1;
     trace_back(s);
-    trace_depth_first(s);
+    soter_trace_depth_first(s);
     s->progress->tracing = 0;
   }
   s->result->depth = steps;

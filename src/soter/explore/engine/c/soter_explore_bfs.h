@@ -6,7 +6,7 @@
 #define SOTER_EXPLORE_BFS_H
 
 #include "soter_explore_barrier.h"
-#include "soter_explore_dfs.h"
+#include "soter_explore_internal.h"
 
 #define THREADS SOTER_THREADS
 #define SOTER_APART 128U /* two lines: some machines fetch them together */

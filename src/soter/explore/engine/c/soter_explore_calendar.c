@@ -18,8 +18,8 @@ bool soter_has_instants(const soter_model* m) {
 }
 
 bool soter_by_instants(const soter_model* m, const soter_explore_options* o) {
-  return (o->reduce & SOTER_REDUCE_INSTANTS) != 0U &&
-         (o->strategy == SOTER_BFS || o->strategy == SOTER_DFS) && soter_has_instants(m);
+  return (o->reduce & SOTER_REDUCE_INSTANTS) != 0U && o->strategy == SOTER_BFS &&
+         soter_has_instants(m);
 }
 
 /* The steps of the instant after `*now`, which is moved on to it. */

@@ -12,7 +12,7 @@
  * - soter_explore_symmetry.c: one configuration for all that differ by places of equal instances
  * - soter_explore_properties_across_parts.c: properties of parts that share nothing else
  * - soter_explore_checkpoint.c: breadth-first search on a disk, and back
- * - a file a strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay
+ * - a file a strategy: _bfs, _random, _falsify; _replay
  * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
  */
 #ifndef SOTER_EXPLORE_IN_H
@@ -553,8 +553,11 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
                          uint64_t memory);
 
 typedef void soter_strategy_fn(soter_search* s);
-soter_strategy_fn soter_search_bfs, soter_search_dfs, soter_search_deepening, soter_search_random,
-    soter_search_pct, soter_search_coverage, soter_search_falsify;
+soter_strategy_fn soter_search_bfs, soter_search_random, soter_search_falsify;
+
+/* Looks depth first for an execution to a violation that breadth-first search has found, and writes
+ * it down; nothing is written where it is not found. */
+void soter_trace_depth_first(soter_search* s);
 
 /* Writes one step of a trace from the last move made at `x`. */
 void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to);

@@ -1,8 +1,8 @@
 /* soter_explore_sampled_walk.c: executions one by one.
  *
- * Purpose: what random search, PCT, coverage-guided search and falsification have in
- * common: from the start to the horizon, every decision asked of the strategy; configurations met
- * are counted by fingerprint. Non-goals: completeness; a walk never proves anything.
+ * Purpose: what random search and falsification have in common: from the start to the horizon,
+ * every decision asked of the strategy; configurations met are counted by fingerprint. Non-goals:
+ * completeness; a walk never proves anything.
  */
 #include "soter_explore_sampled_walk.h"
 
@@ -113,11 +113,7 @@ static bool walk_once(soter_walk* w) {
       soter_cover(x, move.actor);
     }
     meet(w);
-    const bool violates = soter_violates(x, broken);
-    if (w->by->observe != NULL) {
-      w->by->observe(w);
-    }
-    if (violates) {
+    if (soter_violates(x, broken)) {
       return !soter_is_known(x, broken);
     }
     (void)memcpy(x->here, x->there, x->size);
@@ -153,9 +149,6 @@ static void walk_all(soter_walk* w) {
     if (s->o->max_states > 0U && w->states >= s->o->max_states) {
       r->status = SOTER_STATES;
       break;
-    }
-    if (w->by->end != NULL) {
-      w->by->end(w, run);
     }
   }
   r->states = w->states;

@@ -1,5 +1,5 @@
-/* soter_explore_sampled_walk.h: one execution after the other, by somebody's choices (random, PCT,
- * coverage, falsify). */
+/* soter_explore_sampled_walk.h: one execution after the other, by somebody's choices (random,
+ * falsify). */
 #ifndef SOTER_EXPLORE_WALK_H
 #define SOTER_EXPLORE_WALK_H
 
@@ -19,17 +19,14 @@ typedef struct soter_walk {
   void* own; /* of the strategy */
 } soter_walk;
 
-/* What a strategy decides and is told; every function but `begin` may be NULL. */
+/* What a strategy decides; every function but `begin` may be NULL. */
 typedef struct soter_sampling {
   /* Which of `count` alternatives. `kind`: who moves (0), when (1), a choice of the step (2); NULL:
    * by chance. */
   uint32_t (*decide)(soter_walk* w, uint32_t kind, uint32_t count);
   /* Which actor of a set moves next; NULL: decide. */
   uint32_t (*who)(soter_walk* w, uint64_t enabled);
-  /* Told of every configuration, in x.there, with the one before in x.here. */
-  void (*observe)(soter_walk* w);
   void (*begin)(soter_walk* w, uint64_t run); /* before each execution */
-  void (*end)(soter_walk* w, uint64_t run);   /* and after it, where the search goes on */
 } soter_sampling;
 
 SOTER_INLINE uint32_t soter_walk_random(soter_walk* w, uint32_t count) {
