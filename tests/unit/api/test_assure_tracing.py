@@ -321,7 +321,7 @@ def test_a_hazard_with_the_id_of_a_goal_has_an_anchor_of_its_own(
 def test_a_dm_that_follows_sc_is_said_not_to_be_tried(tmp_path: Path) -> None:
     """A certificate of a module with `rest` has no tables from which to make its DM."""
     flat, entry = held()
-    certificate = Certificate(tmp_path, {}, {}, "")
+    certificate = Certificate(tmp_path, {}, {}, set())
     said, why, differs = compiled_as_proved(flat, flat.modules[0], [entry], certificate)
     assert (said, differs) == ("", False)
     assert why == "not tried: its predicates are no tables of cells"
