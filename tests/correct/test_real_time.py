@@ -297,9 +297,16 @@ def test_an_ac_that_fails_loses_control_and_nothing_else_happens(
         assert worker[sign] > 50
 
 
-def test_an_ac_that_is_killed_is_started_again_and_wins_control_back(cart_apart: Path) -> None:
+@pytest.mark.parametrize("option", ["", "--ignore-signal=CHLD"])
+def test_an_ac_that_is_killed_is_started_again_and_wins_control_back(
+    cart_apart: Path, option: str
+) -> None:
+    """Whoever starts the program may ignore how children end, and hands that on."""
+    program = cart_apart.with_name("started")
+    program.write_text(f'#!/bin/sh\nexec env {option} {cart_apart} "$@"\n')
+    program.chmod(0o755)
     events = ["killed:900000000:1", "started:1500000000:2"]
-    run_report = report(cart_apart, "--until", "2.5", events=events)
+    run_report = report(program, "--until", "2.5", events=events)
     worker, module = run_report["workers"][WORKER], run_report["modules"]["SafeCart"]
     assert (worker["starts"], worker["ends"]) == (2, 1)
     assert worker["missing"] >= 1

@@ -294,6 +294,19 @@ def test_a_signal_ends_the_trusted_part_with_a_report(cart: Path, number: signal
     assert not out or json.loads(out)["stopped"] is True
 
 
+def test_a_signal_that_comes_to_a_thread_of_words_ends_the_run_as_any_other(cart: Path) -> None:
+    """Of two that come at once the second goes to another thread than the first."""
+    command: list[str | Path] = [cart, "--until", "1000000", "--json", "--quiet"]
+    with processes.started(command, stdout=processes.PIPE) as process:
+        threads = Path(f"/proc/{process.pid}/task")
+        processes.until(lambda: len([*threads.iterdir()]) > len(STREAMS), process)
+        _, first, *_ = sorted(int(thread.name) for thread in threads.iterdir())
+        os.kill(first, signal.SIGTERM)
+        out, _ = process.communicate(timeout=processes.TIMEOUT_S)
+    assert process.returncode == 130
+    assert json.loads(out)["stopped"] is True
+
+
 def test_nohup_is_heeded(cart: Path) -> None:
     def ignored() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -431,22 +444,45 @@ def test_a_signal_of_a_pipe_a_file_or_a_terminal_is_none(
         assert process.poll() is None
 
 
+BLOCKS = """\
+#include "soter_actuator.h"
+
+#include <poll.h>
+#include <unistd.h>
+
+void soter_actuate(uint32_t module, const void* command, bool obeys) {
+  (void)module;
+  (void)command;
+  (void)obeys;
+  while (access("device", F_OK) == 0) {
+    (void)poll(NULL, 0, 1);
+  }
+}
+"""
+
+
+@pytest.mark.parametrize("held_up", ["by a signal", "by a device"])
 def test_a_request_that_nobody_answered_arms_nobody_later(
-    actuator: Path,
-    code: ctypes.CDLL,
-    tmp_path: Path,
+    actuator: Path, code: ctypes.CDLL, tmp_path: Path, held_up: str
 ) -> None:
     """The command has said that the actuators do not answer: then it may not act."""
+    if held_up == "by a device":
+        (actuator.parent / "actuate.c").write_text(BLOCKS)
+        assert make(actuator.parent, "CFLAGS=-O1 -Werror", "stop_actuator").returncode == 0
+    device = tmp_path / "device"
     with ExitStack() as stack:
-        process = spoken(actuator, tmp_path, stack)
+        process = spoken(actuator, tmp_path, stack, cwd=tmp_path)
         acting = Acting(code, actuator, tmp_path)
         acting.law()
         acting.obeys(100_000_000)
         acting.law()
-        process.send_signal(signal.SIGSTOP)
+        device.touch()
+        if held_up == "by a signal":
+            process.send_signal(signal.SIGSTOP)
         told, said = arm(actuator, tmp_path, "--unchecked")
         assert told == 1
         assert "do not answer" in said
+        device.unlink()
         process.send_signal(signal.SIGCONT)
         for _ in range(200):
             now = time.monotonic_ns()
@@ -454,6 +490,26 @@ def test_a_request_that_nobody_answered_arms_nobody_later(
             time.sleep(0.001)
             assert acting.speed.read() == LAW
         assert arm(actuator, tmp_path, "--unchecked")[0] == 0, "another one counts"
+        acting.obeys()
+
+
+def test_a_request_is_answered_before_a_device_holds_the_actuators_up(
+    actuator: Path, code: ctypes.CDLL, tmp_path: Path
+) -> None:
+    """The command that is armed acts as soon as the device goes on: so it is no failure."""
+    (actuator.parent / "actuate.c").write_text(BLOCKS.replace('"device"', 'obeys ? "device" : ""'))
+    assert make(actuator.parent, "CFLAGS=-O1 -Werror", "stop_actuator").returncode == 0
+    with ExitStack() as stack:
+        spoken(actuator, tmp_path, stack, cwd=tmp_path)
+        acting = Acting(code, actuator, tmp_path)
+        acting.law()
+        acting.obeys(100_000_000)
+        acting.law()
+        (tmp_path / "device").touch()
+        now = time.monotonic_ns()
+        acting.out.write(now, now + 10**15, now + 10**15, AC)
+        assert arm(actuator, tmp_path)[0] == 0
+        (tmp_path / "device").unlink()
         acting.obeys()
 
 

@@ -72,7 +72,7 @@ static struct {
   uint64_t turns, armed, not_armed;
   soter_outside status;
   uint64_t told[SOTER_ACTUATORS_WORDS(ACTUATOR_MODULES)]; /* soter_status.h */
-  int64_t told_ns;
+  int64_t told_ns, looked_ns;                             /* looked: for a request to arm */
   module_times module[ACTUATOR_MODULES];
 } us;
 
@@ -205,11 +205,10 @@ static void arm_one(module_times* m, bool checked, int64_t now) {
   }
 }
 
-static void arm(void) {
+static void arm(int64_t now) {
   const bool checked = arming == SIGUSR1;
-  const int64_t now = soter_actuator_clock();
   arming = 0;
-  if (us.turns > 0U && now - us.module[0].turned_ns > HELD_UP_NS) {
+  if (now - us.looked_ns > HELD_UP_NS) {
     return; /* whoever asked has been told that nobody answers */
   }
   us.told_ns = 0; /* the answer is told at once */
@@ -249,10 +248,12 @@ static void turns(void) {
   SOTER_CHECK(us.period_ns > 0 && soter_actuator_count <= ACTUATOR_MODULES);
   const int64_t last = us.until_ns > 0 ? next + us.until_ns : INT64_MAX;
   while (ending == 0 && soter_actuator_clock() < last) {
-    if (arming != 0) {
-      arm();
-    }
     const int64_t now = soter_actuator_clock();
+    if (arming != 0) {
+      arm(now);
+      tell(now); /* before a device may hold us up */
+    }
+    us.looked_ns = now;
     if (next <= now) {
       next = next + us.period_ns > now ? next + us.period_ns : now + us.period_ns;
     }

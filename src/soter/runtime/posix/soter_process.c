@@ -76,7 +76,6 @@ static bool redirect(relay* r, int file) {
 static void set_signals(void (*on_end)(int)) {
   const struct sigaction act = {.sa_handler = on_end};
   struct sigaction was;
-  sigset_t mask;
   for (int number = 1; number <= SIGRTMAX; number++) {
     const bool known = sigaction(number, NULL, &was) == 0;
     const bool nohup = number == SIGHUP && known && was.sa_handler == SIG_IGN;
@@ -89,21 +88,25 @@ static void set_signals(void (*on_end)(int)) {
       (void)sigaction(number, &act, NULL);
     }
   }
-  (void)sigemptyset(&mask);
-  (void)pthread_sigmask(SIG_SETMASK, &mask, NULL);
+  (void)signal(SIGCHLD, SIG_DFL); /* where it is ignored nobody learns how a child ended */
 }
 
 bool soter_process_begin(void (*on_end)(int)) {
+  sigset_t mask;
   int file = 0;
   while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO) {
   }
   (void)close(file);
   (void)setvbuf(stdout, NULL, _IOLBF, BUFSIZ); /* as on a terminal */
   set_signals(on_end);
+  (void)sigfillset(&mask); /* of the threads: one that is interrupted would lose words */
+  (void)pthread_sigmask(SIG_SETMASK, &mask, NULL);
   if (!redirect(&relays[0], STDOUT_FILENO) || !redirect(&relays[1], STDERR_FILENO)) {
     perror("not run: there is no pipe or thread for what it says");
     return false;
   }
+  (void)sigemptyset(&mask);
+  (void)pthread_sigmask(SIG_SETMASK, &mask, NULL);
   soter_process_stderr = relays[1].to;
   return true;
 }

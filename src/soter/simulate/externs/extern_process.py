@@ -148,7 +148,8 @@ class _Words(io.FileIO):
 
 def main(path: str) -> int:
     """Answers requests until the process is ended; returns its exit status."""
-    sys.stdout = sys.stderr = io.TextIOWrapper(_Words(2, "w"), line_buffering=True)
+    words = io.TextIOWrapper(_Words(2, "w"), errors="backslashreplace", line_buffering=True)
+    sys.stdout = sys.stderr = words
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
     channel = Channel(spec.exchange.number, spec.exchange.sizes)
     try:
