@@ -9,6 +9,7 @@ trusted thread keeps these times (`thread_times.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -87,17 +88,20 @@ def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], li
 
 
 def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
-    """Each way of a topic from a plant, as clocks, with a topic of the plant at its beginning."""
+    """Each way of a topic from a plant, as clocks, with a topic of the plant at its beginning.
+
+    Plants that publish in the same instants have one clock: its name is left out.
+    """
     for path in read.paths:
         clocks = path.clocks
         if path.sensor is NOW:
             continue
         if len(clocks) == 1:
-            yield clocks, read.name
+            yield (replace(clocks[0], name=""),), read.name
             continue
         plant, first = (facts.flying.component(c.name) for c in clocks[:2])
         for index in {*plant.writes} & {*first.reads}:
-            yield clocks, facts.flying.topics[index].name
+            yield (replace(clocks[0], name=""), *clocks[1:]), facts.flying.topics[index].name
 
 
 def _states_behind(facts: Facts, index: int) -> set[tuple[int, object]]:
