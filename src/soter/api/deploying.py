@@ -205,6 +205,12 @@ class _CertifiedTables:
         if differing := what_differs(*asked):
             why = f"`{name}` is built with other {differing} than it has"
             raise _other_certificate(self.folder, why)
+        oldest = problem.times.delay_sc
+        if any(r.times.get("d_ns", oldest) < oldest for r in reports):
+            why = (
+                f"`{name}` was checked again for reads that are no older than its plants make them"
+            )
+            raise _other_certificate(self.folder, why)
 
 
 def build(

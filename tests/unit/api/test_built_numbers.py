@@ -394,3 +394,61 @@ def test_an_open_proof_is_built_as_far_as_it_goes(name: str, tmp_path: Path) -> 
     made = soter.load(tmp_path / "robot.soter").build("c", tmp_path / "out", cert=tmp_path / "cert")
     assert "safety is not established: P2a" in made.inherits[0]
     assert any(note in x for x in made.notes)
+
+
+OLD_READS = """soter 1;
+topic x: float in [-5.0, 5.0] max_age 200ms;
+topic u: float in [-1.0, 1.0] = 0.0;
+plant P period 10ms {
+  reads u;
+  drives x = p;
+  state p: float in [0.3, 0.31];
+  der p = 0.5 * p + u;
+  measured x within 0.005;
+}
+node Fast period 50ms { publishes u; step { publish u = 1.0; } }
+node Slow period 50ms {
+  subscribes x;
+  publishes u;
+  step { publish u = x > 0.0 || x < -0.2 ? -1.0 : 1.0; }
+}
+rta M {
+  ac Fast;
+  sc Slow;
+  period 50ms;
+  safe abs(x) < 1.0;
+  verify {
+    levels 2; recover never; grid x in [-1.1, 1.1] / 110; horizon 254ms;
+    late dm 1ms, sc 1ms; response dm 1ms, sc 1ms; acts within 1ms;
+  }
+}
+system S { p: P; module M; }
+"""
+FAR_OFF = """soter 1;
+import "proved.soter" as p;
+system Robot deploys p.S {
+  external topic p.x every 150ms delayed 40ms measured p.x within 0.005;
+  external topic p.u;
+  module p.M;
+}
+"""
+
+
+def test_what_was_checked_for_younger_reads_is_not_built_for_older_ones(tmp_path: Path) -> None:
+    """SC leads back on reads that are 4 ms old, as the plant makes them, and not at 190 ms."""
+    manifests = []
+    for age in ("20ms", "200ms"):
+        (tmp_path / "proved.soter").write_text(OLD_READS.replace("200ms", age))
+        report = soter.load(tmp_path / "proved.soter").verify(cert=tmp_path / age, refute=False)
+        assert report.modules[0].findings["P2a"].holds == (age == "20ms")
+        manifests.append(json.loads((tmp_path / age / "manifest.json").read_text()))
+    (young,), (old,) = (m["modules"] for m in manifests)
+    young["times"] = old["times"]
+    (tmp_path / "20ms" / "program" / "proved.soter").write_text(OLD_READS)
+    small_proofs.reseal(
+        tmp_path / "20ms", {**manifests[1], "modules": [young], "files": manifests[0]["files"]}
+    )
+    assert soter.recheck(tmp_path / "20ms").accepted
+    (tmp_path / "robot.soter").write_text(FAR_OFF)
+    with pytest.raises(SoterError, match="no older than its plants make them"):
+        soter.load(tmp_path / "robot.soter").build("c", tmp_path / "out", cert=tmp_path / "20ms")
