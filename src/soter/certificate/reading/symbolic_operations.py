@@ -390,6 +390,7 @@ class Operations:
             raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
+    @one_number
     def nearest_whole(self, x: Linear) -> Linear:
         """The whole number next to x, as a real function; of two that are as near the greater."""
         return self.terms.apply_function("floor", self.terms.combine(((ONE, x),), HALF))
