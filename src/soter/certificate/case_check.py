@@ -45,7 +45,7 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.reading.module_times import DELAYS
 from soter.certificate.reading.sc_locals_and_modes import any_mode
-from soter.certificate.reading.symbolic_operations import scalar_leaves, value_of_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import exact

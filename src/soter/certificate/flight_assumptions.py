@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import CONTRADICTED, Doubt
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator

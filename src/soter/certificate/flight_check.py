@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.case_check import TaskProcesses, can_fork
 from soter.certificate.flight_assumptions import LoggedAssumptions, declared_ns
 from soter.certificate.folder import program_of, read_certificate
-from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.rechecker import failure_reason
 from soter.certificate.report import (
     CONTRADICTED,

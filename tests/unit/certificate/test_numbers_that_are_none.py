@@ -10,6 +10,7 @@ import pytest
 
 import soter
 from soter.certificate import rechecker
+from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.compile_terms import (
     compile_lines,
@@ -23,6 +24,7 @@ from soter.certificate.terms.terms import TRUE, Linear, Terms, choice_of_truths
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file
 from soter.language.model import typed
+from soter.language.model.types import FLOAT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -138,6 +140,38 @@ def test_a_number_that_is_none_goes_anywhere_until_it_is_compared(
     assert terms.obligations == []
     for x, known in ((-1.0, EITHER), (0.01, CERTAIN), (1.0, FALSE_BITS)):
         assert bits(terms, truth, (x, x)) == known
+
+
+@pytest.mark.parametrize("rounded", [True, False])
+def test_what_is_made_of_a_number_rests_on_what_it_rests_on(rounded: bool) -> None:
+    """Whatever the operation; an int of it is demanded to be one instead."""
+    terms = Terms()
+    make = Operations(terms, rounded=rounded)
+    x, y, c = (terms.add_input("state", n, exact(-1.5), exact(2.0)) for n in "xyc")
+    root = make.builtin("sqrt", x)
+    (rests,) = root.rests
+    made = [
+        make.arithmetic(op, *two) for op in "+-*" for two in ((root, y), (y, root), (2.0, root))
+    ]
+    made += [
+        make.extreme(name, *two) for name in ("min", "max") for two in ((root, y), (1.0, root))
+    ]
+    made += [make.builtin(name, root) for name in ("abs", "floor", "sqrt", "float")]
+    made += [make.prelude(*a) for a in (("sin", root), ("atan2", y, root), ("pow", root, 2.0))]
+    made += [make.prelude("smoothstep", -3.0, 3.0, root), make.clamp(root, 0.0, 1.0)]
+    made += [make.clamp(y, root, 3.0), make.negate(root), make.nearest_whole(root)]
+    assert all(rests in value.rests for value in made)
+    assert make.arithmetic("-", root, root).rests == (rests,)
+    assert terms.obligations == []
+    chosen = make.join(FLOAT, terms.below_zero(c), root, y)
+    assert len(chosen.rests) == 1
+    assert rests not in chosen.rests
+    assert not make.builtin("int", root).rests
+    assert terms.obligations == [rests]
+    make.arithmetic("/", root, terms.combine(((ONE, y),), exact(9.0)))
+    assert terms.obligations == [rests]
+    make.arithmetic("/", y, make.builtin("sqrt", y))
+    assert len(terms.obligations) == 3
 
 
 def test_what_a_truth_chooses_of_two_that_hold_holds(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from soter.certificate.reading.symbolic_operations import Operations, Rows, SymbolicInt, in_range
+from soter.certificate.reading.symbolic_operations import Operations
+from soter.certificate.reading.symbolic_values import Rows, SymbolicInt, in_range
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.terms import Linear, Terms, negation

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate.reading import symbolic_reading
-from soter.certificate.reading.symbolic_operations import (
+from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.reading.symbolic_values import (
     decided,
     identical,
     is_known,
@@ -25,7 +26,6 @@ from soter.certificate.reading.symbolic_operations import (
     value_of_leaves,
     whole,
 )
-from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Proposition, Terms

@@ -20,8 +20,9 @@ from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs
 from soter.certificate.reading.sc_locals_and_modes import any_alternative
-from soter.certificate.reading.symbolic_operations import Operations, Rows
+from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.reading.symbolic_values import Rows
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import (
     all_certain,

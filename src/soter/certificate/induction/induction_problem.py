@@ -31,7 +31,7 @@ from soter.certificate.induction.solver_values import (
     within_bounds,
 )
 from soter.certificate.reading.sc_locals_and_modes import modes_in
-from soter.certificate.reading.symbolic_operations import is_known
+from soter.certificate.reading.symbolic_values import is_known
 from soter.certificate.reading.thread_times import delayed_in_thread
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import Diagnostics

@@ -36,16 +36,9 @@ from soter.certificate.induction.solver_values import (
     unread_result,
     value_as_terms,
 )
-from soter.certificate.reading.symbolic_operations import (
-    BUILTINS,
-    COMPARED,
-    FLOATS,
-    INTS,
-    in_range,
-    is_known,
-    scalar_leaves,
-)
+from soter.certificate.reading.symbolic_operations import BUILTINS, COMPARED, FLOATS, INTS
 from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, part_of
+from soter.certificate.reading.symbolic_values import in_range, is_known, scalar_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.language.evaluate import arithmetic
 from soter.language.evaluate.arithmetic import StepFault

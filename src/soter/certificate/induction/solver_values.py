@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.reading.symbolic_operations import identical, is_known
+from soter.certificate.reading.symbolic_values import identical, is_known
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import (

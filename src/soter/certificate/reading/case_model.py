@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.module_facts import driven_topics, reads_mode, topics_of_others
 from soter.certificate.reading.sc_locals_and_modes import any_alternative, any_mode, every_step
-from soter.certificate.reading.symbolic_operations import scalar_leaves, truth_of, value_of_leaves
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
+from soter.certificate.reading.symbolic_values import scalar_leaves, truth_of, value_of_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, exact, greatest_below
 from soter.certificate.terms.terms import TRUE, Linear, Proposition, Terms, both, negation

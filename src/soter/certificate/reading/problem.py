@@ -32,7 +32,7 @@ from soter.certificate.reading.module_facts import (
     topics_read_by_sc,
 )
 from soter.certificate.reading.module_times import read_times
-from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.reading.view_predicates import module_in_view, shown_parts
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError

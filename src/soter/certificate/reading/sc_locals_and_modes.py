@@ -19,7 +19,7 @@ from itertools import product
 from math import prod
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.symbolic_operations import value_of_leaves, whole
+from soter.certificate.reading.symbolic_values import value_of_leaves, whole
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact, key_of
 from soter.certificate.terms.terms import Atom

@@ -15,10 +15,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from soter.certificate.reading.symbolic_operations import (
+from soter.certificate.reading.symbolic_operations import PRELUDE, Operations
+from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
-    PRELUDE,
-    Operations,
     Rows,
     SymbolicInt,
     Value,

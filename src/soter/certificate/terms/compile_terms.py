@@ -206,8 +206,7 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
         if atom.kind in ("state", "box"):
             forms.enter_box(index, atom)
             continue
-        rule = _ATOMS.get(atom.kind, _function_rule)
-        forms.rows[index], forms.bounds[index] = rule(forms, atom)
+        forms.rows[index], forms.bounds[index] = _ATOMS.get(atom.kind, _function_rule)(forms, atom)
         if atom.kind not in RANGES:
             _limit_line_to_range(forms, index)
 
@@ -334,11 +333,10 @@ def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Any number whose size is at most the weighted sum of the arguments' sizes."""
-    sizes = [
+    size = forms.make.sum(
         weight * forms.make.apply("max", *map(abs, forms.range_of(x)))
         for weight, x in zip(atom.weights, atom.arguments, strict=True)
-    ]
-    size = forms.make.sum(sizes)
+    )
     return ({}, forms.make.zero, size), (-size, size)
 
 
@@ -347,8 +345,7 @@ def _any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     count = (len(atom.arguments) + 1) // 2
     alternatives, gaps = atom.arguments[:count], atom.arguments[count:]
     row, constant, spread = forms.row(alternatives[0])
-    nothing = forms.make.zero, forms.make.zero
-    low, high = _hull(forms, [nothing, *map(forms.range_of, gaps)])
+    low, high = _hull(forms, [(forms.make.zero,) * 2, *map(forms.range_of, gaps)])
     line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
     return line, _hull(forms, [forms.range_of(x) for x in alternatives])
 

@@ -15,7 +15,7 @@ from soter.certificate.case_check import CLAIMS, check_static_claims, proved_cla
 from soter.certificate.folder import hexadecimal, only_keys
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
-from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import (
     NotRecheckedError,
     RecheckAssumption,

@@ -40,7 +40,7 @@ from soter.certificate.case_check import is_step_harmless
 from soter.certificate.grid.flow_chains import NOW
 from soter.certificate.reading.case_model import boxes_of, control_inputs
 from soter.certificate.reading.module_facts import topics_read_by_sc
-from soter.certificate.reading.symbolic_operations import value_of_leaves
+from soter.certificate.reading.symbolic_values import value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
 from soter.certificate.terms.linear_enclosures import (

@@ -41,7 +41,7 @@ from soter.certificate.reading.module_facts import (
 from soter.certificate.reading.module_times import acted_ns
 from soter.certificate.reading.problem import read_facts, state_published
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.symbolic_operations import value_of_leaves
+from soter.certificate.reading.symbolic_values import value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import above, below, exact
 from soter.certificate.terms.terms import Terms, both, inputs_of

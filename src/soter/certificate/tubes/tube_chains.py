@@ -39,7 +39,7 @@ from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import boxes_of
-from soter.certificate.reading.symbolic_operations import scalar_leaves, value_of_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
