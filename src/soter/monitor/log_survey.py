@@ -54,7 +54,7 @@ ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
 INT_END = 2**63
 """Whole numbers of Soter end there."""
 INT_DIGITS, FLOAT_END = 19, 2**53
-COUNTED = re.compile(r"(?i)(?<![a-z])(id|n|num|count|seq|index|mode|state|status|flag)s?(?![a-z])")
+COUNTED = re.compile(r"(?i)(?<![a-z])(id|count|seq|index|mode|state|status|flag)s?$")
 ANGLE = re.compile(r"(?i)(?<![a-z])(yaw|heading|hdg|course|bearing|azimuth|roll|pitch|theta|psi)")
 LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
@@ -470,5 +470,6 @@ def _number_text(text: str) -> str:
 
 
 def _toml_text(text: str) -> str:
-    """A text of TOML."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    """A text of TOML, without characters that a terminal would act upon."""
+    said = json.dumps(text, ensure_ascii=False)
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in said)
