@@ -21,22 +21,14 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import CONTRADICTED, Doubt
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants_and_types import Calculator
+from soter.language.check.constants_and_types import declared_ns
 from soter.language.model.types import has_list, leaf_name, leaves, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.language.model import typed
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
-
-
-def declared_ns(module: Module, said: typed.TypedExpr | None) -> int:
-    """A time of the `verify` block of a module in ns; 0 where it is not declared."""
-    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
-    return given if isinstance(given, int) else 0
 
 
 @dataclass(eq=False)

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
-from soter.certificate.flight_assumptions import LoggedAssumptions, declared_ns
+from soter.certificate.flight_assumptions import LoggedAssumptions
 from soter.certificate.folder import program_of, read_certificate
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.rechecker import failure_reason
@@ -46,6 +46,7 @@ from soter.certificate.report import (
 from soter.certificate.tubes.check_rest import tube_of_entry
 from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.check.constants_and_types import declared_ns
 from soter.language.front_end import system_to_prove
 from soter.language.model.types import FloatType, RecordType, has_list, leaf_name, leaves
 from soter.language.model.values import ValueShapeError, from_json

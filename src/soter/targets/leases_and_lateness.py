@@ -22,7 +22,7 @@ from soter.codegen.c_names import FileNames, field_name
 from soter.codegen.c_printer import print_file
 from soter.codegen.c_types import TypeTable
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants_and_types import Calculator
+from soter.language.check.constants_and_types import Calculator, declared_ns
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.types import show_ns
 from soter.targets.package import PackageFile
@@ -340,11 +340,7 @@ def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
     A sensor may be silent for `dropout` longer. What plants of the system drive is left out: it is
     as old as they say.
     """
-    dropout = module.symbol.verify.dropout
-    given = None
-    if dropout is not None:
-        given = Calculator(Diagnostics(), module.scope.params).value(dropout, "a time")
-    longer = given if isinstance(given, int) else 0
+    longer = declared_ns(module, module.symbol.verify.dropout)
     ages = []
     for x in (system.components[module.sc], *on_the_way(system, module)):
         ages += [

@@ -24,7 +24,6 @@ from soter.certificate.induction.induction_problem import (
     calendar_of,
     compare_entry,
     modes_of_others,
-    nanoseconds,
     read_induction,
 )
 from soter.certificate.induction.solver_values import both, negation, one_of
@@ -36,6 +35,7 @@ from soter.certificate.report import (
 )
 from soter.certificate.scope import acknowledgement_assumption
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
+from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns
@@ -185,7 +185,9 @@ def _show_return(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.hyperperiod):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
-    if declared is not None and (turns + 1) * facts.hyperperiod > nanoseconds(facts, declared):
+    if declared is not None and (turns + 1) * facts.hyperperiod > declared_ns(
+        facts.flying_module, declared
+    ):
         raise RejectedError("P2b: SC gives control back later than `recover within` says")
     _require_affordable(facts, turns)
     run = TransitionSystem(facts, first=False, fresh=True)

@@ -34,8 +34,7 @@ from soter.certificate.reading.sc_locals_and_modes import modes_in
 from soter.certificate.reading.symbolic_values import is_known
 from soter.certificate.reading.thread_times import delayed_in_thread
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants_and_types import Calculator
+from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.predicates import maybe_nan
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
@@ -161,12 +160,6 @@ def modes_of_others(facts: InductionFacts) -> list[str]:
     return [flat.modules[i].name for i in sorted(read - {own.index})]
 
 
-def nanoseconds(facts: InductionFacts, expr: typed.TypedExpr | None) -> int:
-    """A time of the `verify` block; 0 where there is none."""
-    calculator = Calculator(Diagnostics(), facts.flying_module.scope.params)
-    return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
-
-
 def _without_times(facts: InductionFacts, *said: Iterable[str]) -> bool:
     """Whether the program leaves out one of the times of some AC or node."""
     for c in facts.actors:
@@ -181,7 +174,7 @@ def _check_times(facts: InductionFacts) -> None:
     said = [verify.late_dm, verify.late_sc, verify.response_dm, verify.response_sc]
     facts.undeclared = any(e is None for e in said)
     for expr in (*said, *verify.late_of.values(), *verify.response_of.values()):
-        if nanoseconds(facts, expr):
+        if declared_ns(facts.flying_module, expr):
             raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     if any(c.wcet_ns is not None for c in facts.flying.components):
         raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace, the_other_way
+from soter.diagnostics.diagnostic import Diagnostics, replace, the_other_way
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
@@ -46,10 +46,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostics, Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.check.checker_interface import Because, Shared
     from soter.language.check.scope import FileScope
     from soter.language.load.loader import LoadedProgram
+    from soter.language.model.system import Module
     from soter.language.model.types import Value
 
 
@@ -142,6 +143,12 @@ class Calculator:
             expr.span if outside else at,
             also=((at, "it happens here"),) if outside else (),
         )
+
+
+def declared_ns(module: Module, said: typed.TypedExpr | None) -> int:
+    """A time of the `verify` block of a module in ns; 0 where it is not declared."""
+    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
+    return given if isinstance(given, int) else 0
 
 
 class ConstantChecker(CheckerPart):

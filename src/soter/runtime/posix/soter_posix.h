@@ -246,12 +246,12 @@ typedef struct {
   const char* log;
   const char* channels; /* the folder of what meets the world; NULL: nothing does */
   const char* record;   /* every soter_record, between a head and an end */
-  uint32_t restarts;    /* of each worker */
+  uint64_t restarts;    /* of each worker */
   int64_t patience_ns;  /* without an answer, until a worker is ended */
   int64_t again_ns;     /* before a worker that ended is started again */
   int64_t bare_ns;      /* for wake-ups with nothing to do, before the start */
   int64_t wait_ns;      /* for workers to be ready, at the start */
-  uint64_t memory;      /* bytes a worker may map; 0: any */
+  uint64_t memory_mib;  /* that a worker may map; 0: any */
   int64_t user;         /* uid of workers; -1: as this process */
 } soter_options;
 

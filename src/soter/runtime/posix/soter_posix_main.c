@@ -108,82 +108,66 @@ static bool worker(soter_posix* d, const char* text) {
   return false;
 }
 
-/* Lengths of time, in seconds. */
-static bool option_of_times(soter_options* o, const char* name, const char* value) {
+/* Options that are a length of time (in units of so many ns), a whole number, or a text. */
+static bool plain_option(soter_options* o, const char* name, const char* value) {
   const struct {
     const char* name;
+    double unit_ns;
     int64_t* ns;
-  } times[5] = {{"--until", &o->until_ns},
-                {"--bare", &o->bare_ns},
-                {"--patience", &o->patience_ns},
-                {"--again", &o->again_ns},
-                {"--wait", &o->wait_ns}};
-  for (int i = 0; i < 5; i++) {
+  } times[7] = {{"--until", SECOND, &o->until_ns}, {"--bare", SECOND, &o->bare_ns},
+                {"--again", SECOND, &o->again_ns}, {"--patience", SECOND, &o->patience_ns},
+                {"--wait", SECOND, &o->wait_ns},   {"--late", 1e3, &o->late_ns},
+                {"--early", 1e3, &o->early_ns}};
+  const struct {
+    const char* name;
+    uint64_t below;
+    uint64_t* n;
+  } numbers[4] = {{"--seed", 0U, &o->seed}, /* 0: any */
+                  {"--misses", 0U, &o->misses_allowed},
+                  {"--restarts", 1000000U, &o->restarts},
+                  {"--worker-memory", UINT64_C(1) << 40, &o->memory_mib}};
+  const struct {
+    const char* name;
+    const char** text;
+  } texts[3] = {{"--log", &o->log}, {"--record", &o->record}, {"--channels", &o->channels}};
+  for (int i = 0; i < 7; i++) {
     if (strcmp(name, times[i].name) == 0) {
-      return duration(value, SECOND, times[i].ns);
+      return duration(value, times[i].unit_ns, times[i].ns) && o->early_ns <= EARLY_MOST_NS;
+    }
+  }
+  for (int i = 0; i < 4; i++) {
+    if (strcmp(name, numbers[i].name) == 0) {
+      return whole(value, numbers[i].n) &&
+             (numbers[i].below == 0U || *numbers[i].n < numbers[i].below);
+    }
+  }
+  for (int i = 0; i < 3; i++) {
+    if (strcmp(name, texts[i].name) == 0) {
+      *texts[i].text = value;
+      return true;
     }
   }
   return false;
 }
 
-static bool option_of_lateness(soter_options* o, const char* name, const char* value) {
-  if (strcmp(name, "--late") == 0) {
-    return duration(value, 1e3, &o->late_ns);
-  }
-  if (strcmp(name, "--misses") == 0) {
-    return whole(value, &o->misses_allowed);
-  }
-  if (strcmp(name, "--early") == 0) {
-    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
-  }
-  return option_of_times(o, name, value);
-}
-
-static bool option_of_workers(soter_posix* d, const char* name, const char* value) {
-  soter_options* const o = &d->options;
-  uint64_t n = 0;
-  bool fine = false;
-  if (strcmp(name, "--worker") == 0) {
-    fine = worker(d, value);
-  } else if (strcmp(name, "--restarts") == 0) {
-    fine = whole(value, &n) && n < 1000000U;
-    o->restarts = (uint32_t)n;
-  } else if (strcmp(name, "--worker-memory") == 0) {
-    fine = whole(value, &n) && n < (UINT64_C(1) << 40);
-    o->memory = n << 20;
-  } else if (strcmp(name, "--worker-user") == 0) {
-    fine = whole(value, &n) && n < UINT32_MAX;
-    o->user = (int64_t)n;
-  } else {
-    fine = option_of_lateness(o, name, value);
-  }
-  return fine;
-}
-
 static bool option(soter_posix* d, const char* name, const char* value) {
   soter_options* const o = &d->options;
-  if (strcmp(name, "--seed") == 0) {
-    return whole(value, &o->seed);
-  }
+  uint64_t n = 0;
   if (strcmp(name, "--policy") == 0) {
     return policy(value, &o->policy);
   }
   if (strcmp(name, "--core") == 0) {
     return core(value, &o->core);
   }
-  if (strcmp(name, "--log") == 0) {
-    o->log = value;
-    return true;
+  if (strcmp(name, "--worker") == 0) {
+    return worker(d, value);
   }
-  if (strcmp(name, "--record") == 0) {
-    o->record = value;
-    return true;
+  if (strcmp(name, "--worker-user") == 0) {
+    const bool fine = whole(value, &n) && n < UINT32_MAX;
+    o->user = (int64_t)n;
+    return fine;
   }
-  if (strcmp(name, "--channels") == 0) {
-    o->channels = value;
-    return true;
-  }
-  return option_of_workers(d, name, value);
+  return plain_option(o, name, value);
 }
 
 static bool parse(soter_posix* d, int count, char** words) {
@@ -313,7 +297,7 @@ int main(int count, char** words) {
                                .again_ns = 100000000,
                                .bare_ns = 100000000,
                                .wait_ns = 10000000000,
-                               .memory = UINT64_C(4) << 30,
+                               .memory_mib = 4096,
                                .user = -1};
   if (!parse(d, count, words)) {
     (void)fprintf(stderr, USAGE, words[0]);

@@ -98,8 +98,8 @@ static void give_up_rights(const soter_posix* d) {
   limit(RLIMIT_RTPRIO, 0);
   limit(RLIMIT_MEMLOCK, 0);
   limit(RLIMIT_CPU, (uint64_t)(d->options.until_ns / 1000000000 + CPU_SLACK_S));
-  if (d->options.memory > 0U) {
-    limit(RLIMIT_AS, d->options.memory);
+  if (d->options.memory_mib > 0U) {
+    limit(RLIMIT_AS, d->options.memory_mib << 20);
   }
   (void)prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   for (unsigned long c = 0; c < 64UL; c++) {
