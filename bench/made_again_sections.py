@@ -116,6 +116,7 @@ SMALL = {
     "Random problems and adversaries": Small("--problems 3 --steps 1e5"),
     "A closed-loop adversary against proved modules": Small("--modules 3 --steps 100000"),
     "A closed-loop adversary against shields": Small("--runs 20"),
+    "Topics that fall silent one by one": Small(apart=MINUTES),
     "Shields that are wrong": Small("--steps 100000"),
     "Towers flown against": Small("--towers 1 --flights 2"),
     "The drone's tower under faults": Small("--hours 0.1", flights=6),

@@ -211,6 +211,11 @@ BENCHMARKS = (
         "bench/adversary/against_shields.py",
         heads="violations",
     ),
+    Benchmark(
+        "Topics that fall silent one by one",
+        "bench/adversary/topics_apart.py",
+        last="^flights|^programs",
+    ),
     Benchmark("Shields that are wrong", "bench/adversary/against_shields.py --wrong"),
     Benchmark(
         "Towers flown against", "bench/adversary/towers.py --towers 14 --flights 12", last="proved"
