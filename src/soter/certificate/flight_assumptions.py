@@ -2,19 +2,22 @@
 
 Purpose: `LoggedAssumptions` is told every message and verdict of a log, instant by instant, and has
 a `Doubt` wherever these contradict an assumption on sensors, on the times of SC, or on sets.
-Non-goals: verdicts by themselves, and their reads (`flight_check.py`); errors of sensors and
-disturbances, which a log without the truth does not show (`soter monitor` asks a model).
+Non-goals: verdicts by themselves, and their reads (`flight_check.py`); disturbances, which the
+states of a log do not show (`soter monitor` asks a model).
 
 The assumptions and what contradicts each: *sensors publish exactly at their releases*: a message at
 another time; *sensors never drop out*, or are *silent for O longer than their periods at most*: a
 release, or more, without a message; *the DM says "AC" on one instant alone*: two reads of plants
 that publish together with other ages, or of sensors further apart than `every` and `delayed` say;
 *no release is skipped* and SC's `late` and `response`: a release of SC in control without outputs
-in time; *what is published lies in the declared sets*: a message that does not.
+in time; *what is published lies in the declared sets*: a message that does not; *errors of sensors
+stay within their bounds*: a message further from what the plant drives in the state that a
+simulation logs beside it.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -22,13 +25,19 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import CONTRADICTED, Doubt
 from soter.language.check.constants_and_types import declared_ns
-from soter.language.model.types import has_list, leaf_name, leaves, show_ns
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.types import FloatType, has_list, leaf_name, leaves, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Component, Module, System, Topic
     from soter.language.model.types import Value
+
+UNKNOWN = (LookupError, RuntimeError, StepFault)
+"""What the evaluator raises where code of a plant reads what no log has: inputs, a choice."""
 
 
 @dataclass(eq=False)
@@ -84,6 +93,8 @@ class LoggedAssumptions:
         self.system, self.modules = system, modules
         self.doubts: list[Doubt] = []
         self._sensors = _sensors(system)
+        self._evaluators = {c.index: Evaluator(c.scope.params) for c in system.components}
+        self._latest: dict[str, tuple[int, Value]] = {}
         self._topics = {t.name: t for t in system.topics}
         self._read = {m.name: _read_by(system, m) & self._sensors.keys() for m in modules}
         self._outputs = {}
@@ -99,6 +110,7 @@ class LoggedAssumptions:
 
     def message(self, time_ns: int, name: str, value: Value) -> None:
         """Note what was published at a time: its set, its release, the silence before it."""
+        self._latest[name] = time_ns, value
         for text in self._outside(name, value):
             for m in self.modules:
                 self._doubt(time_ns, m, text)
@@ -108,9 +120,9 @@ class LoggedAssumptions:
                 outputs.published[name] = time_ns
         if (sensor := self._sensors.get(name)) is not None:
             at = sensor.releases
-            if at is not None and (time_ns - at[1]) % at[0]:
+            if at is not None and ((time_ns - at[1]) % at[0] or sensor.last_ns == time_ns):
                 for m in self._readers(name):
-                    text = f"{name} was published between the releases of its plant"
+                    text = f"{name} was published otherwise than once at a release of its plant"
                     self._doubt(time_ns, m, text)
             self._silence(name, sensor, time_ns)
             sensor.last_ns = time_ns
@@ -124,6 +136,35 @@ class LoggedAssumptions:
             if bound is not None and not bound.low <= x <= bound.high:
                 where = f"[{bound.low!r}, {bound.high!r}]"
                 yield f"{leaf_name(name, path)} is {x!r}, outside of its set {where}"
+
+    def truth(self, time_ns: int, plant: Component, states: Sequence[Value]) -> None:
+        """Note the states of a plant at a time at which all that it published was told."""
+        assert plant.plant is not None
+        env = Environment(dict(zip(plant.plant.states, states, strict=True)), time_ns=time_ns)
+        value = self._evaluators[plant.index].value
+        for variable, of in plant.plant.lets:
+            with suppress(*UNKNOWN):
+                env.variables[variable] = value(of, env)
+        for symbol, of in plant.plant.drives:
+            topic = self.system.topics[plant.scope.topics[symbol]]
+            when, shown = self._latest.get(topic.name, (None, 0.0))
+            if when == time_ns:
+                with suppress(*UNKNOWN):
+                    self._compare(time_ns, plant, topic, shown, value(of, env))
+
+    def _compare(
+        self, time_ns: int, plant: Component, topic: Topic, shown: Value, true: Value
+    ) -> None:
+        """Note each number that a plant published further from a true one than its error is."""
+        errors = {m.leaf: m.bound for m in plant.measured if m.topic == topic.index}
+        every = zip(leaves(topic.type), scalar_leaves(shown), scalar_leaves(true), strict=True)
+        for k, ((path, of), x, y) in enumerate(every):
+            error = errors.get(k, 0.0)
+            if isinstance(of, FloatType) and not y - error <= x <= y + error:
+                name = leaf_name(topic.name, path)
+                for m in self._readers(topic.name):
+                    text = f"{name} is {x!r} where the plant is at {y!r}, measured within {error!r}"
+                    self._doubt(time_ns, m, text)
 
     def _readers(self, name: str) -> list[Module]:
         return [m for m in self.modules if name in self._read[m.name]]
@@ -157,8 +198,9 @@ class LoggedAssumptions:
         if is_ac:
             outputs.since = None
         elif outputs.since is None:
+            asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
             outputs.since = time_ns
-            outputs.next = time_ns + (outputs.phase - time_ns) % outputs.period
+            outputs.next = asked + (outputs.phase - asked) % outputs.period
 
     def apart(self, ages: Mapping[str, int]) -> Iterator[str]:
         """Why reads of these ages (ns, by topic), on which a DM said "AC", show no one instant."""
@@ -183,7 +225,7 @@ class LoggedAssumptions:
             release = outputs.next
             outputs.next += outputs.period
             for name in outputs.topics:
-                if outputs.published.get(name, -1) < release:
+                if outputs.published.get(name, -1) < max(release, outputs.since):
                     text = f"SC published no {name} in time after its release"
                     self._doubt(release, outputs.module, text)
 

@@ -187,7 +187,8 @@ class _Reader:
         self.path, self.system, self.log = path, system, log
         self.modules = {m.name: _Verdicts(m) for m in modules}
         self.topics = {t.name: t for t in system.topics}
-        self.outside = {e.topic for e in system.externals}
+        self.outside = {e.topic: e for e in system.externals}
+        self.plants = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
         self.assumed = LoggedAssumptions(system, modules)
         self.named = {m.name: m for m in modules}
         self.published: dict[str, list[tuple[int, Value]]] = {}
@@ -207,6 +208,9 @@ class _Reader:
                 elif channel == MODES_TOPIC and message["module"] in self.modules:
                     self.modules[message["module"]].in_ac = message["mode"] == "AC"
             for channel, message in due:
+                if (plant := self.plants.get(channel)) is not None and plant.plant is not None:
+                    states = from_json(plant.plant.truth, message, channel)
+                    self.assumed.truth(time_ns, plant, states)
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
                     self._add_verdict(time_ns, message)
             self.assumed.instant_ends(time_ns)
@@ -223,7 +227,7 @@ class _Reader:
             if module.next == 0:
                 text = "the log has no verdict of it"
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
-            self._note_missing(name, module.missing(time_ns + 1), module.next)
+            self._note_missing(name, module.missing(time_ns + 1 - module.late), module.next)
 
     def _note_missing(self, name: str, what: str, since_ns: int) -> None:
         if what:
@@ -275,8 +279,11 @@ class _Reader:
             return
         if topic.index in self.outside:  # measured before it came, and read as it has come
             came, known = last[0]
-            if time_ns - age > came:
+            late, e = came - (time_ns - age), self.outside[topic.index]
+            if late < 0:
                 yield f"it read {name} of {time_ns - age} ns, and the last one came at {came} ns"
+            elif e.every_ns is not None and late > (e.delay_ns or 0):
+                yield f"it read {name}, which came {late} ns late, and may {e.delay_ns or 0} ns"
             elif repr(known) != repr(value):
                 yield f"it read another {name} than the last one, which came at {came} ns"
             return

@@ -96,6 +96,13 @@ def moved(log: Log, old_ms: int, new_ms: int) -> None:
     log.messages["u"][new_ms * MS] = log.messages["u"].pop(old_ms * MS)
 
 
+def taken_over_late(log: Log, *answers_ms: int) -> None:
+    """The DM gives control to SC 1 ms after its release of 120 ms, at which AC published."""
+    del log.verdicts[120 * MS]
+    log.verdicts |= dict.fromkeys((121 * MS, 160 * MS, 200 * MS), False)
+    log.messages["u"] |= {t * MS: 0.5 for t in answers_ms}
+
+
 BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = {
     "nothing": ("", lambda _: None, []),
     "one message": (
@@ -122,7 +129,7 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     "between two releases": (
         "",
         lambda log: log.messages["vel"].update({57 * MS: 1.0}),
-        [(57, "vel was published between the releases of its plant")],
+        [(57, "vel was published otherwise than once at a release of its plant")],
     ),
     "outside of its set": (
         "",
@@ -139,6 +146,8 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     "SC is as late as it may be": ("", lambda log: moved(log, 40, 48), []),
     "SC is later": ("", lambda log: moved(log, 40, 49), [(40, SC_SILENT)]),
     "SC is later where no verdict is due": ("", lambda log: moved(log, 20, 27), [(20, SC_SILENT)]),
+    "SC waits for a verdict that is late": ("", lambda log: taken_over_late(log, 123), []),
+    "SC skips the release of a verdict that is late": ("", taken_over_late, [(120, SC_SILENT)]),
     "AC publishes nothing": ("", lambda log: log.leave_out("u", 100, 120, 140), []),
 }
 
@@ -167,3 +176,48 @@ def test_a_sensor_of_the_world_may_come_as_seldom_as_it_says() -> None:
     assert seldom.doubts(flat) == []
     seldom.leave_out("vel", 62)
     assert [t for t, _ in seldom.doubts(flat)] == [31]
+
+
+SENSED = TEXT.replace("drives vel = v;", "drives vel = v; drives twice = y; drives gust = w;")
+SENSED = SENSED.replace(
+    "state v: float;", "state v: float; let y = 2.0 * x; disturbance w: float in [-1.0, 1.0];"
+)
+SENSED = SENSED.replace("der v = u;", "der v = u; measured pos within 0.5;")
+SENSED = SENSED.replace("subscribes pos, vel;", "subscribes pos, vel, twice, gust;")
+SENSED = SENSED.replace(
+    "topic u:", "topic twice: float max_age 1s; topic gust: float max_age 1s; topic u:"
+)
+
+
+@pytest.mark.parametrize(
+    ("published", "said"),
+    [
+        ({"pos": 2.5, "vel": 1.0, "twice": 4.0, "gust": 7.0}, []),
+        ({"pos": 2.6}, ["pos is 2.6 where the plant is at 2.0, measured within 0.5"]),
+        ({"vel": 1.1}, ["vel is 1.1 where the plant is at 1.0, measured within 0.0"]),
+        ({"twice": 4.5}, ["twice is 4.5 where the plant is at 4.0, measured within 0.0"]),
+    ],
+)
+def test_a_sensor_that_errs_more_than_it_may_is_doubted(
+    published: dict[str, float], said: list[str]
+) -> None:
+    """A simulation logs the states; what a plant makes of a disturbance cannot be compared."""
+    checked = check_file("test.soter", SENSED.partition("system World")[0].replace("DROPOUT", ""))
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    flat = system_to_prove(checked, "S")
+    (plant,) = [c for c in flat.components if c.plant is not None]
+    assumed = LoggedAssumptions(flat, list(flat.modules))
+    for name, value in published.items():
+        assumed.message(0, name, value)
+    assumed.truth(0, plant, (2.0, 1.0))
+    assumed.truth(10 * MS, plant, (50.0, 50.0))  # nothing was published then
+    assert [d.reason for d in assumed.doubts] == said
+
+
+def test_a_plant_publishes_once_at_a_release() -> None:
+    flat = flat_of("S")
+    assumed = LoggedAssumptions(flat, list(flat.modules))
+    for _ in range(2):
+        assumed.message(0, "pos", 1.0)
+    twice = "pos was published otherwise than once at a release of its plant"
+    assert [d.reason for d in assumed.doubts] == [twice]

@@ -61,6 +61,12 @@ def test_a_step_that_took_as_long_as_it_may_is_confirmed(tmp_path: Path) -> None
         report = report_of(slow, flight.write(tmp_path / "flight.mcap"))
         assert [d.reason for d in report.doubts] == [reason] * bool(reason)
 
+    for last_ms, missing in ((400, []), (410, ["the verdict is missing"])):
+        flight = Flight("AAAA", last_ms * MS)
+        flight.header["program_sha256"] = program.sha256
+        report = report_of(slow, flight.write(tmp_path / "flight.mcap"))
+        assert [d.reason for d in report.doubts] == missing
+
 
 WORLD = """
 system World deploys Line {
@@ -83,6 +89,10 @@ system World deploys Line {
         (
             lambda f: read(f, value=sight_at(190 * MS)),
             "it read another sight than the last one, which came at 200000000 ns",
+        ),
+        (
+            lambda f: read(f, age_ns=3 * MS + 1),
+            "it read sight, which came 3000001 ns late, and may 3000000 ns",
         ),
         (lambda f: read(f, age_ns=21 * MS), "it read sight, 21000000 ns old, and max_age"),
     ],
