@@ -156,7 +156,8 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
             if m.problem is not None:
                 sets.built(m.problem, None)
     entries = [_inheritance_entry(m, confirmed.get(m.module), seal) for m in modules]
-    lines = [line for e in entries for line in _entry_lines(e, there.name, seal)]
+    whilst = {m: f"`{there.name}`{of[0].whilst}" for m, of in confirmed.items()}
+    lines = [x for e in entries for x in _entry_lines(e, whilst.get(e["module"], ""), seal)]
     document: dict[str, object] = {
         "schema": SCHEMA,
         "system": here.name,
@@ -371,7 +372,7 @@ def _entry_lines(entry: dict[str, Any], there: str, seal: str) -> list[str]:
         if "P1c" not in confirmed and "P1c" not in missing:
             safe += "; P1c is assumed, not proved: not all of its times are declared"
         words = " ".join(confirmed)
-        lines = [f"{name}: {words} of `{there}`, certificate {seal[:12]}, checked again{safe}"]
+        lines = [f"{name}: {words} of {there}, certificate {seal[:12]}, checked again{safe}"]
     return [*lines, *(f"{name}: {line}" for line in entry["covered"])]
 
 

@@ -106,3 +106,11 @@ def test_what_rests_on_a_table_is_rejected_without_one(tmp_path: Path, which: st
     FORGERIES[which](manifest["modules"][0])
     small_proofs.seal(folder, manifest)
     assert not recheck(folder).accepted
+
+
+def test_where_no_k_was_found_it_is_said_that_no_state_of_it_was_drawn(tmp_path: Path) -> None:
+    safe = "safe abs(seen.x) < 1.0;"
+    written = f"{safe} ttf abs(seen.x) > 0.5; safer abs(seen.x) < 0.2;"
+    report = recheck(certificate(tmp_path, PROGRAMS["a grid"].replace(safe, written)))
+    assert report.accepted, report.reason
+    assert report.modules[0].unseen == "no state of K was drawn"

@@ -177,7 +177,7 @@ class GridGroup(Group):
         """Random points of K: each cell as often, and anywhere in it."""
         del facts
         inside = np.argwhere(self.tables.core > 0)
-        while True:
+        while len(inside):
             cell = inside[chance.integers(len(inside))]
             ends = [(e[i], e[i + 1]) for e, i in zip(self.tables.grid.edges, cell, strict=True)]
             yield [chance.uniform(*pair) for pair in ends]
