@@ -108,10 +108,15 @@ _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
 
 NED = re.compile(
     r"(?i)^(mavlink|px4_msgs)/|(^|/)vehicle_(local|odom|visual|mocap)|trajectory_setpoint"
-    r"|(?<![a-z])(ned|frd)(?![a-z])"
+    r"|(?<![a-z])ned(?![a-z])"
 )
-DOWN = re.compile(r"(?i).*(?<![a-z])(down|[pv]d)")
-"""What MAVLink, PX4 and people call what points north, east, down; and a third field of it."""
+FRD = re.compile(
+    r"(?i)(?<![a-z])frd(?![a-z])|(^|/)(scaled|raw|highres)_imu"
+    r"|(^|/)(vehicle_?(accel|angular_|angularv|magnetom)|sensor_?(combined|accel|gyro|mag)(?![a-z]))"
+)
+NORTH = re.compile(r"(?i)(?<![a-z])n(?![a-z])")
+DOWN = re.compile(r"(?i)(?<![a-z])(down|[pv]d)(?![a-z])")
+"""What MAVLink, PX4 and people call what points north, east, down, or front, right, down."""
 
 
 def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:
@@ -120,7 +125,10 @@ def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequ
     if {"deg", "degE7"} & {*units} or any(re.match("(?i)lat|lon", name) for name in fields):
         return ""
     names = (*fields, *called, *(() if message is None else (message.ros1,)))
-    if any(map(NED.search, names)) or DOWN.fullmatch(fields[2]):
+    if any(map(FRD.search, names)):
+        return "FRD"
+    first, _, third = map(str.lower, fields)
+    if any(map(NED.search, names)) or DOWN.search(third) or NORTH.sub("d", first) == third:
         return "NED"
     return "ENU" if all(units) else ""
 

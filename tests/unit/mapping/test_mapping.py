@@ -140,6 +140,10 @@ KNOWN_FRAMES: list[tuple[str, dict[str, Any], str]] = [
     ("ENU", {"channel": "XKF1", "fields": {"value": ["VN", "VE", "VD"]}}, "NED"),
     ("ENU", {"fields": {"value": ["north", "east", "down"]}}, "NED"),
     ("ENU", {"fields": {"value": {"from": ["n", "e", "pos_down"], "unit": "mm"}}}, "NED"),
+    ("ENU", {"fields": {"value": ["north_m", "east_m", "down_m"]}}, "NED"),
+    ("ENU", {"fields": {"value": ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"]}}, "NED"),
+    ("ENU", {"channel": "sensor_combined", "fields": {"value": ["g.0", "g.1", "g.2"]}}, "FRD"),
+    ("ENU", {"channel": "/imu_frd/data", "fields": {"value": ["a", "b", "c"]}}, "FRD"),
     ("NED", {**TWIST, "fields": {"value": LINEAR}}, "ENU"),
 ]
 """Of the program, what the mapping says of a topic, and the frame that this is known to have."""
@@ -162,6 +166,7 @@ def test_a_vector_whose_frame_is_known_and_another_says_which_is_meant(
     "given",
     [
         {"fields": {"value": ["a", "b", "c"]}},
+        {"fields": {"value": ["x_d", "y_d", "z_d"]}},
         {"channel": "/opened", "fields": {"value": ["planned", "b", "c"]}},
         {"channel": "/camera_down/pd", "fields": {"value": ["down", "b", "touchdown"]}},
         {"channel": "GPS_NED", "fields": {"value": ["lat", "lon", "alt"]}},

@@ -431,6 +431,16 @@ def test_a_name_of_a_dataflash_text_has_one_format(tmp_path: Path) -> None:
     assert "what one before it does not" in of_damage(log, "flight.log")
 
 
+@pytest.mark.parametrize("name", ["flight.BIN", "flight.log"])
+def test_messages_that_say_no_time_of_their_own_are_told(tmp_path: Path, name: str) -> None:
+    data, facts = MADE[name][0](flight()), FileFacts()
+    content(written(tmp_path / name, data), "POSE", facts)
+    assert facts.notes == []
+    other = data.replace(b"TimeUS,I,X", b"TimeUT,I,X")
+    content(written(tmp_path / name, other), "POSE", facts)
+    assert facts.notes == ["`POSE` says no time: that of the message before it counts"]
+
+
 # ---------------------------------------------------------------- several CSVs
 
 

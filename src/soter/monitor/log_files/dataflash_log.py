@@ -260,6 +260,13 @@ class _DataflashReading:
         channel = form.channel(raw)
         self.facts.there[channel] = self.facts.there.get(channel, 0) + 1
         if self.wanted is not None and channel in self.wanted:
+            told = f"`{form.name}` says no time: that of the message before it counts"
+            if (
+                time_ns is None
+                and not self.wanted[channel].unnamed
+                and told not in self.facts.notes
+            ):
+                self.facts.notes.append(told)
             yield self.now_ns, None, channel, content(raw)
         elif time_ns is not None:
             yield self.now_ns, None, channel, None
