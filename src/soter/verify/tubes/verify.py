@@ -81,7 +81,7 @@ UNBOUNDED = (
     "bound {} in `rest`, or by a set of the topic, or say in `moves` how far SC moves it: else it "
     "is followed from wherever it may be"
 )
-OPEN = "bound {}, too, in `rest`: it leaves as wide as their topics' sets what moves the rest of it"
+OPEN = "bound {} in `rest`, too: it moves what `rest` holds, and may be anything in its set"
 UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to rest"
 AT_START = (
     "a longer `within`, or a `rest` that lies in `safe` with all that SC leads through from there"
