@@ -476,8 +476,10 @@ class ModuleExpressions:
             if maps is not None and leaf in maps:
                 return maps[leaf]
             if (state := self.problem.state_of_leaf.get(leaf)) is None:
-                name = self.problem.system.topics[leaf[0]].name
-                raise NoExpressionError(f"SC, `safe` or `rest` reads `{name}`: no state equals it")
+                topics = self.problem.system.topics
+                driven = sorted({f"`{topics[i].name}`" for i, _ in self.problem.state_of_leaf})
+                why = f"SC, `safe` or `rest` reads `{topics[leaf[0]].name}`: no state equals it"
+                raise NoExpressionError(f"{why}; read what plants drive: {', '.join(driven)}")
             return self.make.input(kind, state)
 
         return at(t, [0])

@@ -81,6 +81,7 @@ UNBOUNDED = (
     "bound {} in `rest`, or by a set of the topic, or say in `moves` how far SC moves it: else it "
     "is followed from wherever it may be"
 )
+OPEN = "bound {} in `rest`, too: it moves what `rest` holds, and may be anything in its set"
 UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to rest"
 AT_START = (
     "a longer `within`, or a `rest` that lies in `safe` with all that SC leads through from there"
@@ -184,13 +185,15 @@ def _advice_on_rest(
         return MOVES
     if unbounded:
         return UNBOUNDED.format(unbounded)
+    if left := _left_open(check, claims):
+        return OPEN.format(left)
     late = _what_delays_sc(check, tried)
     return KEPT.format("".join(f"{what}, " for what in late)) if claims.box else ""
 
 
 def _doubt_in_words(problem: TubeProblem) -> str:
     """What `soter check` says of `rest` (W022), with its help; "": nothing."""
-    found = rest_doubt(problem.system, problem.module)
+    found = rest_doubt(problem.system, problem.module, unproved=True)
     return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
 
 
@@ -229,6 +232,12 @@ def _unbounded(check: TubeCheck, claims: RestClaims) -> str:
     return ", ".join(
         check.problem.leaf(s) for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST
     )
+
+
+def _left_open(check: TubeCheck, claims: RestClaims) -> str:
+    """The numbers that rates read, and `rest` leaves as wide as their sets."""
+    asked = check.read_by_rates - check.read_by_rest
+    return ", ".join(check.problem.leaf(s) for s in claims.box if s in asked)
 
 
 def _far_assumptions(check: TubeCheck) -> list[Assumption]:

@@ -137,6 +137,11 @@ TOP += [
     ("test T of S { }", "test T { system S; }"),
     ("rta M(A, B) { }", "rta M { ac A; sc B; }"),
     ("rta M period 50ms { }", "rta M { period 50ms; }"),
+    (
+        "rta M { rest x < 1.0 moves x by 0.1, t.y within 0.1 within 2s; }",
+        "rta M { rest x < 1.0 moves x by 0.1, t.y by 0.1 within 2s; }",
+    ),
+    ("rta M { verify { dropout t.x 10ms; } }", "rta M { verify { dropout 10ms; } }"),
     ("output topic t: float;", "topic t: float;"),
 ]
 

@@ -44,16 +44,23 @@ if TYPE_CHECKING:
 
 STEPS, HOLDS, LATELY = 8, 400, 30
 """Steps of integration in a period; periods of SC in a run; those in which it comes to its end."""
+BEGINS = None, "low", "high"
+"""What acts for a period of the DM before SC: nothing, or each command at that end of its set."""
 COSTLY = 3_000
 """Operations of calls in one step of plants and SC: with more a run would take a second."""
-SETTLED, FAR = 0.01, 1e9
-"""As a share of a number's way: how much it moves `LATELY` where a run has come to its end."""
+SETTLED, GOES_ON, FAR = 0.01, 0.05, 1e9
+"""Shares of a number's way: how much it moves `LATELY` where it has come to its end, or has not."""
 
 
 class _Run:
-    """SC brings the plants from their start to where it does: what that contradicts."""
+    """SC brings the plants to where it does: what that contradicts.
 
-    def __init__(self, system: System, module: Module, rest: typed.RestSymbol) -> None:
+    `begins`: one of `BEGINS`, what acts before SC.
+    """
+
+    def __init__(
+        self, system: System, module: Module, rest: typed.RestSymbol, begins: str | None
+    ) -> None:
         self.system, self.module, self.rest = system, module, rest
         self.sc, self.own = system.components[module.sc], Evaluator.of(module.scope)
         self.topics = [t.default for t in system.topics]
@@ -69,8 +76,10 @@ class _Run:
         self.read = {k for _, read in self.parts for k in read}
         self.held: list[list[bool]] = []
         self.seen: list[list[float]] = []
-        self.followed = False
+        self.followed, self.lost, self.after = False, False, ""
         with suppress(StepFault, ArithmeticError, BudgetExceeded, LookupError):
+            if begins:
+                self._command(begins)
             while len(self.seen) < HOLDS and not self._ended():
                 self._see()
             whole = len(self.seen[-1]) == len(self.bounds)  # no lists
@@ -96,9 +105,35 @@ class _Run:
             abs(x[-1] - x[-LATELY]) <= SETTLED * (max(x) - min(x)) for x in ways
         )
 
+    def _command(self, end: str) -> None:
+        """Each command at an end of its set moves the plants for a period of the DM."""
+        for i in self.module.outputs:
+            if None in (bounds := self.system.topics[i].bounds):
+                raise LookupError
+            now = [getattr(bound, end) for bound in bounds]
+            self.topics[i] = trials.rebuilt([self.topics[i]], now)[0]
+        self._move(0)
+        self.was = [x for i in self.driven for x in trials.flat(self.topics[i])]
+        times = max(1, self.module.period_ns // self.sc.period_ns)
+        for _ in range(times):
+            self._move(self.sc.period_ns)
+        ends = "largest" if end == "high" else "smallest"
+        self.after = f" after {show_ns(times * self.sc.period_ns)} of the {ends} commands"
+
     def _see(self) -> None:
-        """The plants move for a period of SC, by Euler's rule, and publish; then SC steps."""
-        h = self.sc.period_ns / 1e9 / STEPS if self.seen else 0.0
+        """The plants move for a period of SC and publish; then SC steps."""
+        self._move(self.sc.period_ns if self.seen else 0)
+        env = Environment(topics=self.topics)
+        self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
+        self.seen.append([x for i in self.driven for x in trials.flat(self.topics[i])])
+        self.lost |= not self.own.value(self.module.symbol.safe, env)
+        self.law(env)
+        for i, value in env.published.items():
+            self.topics[i] = value
+
+    def _move(self, duration_ns: int) -> None:
+        """The plants move for so long, by Euler's rule, and publish."""
+        h = duration_ns / 1e9 / STEPS
         for c, evaluator, env in self.plants:
             code, plant = evaluator.expression, cast("typed.PlantSymbol", c.plant)
             for _ in range(STEPS):
@@ -110,12 +145,6 @@ class _Run:
             env.variables.update((v, code(e)(env)) for v, e in plant.lets)
             for topic, e in plant.drives:
                 self.topics[c.scope.topics[topic]] = code(e)(env)
-        env = Environment(topics=self.topics)
-        self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
-        self.seen.append([x for i in self.driven for x in trials.flat(self.topics[i])])
-        self.law(env)
-        for i, value in env.published.items():
-            self.topics[i] = value
 
     def _holds(self, e: typed.TypedExpr, k: int, value: float) -> bool:
         """Whether a condition holds at the end of the run with another value of number `k`."""
@@ -127,12 +156,41 @@ class _Run:
 
     # ------------------------------------------------------------ what is doubtful
 
-    def doubt(self) -> Doubt:
-        """The first that is doubtful."""
-        claims = self._unbounded, self._elsewhere, self._unsafe, self._moved, self._late
+    def doubt(self, *, unproved: bool) -> Doubt:
+        """The first that is doubtful; where AC acted before, of SC that keeps `safe` from there."""
+        claims = [self._elsewhere, self._moved, self._late]
+        if self.after:
+            claims += [self._unmoved] * unproved
+        else:
+            claims = [self._begins, self._unbounded, claims[0], self._unsafe, *claims[1:]]
+        if not self.followed or (self.after and self.lost):
+            return None
         with suppress(StepFault, ArithmeticError, BudgetExceeded):
-            return next((found for claim in claims if self.followed and (found := claim())), None)
+            for claim in claims:
+                if (found := claim()) is not None:
+                    return found[0], found[1], found[2] + self.after, found[3]
         return None
+
+    def _unmoved(self) -> Doubt:
+        """A number that `rest` reads stays where commands brought it."""
+        for k in self.read:
+            if self.seen[0][k] != self.was[k] and len({x[k] for x in self.seen}) == 1:
+                what = f"SC does not move `{self.names[k]}`, which `rest` bounds"
+                at = self.module.symbol.sc_span or self.rest.span
+                return at, what, f"it stays {self.seen[0][k]:.4g}", "let SC bring it back"
+        return None
+
+    def _begins(self) -> Doubt:
+        """`safe` is false where plants start and maps have their defaults."""
+        safe, topics = self.module.symbol.safe, [t.default for t in self.system.topics]
+        values = trials.rebuilt([topics[i] for i in self.driven], self.seen[0])
+        for i, value in zip(self.driven, values, strict=True):
+            topics[i] = value
+        if self.own.value(safe, Environment(topics=topics)):
+            return None
+        maps = [f"`{t.name}`" for t in topic_reads(safe) if t.static]
+        help_ = f"a default of {' and '.join(maps)} that lets it hold" if maps else "another start"
+        return safe.span, "`safe` is false at the start", "false of what is published first", help_
 
     def _unbounded(self) -> Doubt:
         """`rest` reads a number, and holds at both of its ends."""
@@ -192,23 +250,58 @@ class _Run:
                 continue
             wrong, item = self._moved_by(k, move)
             items += [item] if item else []
+            lost, goes = self._lost(k), self._goes_on(k)
+            if wrong and goes and (goes in lost or not lost):
+                way_out = "leave it out: `safe` does not ask where it is"
+                if lost:
+                    way_out = f"an SC that stops it, or a `safe` without `{self.names[k]}`"
+                what = f"SC moves `{self.names[k]}` without end: no bound of `moves` is true"
+                at = self.module.symbol.safe if lost else (move or rest)
+                return at.span, what, f"SC moves it {goes}, and goes on", way_out
             if wrong:
                 label = f"SC moves `{self.names[k]}` {wrong} from where `rest` holds"
                 found = found or ((move or rest).span, label)
-        if found is None:
-            return None
+        if found is None or (one_sided := self._one_sided()):
+            return found and one_sided
         gap = Span(rest.span.source, rest.condition.span.end, rest.within.span.start)
         new = f"moves {', '.join(items)}"
         before = gap.text[: gap.text.index("moves" if rest.moves else "within")]
         help_ = replace(gap, f"{before}{new} within ", f"write `{new}`, or more")
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
 
+    def _one_sided(self) -> Doubt:
+        """`rest` holds at one end of a number's set, and not as far beyond where SC ends."""
+        for k, bound in enumerate(self.bounds.values()):
+            parts, name = [p for p, read in self.parts if k in read], self.names[k]
+            for x in (-FAR, FAR) if bound is None else (bound.low, bound.high):
+                other = 2 * self.seen[-1][k] - x
+                true, false = (all(self._holds(p, k, v) for p in parts) for v in (x, other))
+                if parts and true and not false:
+                    label, what = (
+                        f"true of `{name}` = {x:.4g}",
+                        f"`rest` bounds `{name}` on one side",
+                    )
+                    return parts[0].span, what, label, "bound it on the other side, too (`abs`)"
+        return None
+
+    def _goes_on(self, k: int) -> str:
+        """Which way number `k` still moves at the end of the run; "": it hardly does."""
+        way = [x[k] for x in self.seen]
+        last = way[-1] - way[-LATELY]
+        if abs(last) <= GOES_ON * (max(way) - min(way)):
+            return ""
+        return "up" if last > 0.0 else "down"
+
+    def _lost(self, k: int) -> list[str]:
+        """The ways on which `safe` is lost where number `k` goes far enough."""
+        safe, ways = self.module.symbol.safe, (("down", -FAR), ("up", FAR))
+        return [w for w, x in ways if not self._holds(safe, k, x)]
+
     def _moved_by(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
         """Which way number `k` moves further than `moves` says; what it should say. "": nothing."""
-        safe = self.module.symbol.safe
         ways = [0.0] if self.first is None else [x[k] for x in self.seen[self.first :]]
         drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
-        lost = [w for w, x in (("down", -FAR), ("up", FAR)) if not self._holds(safe, k, x)]
+        lost = self._lost(k)
         if move is None and not lost:
             return "", ""
         way, said = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
@@ -230,8 +323,11 @@ class _Run:
         return at.span, "`within` is over before SC rests", label, help_
 
 
-def rest_doubt(system: System, module: Module) -> Doubt:
-    """What is doubtful about `rest` of a module; None, too, where no run can be made of it."""
+def rest_doubt(system: System, module: Module, *, unproved: bool = False) -> Doubt:
+    """What is doubtful about `rest` of a module; None, too, where no run can be made of it.
+
+    `unproved`: rest was not shown, so what would be right of some robots is doubtful as well.
+    """
     rest, sc = module.symbol.rest, system.components[module.sc]
     plants = [c for c in system.components if c.plant is not None]
     if rest is None or sc.node is None or sc.extern or sc.node.locals:
@@ -249,7 +345,8 @@ def rest_doubt(system: System, module: Module) -> Doubt:
         return None
     if always_by_parts(rest.condition, system, module.scope) is False:
         return None
-    return _Run(system, module, rest).doubt()
+    runs = (_Run(system, module, rest, begins).doubt(unproved=unproved) for begins in BEGINS)
+    return next((found for found in runs if found is not None), None)
 
 
 def doubt_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
