@@ -2,7 +2,7 @@
 
     .venv/bin/python bench/testing/soundness.py [--programs 500]
 
-Per program every exhaustive strategy and every reduction, two threads, fingerprints, and the
+Per program every reduction, two threads, fingerprints, and the
 least trace to every violation; tests/generators/explorer_agreement.py says what has to be equal.
 
 Purpose: the soundness figure of issue 4. Non-goals: speed; programs of other kinds (`make soak`).

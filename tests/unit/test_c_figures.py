@@ -184,8 +184,7 @@ NO_INVARIANT = {
     "options, names and numbers that a person gave: what is wrong is refused": {
         *("posix_main.c number", "posix_main.c whole", "posix_main.c duration"),
         *("posix_main.c policy", "posix_main.c core", "posix_main.c worker"),
-        *("posix_main.c option_of_times", "posix_main.c option_of_lateness"),
-        *("posix_main.c option_of_workers", "posix_main.c option", "posix_main.c parse"),
+        *("posix_main.c plain_option", "posix_main.c option", "posix_main.c parse"),
         *("actuator.c number", "actuator.c option", "actuator.c parse"),
         "actuator.c flag",
     },
