@@ -328,25 +328,30 @@ def rest_doubt(system: System, module: Module, *, unproved: bool = False) -> Dou
 
     `unproved`: rest was not shown, so what would be right of some robots is doubtful as well.
     """
-    rest, sc = module.symbol.rest, system.components[module.sc]
-    plants = [c for c in system.components if c.plant is not None]
-    if rest is None or sc.node is None or sc.extern or sc.node.locals:
+    rest = module.symbol.rest
+    if rest is None or not _is_followed(system, module, rest):
         return None
+    runs = (_Run(system, module, rest, begins).doubt(unproved=unproved) for begins in BEGINS)
+    return next((found for found in runs if found is not None), None)
+
+
+def _is_followed(system: System, module: Module, rest: typed.RestSymbol) -> bool:
+    """Whether plants and SC, alone and by themselves, say what a run does, in less than a second."""
+    sc, plants = system.components[module.sc], [c for c in system.components if c.plant is not None]
+    if sc.node is None or sc.extern or sc.node.locals:
+        return False
     read = {*sc.reads, *(module.scope.topics[t] for t in topic_reads(rest.condition))}
     if not read <= {i for c in plants for i in c.writes}:
-        return None
+        return False
     if not {i for c in plants for i in c.reads} <= {*module.outputs}:
-        return None
+        return False
     symbols = [c.plant for c in plants if c.plant is not None]
     code = [e for p in symbols for e in plant_code(p)]
     asked = (*code, rest.condition, module.symbol.safe, *sc.node.step)
     calls = sum(cost_of(f.fun).operations for f in calls_in(*asked))
     if any(p.extern or p.next for p in symbols) or chooses(*code) or calls > COSTLY:
-        return None
-    if always_by_parts(rest.condition, system, module.scope) is False:
-        return None
-    runs = (_Run(system, module, rest, begins).doubt(unproved=unproved) for begins in BEGINS)
-    return next((found for found in runs if found is not None), None)
+        return False
+    return always_by_parts(rest.condition, system, module.scope) is not False
 
 
 def doubt_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
