@@ -336,8 +336,9 @@ def rest_doubt(system: System, module: Module, *, unproved: bool = False) -> Dou
 
 
 def _is_followed(system: System, module: Module, rest: typed.RestSymbol) -> bool:
-    """Whether plants and SC, alone and by themselves, say what a run does, in less than a second."""
-    sc, plants = system.components[module.sc], [c for c in system.components if c.plant is not None]
+    """Whether plants and SC say by themselves what a run does, in less than a second."""
+    sc = system.components[module.sc]
+    plants = [c for c in system.components if c.plant is not None]
     if sc.node is None or sc.extern or sc.node.locals:
         return False
     read = {*sc.reads, *(module.scope.topics[t] for t in topic_reads(rest.condition))}
