@@ -63,6 +63,7 @@ END_BYTES = 4 + 20 + 1 + 64 + 1
 BLOCK = 1024
 READ_BYTES = 1 << 20
 CUT = "its end is missing: the program that flew was killed, or the file was cut"
+UNRECORDED = "none of its states was recorded"
 
 
 @dataclass
@@ -316,7 +317,7 @@ def run_real_time(
         began = time.perf_counter()
         timing = _run_driver(built, bindings, work, until_ns, seed, stop, quiet=quiet)
         wall = time.perf_counter() - began
-        cut = ""
+        cut = UNRECORDED
         if (work / "states").exists():
             recording = FlightRecording(work / "states", system)
             recording.show_to(observer, also)
@@ -392,7 +393,8 @@ def _run_driver(
             write_spec(bindings.system, node, seed, spec)
             words = python_module("soter.simulate.externs.extern_process", str(spec))
             command += ["--worker", f"{node.name}=exec {shlex.join(words)}"]
-    with (work / "report").open("w+b") as out, (work / "said").open("w+b") as said:
+    out, said = (os.fdopen(os.memfd_create(name), "w+b") for name in ("report", "said"))
+    with out, said:  # on no disk, which may be full
         process = subprocess.Popen(
             command,
             stdout=out,

@@ -274,6 +274,20 @@ def test_a_disk_without_room_is_told_of_a_compiler(tmp_path: Path) -> None:
     assert "defect" not in said
 
 
+@pytest.mark.parametrize("most", [4, 8, 9, 10, 16])
+def test_a_log_that_no_thread_can_write_is_told(cart: Path, tmp_path: Path, most: int) -> None:
+    """Memory that is locked may leave no room, MiB, for the stack of one more."""
+    if os.geteuid() != 0:
+        pytest.skip("nobody to take permissions from")
+    without = ["setpriv", "--bounding-set=-all", "--inh-caps=-all", "--securebits=+noroot"]
+    words = [*without, "prlimit", f"--memlock={most << 20}", cart, *UNTIL, "--json"]
+    done = processes.run([*words, "--record", tmp_path / "flight"], capture_output=True)
+    assert done.returncode in (0, 1), "1: nothing may be run at all"
+    if done.returncode == 0:
+        notes = json.loads(done.stdout)["notes"]
+        assert (tmp_path / "flight").exists() != any("no thread" in note for note in notes)
+
+
 # ---------------------------------------------------------------- signals
 
 

@@ -262,6 +262,9 @@ static int go(soter_posix* d) {
     (void)nanosleep(&nap, NULL);
   }
   const bool logged = soter_posix_thread(d, &logger, soter_posix_logger);
+  if (!logged) {
+    soter_posix_note(d, "no thread can be made for the log: the run goes on without");
+  }
   wait_for_end(d);
   (void)pthread_join(trusted, NULL);
   const bool over = !logged || joined(d, logger);
