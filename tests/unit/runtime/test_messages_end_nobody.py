@@ -263,7 +263,14 @@ def test_a_log_that_no_thread_can_write_is_told(cart: Path, tmp_path: Path, most
     if os.geteuid() != 0:
         pytest.skip("nobody to take permissions from")
     without = ["setpriv", "--bounding-set=-all", "--inh-caps=-all", "--securebits=+noroot"]
-    words = [*without, "prlimit", f"--memlock={most << 20}", cart, *UNTIL, "--json"]
+    words: list[str | Path] = [
+        *without,
+        "prlimit",
+        f"--memlock={most << 20}",
+        cart,
+        *UNTIL,
+        "--json",
+    ]
     done = processes.run([*words, "--record", tmp_path / "flight"], capture_output=True)
     assert done.returncode in (0, 1), "1: nothing may be run at all"
     if done.returncode == 0:
