@@ -545,6 +545,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("surveillance.md", "| | per second"): DEFINED,
     ("surveillance.md", "| assumed"): DEFINED,
     ("surveillance.md", "**Hand-over.**"): "times of a proof",
+    ("testing.md", "| what is promised"): f"{MEASURED_ONCE}: attacks by hand",
     ("testing.md", "| the report says"): DEFINED,
     ("testing.md", "an aircraft that nobody here wrote"): DEFINED,
     ("testing.md", "`bench/tubes/identify_f16.py` fits"): ELSEWHERE,
