@@ -305,6 +305,7 @@ REST = "rest"
 OF_LOGS = ("D006", "D007", "D023")
 ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
 PARAMETER = "param "
+SAME_PROGRAM = "fly and prove the same program with the same parameters"
 """The beginning, in a log, of the name of a parameter that is not at its default."""
 
 
@@ -451,7 +452,10 @@ class Flights:
             self._proved[system] = (self._flat_of(system).proved or self._flat_of(system)).name
         if self._proved.get(system) not in of_entries:
             names = ", ".join(f"`{n}`" for n in of_entries)
-            raise _mismatch(log, f"system `{system}` flew, and the certificate is about {names}")
+            why = f"system `{system}` flew, and the certificate is about {names}"
+            raise _mismatch(
+                log, why, f"`soter verify --system {system}` proves what flew, without its `faults`"
+            )
         proved = {name: text for name, (text, _) in changed_parameters(self._flats[system]).items()}
         begin = len(PARAMETER)
         flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}
@@ -469,9 +473,8 @@ class Flights:
         return self._flats[system]
 
 
-def _mismatch(log: str, why: str) -> SoterError:
-    helps = ("fly and prove the same program with the same parameters",)
-    return SoterError((Diagnostic("D023", f"`{log}` is of another flight: {why}", helps=helps),))
+def _mismatch(log: str, why: str, help_: str = SAME_PROGRAM) -> SoterError:
+    return SoterError((Diagnostic("D023", f"`{log}` is of another flight: {why}", helps=(help_,)),))
 
 
 def _cpu_seconds() -> float:
