@@ -325,3 +325,17 @@ def test_what_is_made_of_an_infinite_number_is_as_large_or_that_it_is_none_is_de
         _, (low, high) = step(form_of_box([(exact(v), exact(v)) for v in (x, 0.5)], symbols=True))
         assert low <= function(x, 0.5) <= high
     assert fine is not demanded_
+
+
+@pytest.mark.parametrize("reach", [2.0, 40.0, 1e9])
+def test_what_is_not_chosen_may_be_infinite(tmp_path: Path, reach: float) -> None:
+    """A division by what may be 0, on the way that is not taken: 0 times infinite is nothing."""
+    body = "x > 0.1 ? 2.0 / x : 1.0 / (x * x * e)"
+    terms, value = read(tmp_path, body, kind="float", reach=reach)
+    form = form_of_box([(exact(0.5), exact(1.0)), (exact(-0.1), exact(0.1))], symbols=False)
+    lines = compile_lines(terms, [0, 1], 0, [value], (), {})(form)
+    assert lines is not None
+    *_, low, high = lines
+    assert 1.5 < float(low) <= 2.0
+    assert 4.0 <= float(high) < 5.0
+    assert all(x.is_finite() for x in lines)

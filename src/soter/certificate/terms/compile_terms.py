@@ -221,7 +221,8 @@ def _limit_line_to_range(forms: AffineForms, index: int) -> None:
 
 
 def _scale_row(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
-    return {j: weight * x for j, x in row.items()}
+    """A row, which may be infinite where its weight is 0."""
+    return {j: weight.make.apply("share", weight, x) for j, x in row.items()}
 
 
 def _add_rows(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int, Value]:
@@ -300,8 +301,8 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     parts = list(zip(weights, map(forms.row, (b, a, rest)), strict=True))
     line = (
         _add_rows(forms, [_scale_row(w, row) for w, (row, _, _) in parts]),
-        make.sum([w * constant for w, (_, constant, _) in parts]),
-        make.sum([abs(w) * spread for w, (_, _, spread) in parts]),
+        make.sum([make.apply("share", w, constant) for w, (_, constant, _) in parts]),
+        make.sum([make.apply("share", abs(w), spread) for w, (_, _, spread) in parts]),
     )
     (_, (low_b, high_b)), (least, most) = ends, forms.range_of(rest)
     if atom.kind == "min":
@@ -318,13 +319,13 @@ def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     truth = truth_of(forms, atom.condition)
     (low_a, high_a), (low_b, high_b), (low, high) = map(forms.range_of, (a, b, difference))
     gap = make.apply("max", high, -low) * HALF
-    weight = make.apply("by_truth", truth, ONE, ZERO, HALF)
-    others = make.one - weight
-    (row_a, constant_a, spread_a), (row_b, constant_b, spread_b) = map(forms.row, (a, b))
+    weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, HALF), (ZERO, ONE, HALF))]
+    parts = list(zip(weights, map(forms.row, (a, b)), strict=True))
+    spreads = [make.apply("share", w, spread) for w, (_, _, spread) in parts]
     line = (
-        _add_rows(forms, [_scale_row(weight, row_a), _scale_row(others, row_b)]),
-        weight * constant_a + others * constant_b,
-        weight * spread_a + others * spread_b + make.apply("by_truth", truth, ZERO, ZERO, gap),
+        _add_rows(forms, [_scale_row(w, row) for w, (row, _, _) in parts]),
+        make.sum([make.apply("share", w, constant) for w, (_, constant, _) in parts]),
+        make.sum([*spreads, make.apply("by_truth", truth, ZERO, ZERO, gap)]),
     )
     least, most = make.apply("min", low_a, low_b), make.apply("max", high_a, high_b)
     low = make.apply("by_truth", truth, low_a, low_b, least)

@@ -169,8 +169,8 @@ def line_or_range(
     What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
     `more`: the spread of what is free in the line, which counts half: it may still cancel.
     """
-    half = (high - low) * HALF
-    if half < spread + more * HALF:
+    half, least = (high - low) * HALF, spread + more * HALF
+    if half < least or not least.is_finite():
         return ZERO, (low + high) * HALF, half
     return ONE, offset, spread
 

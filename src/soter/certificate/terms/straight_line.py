@@ -125,6 +125,11 @@ def by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
     return yes if truth == 2 else (no if truth == 1 else both)
 
 
+def share(weight: arb, x: arb) -> arb:
+    """`weight * x`, and 0 where nothing of x is taken, also where x is infinite or no number."""
+    return ZERO if weight.is_zero() else weight * x
+
+
 def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
     """The range of a table between positions, which are whole numbers.
 
@@ -176,6 +181,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": lambda a, b: ((a | b) & 1) | (a & b & 2),
     "or": lambda a, b: ((a | b) & 2) | (a & b & 1),
     "by_truth": by_truth,
+    "share": share,
     DEMAND: require_certain,
 }
 
@@ -276,7 +282,8 @@ class Builder:
             return self.constant(
                 known[0][content] if operation == PART else OPERATIONS[operation](*known)
             )
-        same = self._simplified(operation, *values) if operation in ("add", "sub", "mul") else None
+        simple = operation in ("add", "sub", "mul", "share")
+        same = self._simplified(operation, *values) if simple else None
         return self._value(operation, tuple(values), content) if same is None else same
 
     def _simplified(self, operation: str, x: Value, y: Value) -> Value | None:
@@ -284,7 +291,7 @@ class Builder:
 
         0 times what is unbounded is 0: wherever the obligations hold that is a number.
         """
-        if operation == "mul":
+        if operation in ("mul", "share"):
             if self.zero in (x, y):
                 return self.zero
             if self._minus_one in (x, y):
