@@ -35,17 +35,14 @@ type Flight = {
 };
 type Pair = { a: float, b: float };
 topic flight: Flight;
-topic wind: Vector;
-topic pair: Pair;
-topic gear: Gear;
-topic on: bool;
+topic wind: Vector; topic pair: Pair;
+topic gear: Gear; topic on: bool;
 topic count: int in [0, 9];
 topic force: float unit "furlong";
 topic push: float in [-1.0, 1.0];
 plant P period 10ms {
   drives wind = { x: x, y: 0.0, z: 0.0 };
-  drives gear = Gear.LOW;
-  drives on = true;
+  drives gear = Gear.LOW; drives on = true;
   drives count = 0;
   drives force = 0.0;
   drives pair = { a: x, b: x };
@@ -470,10 +467,8 @@ plant P period 10ms {
 }
 node A period 10ms { publishes command; step { publish command = 0.0; } }
 node B period 10ms { publishes command; step { publish command = 0.0; } }
-rta M {
-  ac A; sc B; period 100ms;
-  safe motion.p.x < 9.0; ttf motion.p.x > 5.0; safer motion.p.x < 4.0;
-}
+rta M { ac A; sc B; period 100ms;
+  safe motion.p.x < 9.0; ttf motion.p.x > 5.0; safer motion.p.x < 4.0; }
 system Protected { p: P; module M; }
 """
 

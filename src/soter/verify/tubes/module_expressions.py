@@ -3,8 +3,8 @@
 Purpose: `ModuleExpressions` reads them from Core: the plants' derivatives, and SC's step as a
 function of what it reads. `ExpressionReading` executes Core (`core/core_walks.py`) with real
 expressions in the place of numbers.
-Non-goals: whether a step faults (shown offline, on all that it may read), what an expression is
-(`expression_graph.py`), writing them as source (`generated_functions.py`), times (`tube_check.py`).
+Non-goals: whether a step faults (shown offline), what an expression is (`expression_graph.py`),
+writing them as source (`generated_functions.py`), times (`tube_check.py`).
 """
 
 from __future__ import annotations
@@ -468,21 +468,20 @@ class ModuleExpressions:
     def _topic_value(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
         """The value of a topic: for each leaf the state that equals it, or the number of a map."""
 
-        def at(t: Type, k: list[int]) -> Value:
+        def at(t: Type, k: Iterator[int]) -> Value:
             if isinstance(t, (RecordType, ArrayType)):
                 return tuple(at(f, k) for f in element_types(t))
-            leaf = index, k[0]
-            k[0] += 1
+            leaf = index, next(k)
             if maps is not None and leaf in maps:
                 return maps[leaf]
             if (state := self.problem.state_of_leaf.get(leaf)) is None:
-                topics = self.problem.system.topics
-                driven = sorted({f"`{topics[i].name}`" for i, _ in self.problem.state_of_leaf})
-                why = f"SC, `safe` or `rest` reads `{topics[leaf[0]].name}`: no state equals it"
-                raise NoExpressionError(f"{why}; read what plants drive: {', '.join(driven)}")
+                names = [f"`{topic.name}`" for topic in self.problem.system.topics]
+                driven = ", ".join(sorted({names[i] for i, _ in self.problem.state_of_leaf}))
+                why = f"SC, `safe` or `rest` reads {names[leaf[0]]}: no state equals it"
+                raise NoExpressionError(f"{why}; read what plants drive: {driven}")
             return self.make.input(kind, state)
 
-        return at(t, [0])
+        return at(t, iter(range(len(list(leaves(t))))))
 
     def _seen_value(self, cell: core.Cell, t: Type) -> Value:
         """The value that SC reads of a topic; refuses two reads of one state, with two errors."""

@@ -141,7 +141,7 @@ def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name
 @pytest.mark.parametrize(
     ("rest", "safe", "said"),
     [
-        ("seen < 0.3", "seen < 1.0", "bound seen in `rest`"),
+        ("seen < 0.3", "seen < 1.0", "SC does not move `seen`"),
         ("seen > -0.3", "seen > -1.0", "bound seen in `rest`"),
         ("seen < 0.3", "abs(seen) < 1.0", "`rest` holds where `safe` does not"),
         ("abs(seen) < 0.3", "abs(seen) < 1.0", "what disturbances do"),
