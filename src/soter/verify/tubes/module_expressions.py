@@ -1,8 +1,7 @@
 """What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
 
-Purpose: `ModuleExpressions` reads them from Core: the plants' derivatives, and SC's step as a
-function of what it reads. `ExpressionReading` executes Core (`core/core_walks.py`) with real
-expressions in the place of numbers.
+Purpose: `ModuleExpressions` reads plants' derivatives, and SC's step, from Core: `ExpressionReading`
+executes it (`core/core_walks.py`) with real expressions in the place of numbers.
 Non-goals: whether a step faults (shown offline), what an expression is (`expression_graph.py`),
 writing them as source (`generated_functions.py`), times (`tube_check.py`).
 """
