@@ -1,6 +1,6 @@
 """What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
 
-Purpose: `ModuleExpressions` reads plants' derivatives, and SC's step, from Core: `ExpressionReading`
+Purpose: `ModuleExpressions` reads rates of plants, and SC's step, from Core: `ExpressionReading`
 executes it (`core/core_walks.py`) with real expressions in the place of numbers.
 Non-goals: whether a step faults (shown offline), what an expression is (`expression_graph.py`),
 writing them as source (`generated_functions.py`), times (`tube_check.py`).
