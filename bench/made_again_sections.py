@@ -128,6 +128,7 @@ SMALL = {
     ),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
+    "Odd modules: proved, then checked again": Small(apart=MINUTES),
     "Mutants of the re-checker's core": Small(apart=MINUTES),
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),

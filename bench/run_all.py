@@ -252,6 +252,11 @@ BENCHMARKS = (
         heads="count|accepted, FALSE",
     ),
     Benchmark("Forged certificates of every kind of proof", "bench/recheck/forged.py --count 100"),
+    Benchmark(
+        "Odd modules: proved, then checked again",
+        "bench/recheck/odd_modules.py",
+        last="^of |^wrong",
+    ),
     Benchmark("Mutants of the re-checker's core", "bench/recheck/core_mutants.py"),
     Benchmark(
         "Certificates that say more than is true",
