@@ -453,9 +453,8 @@ class Flights:
         if self._proved.get(system) not in of_entries:
             names = ", ".join(f"`{n}`" for n in of_entries)
             why = f"system `{system}` flew, and the certificate is about {names}"
-            raise _mismatch(
-                log, why, f"`soter verify --system {system}` proves what flew, without its `faults`"
-            )
+            prove = f"`soter verify --system {system}` proves what flew, without its `faults`"
+            raise _mismatch(log, why, prove)
         proved = {name: text for name, (text, _) in changed_parameters(self._flats[system]).items()}
         begin = len(PARAMETER)
         flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}

@@ -387,10 +387,8 @@ def doubt_exactness(system: System, module: Module, diagnostics: Diagnostics) ->
     """Warns D019 of a topic that the plant which flies publishes with more error than is proved."""
     verify, symbol = module.symbol.verify, module.symbol
     links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]
-    evaluator, outer = (
-        Evaluator({**module.around, **module.scope.params}),
-        holder_of(system, module),
-    )
+    evaluator = Evaluator({**module.around, **module.scope.params})
+    outer = holder_of(system, module)
     read = {**system.components[module.sc].scope.topics, **module.scope.topics}
     for link in dict.fromkeys(links):
         name = f"{outer}.{link.instance}" if outer else link.instance
