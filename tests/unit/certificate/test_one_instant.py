@@ -10,6 +10,7 @@ import pytest
 import soter
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
+from soter.certificate.reading.module_times import acted_ns
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.scope import assumptions_of
 from soter.language.front_end import check_file, system_to_prove
@@ -129,3 +130,18 @@ def test_prover_and_re_checker_say_that_sensors_are_on_time(tmp_path: Path) -> N
     assert said in [a.text for a in assumptions_of(facts)]
     flat = system_to_prove(check_file(str(path)), "S")
     assert said in texts(extract(flat, flat.modules[0]).assumptions)
+
+
+@pytest.mark.parametrize("sc", [(0, 0), (3, 0), (0, 2), (3, 2)])
+@pytest.mark.parametrize("acts", [0, 4])
+def test_a_replaced_command_counts_for_as_long_as_the_prover_says(
+    tmp_path: Path, sc: tuple[int, int], acts: int
+) -> None:
+    """W: the `max_age` of a read, a command that acts late, a period of SC, and its longest step."""
+    times = f"late sc {sc[0]}ms; response sc {sc[1]}ms; acts within {acts}ms;"
+    path = tmp_path / "two.soter"
+    path.write_text(TEXT.replace("verify {", f"verify {{ {times}"))
+    flat = system_to_prove(check_file(str(path)), "S")
+    own = acted_ns(small_proofs.facts_of(path, "S", "M"))
+    assert own == extract(flat, flat.modules[0]).times.acted
+    assert own == (20 + acts + 20 + sum(sc)) * 1_000_000
