@@ -137,7 +137,7 @@ def test_prover_and_re_checker_say_that_sensors_are_on_time(tmp_path: Path) -> N
 def test_a_replaced_command_counts_for_as_long_as_the_prover_says(
     tmp_path: Path, sc: tuple[int, int], acts: int
 ) -> None:
-    """W: the `max_age` of a read, a command that acts late, a period of SC, and its longest step."""
+    """W: `max_age` of a read, a command that acts late, a period of SC, and its longest step."""
     times = f"late sc {sc[0]}ms; response sc {sc[1]}ms; acts within {acts}ms;"
     path = tmp_path / "two.soter"
     path.write_text(TEXT.replace("verify {", f"verify {{ {times}"))
