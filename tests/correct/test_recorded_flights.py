@@ -185,10 +185,13 @@ def test_an_estimate_from_which_sc_does_not_come_to_rest_is_named(
     """A decision module that said "AC" where it may not: its own words are all in order."""
     recording = flown(car, tmp_path / "flight.rec")
     run, _ = rechecked(lane, proof, recording)
-    offset = run.layout.topic_offset([t.name for t in run.system.topics].index("pose"))
+    pose = run.layout.topic_offset([t.name for t in run.system.topics].index("pose"))
+    fields = run.dtype.fields
+    assert fields is not None
 
     def near_the_edge(state: bytearray) -> None:
-        struct.pack_into("<d", state, offset + 8, 1.49)
+        for at in (pose, fields["c"][1]):  # what is seen, and where the car is
+            struct.pack_into("<d", state, at + 8, 1.49)
 
     _, flight = rechecked(lane, proof, changed(recording, run, (2950, 3000), near_the_edge))
     assert flight.verdict == "not re-checked"

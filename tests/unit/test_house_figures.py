@@ -245,6 +245,7 @@ REASONS = {
 
 LONG = {
     "tests/generators/induction_planners.py planner": "the text of a program with a few holes",
+    "bench/adversary/topics_apart.py drawn": "the text of a program with a few holes",
     "bench/hostile/bad_input_samples.py formats": "a list of inputs",
     "examples/drone/demo.py main": "what it shows, in order",
     "examples/drone/figures.py figure_12c": "one picture",

@@ -76,7 +76,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Reads, tells and writes the policy; UsageError for options that do not fit."""
+    """Reads, tells and writes the policy; UsageError or SoterError U001 if options do not fit."""
     from soter.policy.soter_source import error_bound  # noqa: PLC0415 - needs NumPy
 
     if args.output is not None and args.output.endswith(".c") != (args.node is not None):

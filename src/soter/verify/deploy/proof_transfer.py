@@ -94,7 +94,9 @@ def what_differs(
     files: dict[str, bytes] = {}
     ours = _by_place(built_entry(problem, built or (), files), files)
     theirs = _by_place(entry, certificate.contents)
-    every = ("ranges", "times", "wraps") if built is None else sorted(ours.keys() | theirs.keys())
+    # tables follow from the other figures, and are told before them
+    every = sorted(ours.keys() | theirs.keys(), key=lambda k: (k != "tables", k))
+    every = ["ranges", "times", "wraps"] if built is None else every
     differing = next((k for k in every if ours.get(k) != theirs.get(k)), "")
     return differing if differing in ("", "ranges", "tables", "times") else f"`{differing}`"
 

@@ -134,23 +134,26 @@ def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name
     told = verified(tmp_path, late).findings["P2a"].hint
     if name == "SC looks elsewhere":  # then no quicker command helps, and the place is named
         assert "`rest` does not hold where SC brings the plant" in told
+    elif name == "SC does nothing":
+        assert told.startswith("SC does not move `seen`, which `rest` bounds")
     else:
         assert "`acts within`, now 7 ms" in told
 
 
 @pytest.mark.parametrize(
-    ("rest", "safe", "said"),
+    ("law", "rest", "safe", "said"),
     [
-        ("seen < 0.3", "seen < 1.0", "SC does not move `seen`"),
-        ("seen > -0.3", "seen > -1.0", "bound seen in `rest`"),
-        ("seen < 0.3", "abs(seen) < 1.0", "`rest` holds where `safe` does not"),
-        ("abs(seen) < 0.3", "abs(seen) < 1.0", "what disturbances do"),
+        ("0.0 * seen", "seen < 0.3", "seen < 1.0", "SC does not move `seen`"),
+        ("0.1 * seen", "seen > -0.3", "seen > -1.0", "bound seen in `rest`"),
+        ("0.0 * seen", "seen < 0.3", "abs(seen) < 1.0", "`rest` holds where `safe` does not"),
+        ("0.1 * seen", "abs(seen) < 0.3", "abs(seen) < 1.0", "what disturbances do"),
     ],
 )
 def test_a_state_that_rest_leaves_without_an_end_is_told_to_be_bounded(
-    tmp_path: Path, rest: str, safe: str, said: str
+    tmp_path: Path, law: str, rest: str, safe: str, said: str
 ) -> None:
-    text = HELD.replace(*NOT_KEPT["SC does nothing"]).replace("abs(seen) < 0.3", rest)
+    old, _ = NOT_KEPT["SC does nothing"]
+    text = HELD.replace(old, f"clamp({law}, -1.0, 1.0)").replace("abs(seen) < 0.3", rest)
     text = text.replace("abs(seen) < 1.0", safe)
     endless = text.replace(" in [-2.0, 2.0]", "")
     assert verified(tmp_path, endless).findings["P2a"].hint.startswith(said)
