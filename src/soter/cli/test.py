@@ -334,10 +334,7 @@ def _itself(t: TestResult) -> TestResult:
 
 VERDICTS = one_of(EXHAUSTED, VIOLATED, BOUND)
 SAYS_NOTHING = "property premise contract module fault input replacement"
-TRACE = (
-    "trace page steps steps_that_matter minimal not_shortest? unshown=not_shown? shrunk_from? "
-    "minimise_s"
-)
+TRACE = "trace page steps minimal not_shortest? unshown=not_shown? shrunk_from? minimise_s"
 OPTIONS = " ".join(f"{o.told}=options.{n}" for n, o in options_of(SearchOptions).items() if o.told)
 MADE = {"steps": _steps, "minimal": _minimal, "memory": _itself}
 COVERED = JsonObject(CoverageKind, "reached total unreached", named="covered")

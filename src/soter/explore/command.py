@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import assumptions, vacuous_tests
 from soter.explore.judge import test_plan
-from soter.explore.replay import find_violation_id, replay, with_marks, with_values
+from soter.explore.replay import find_violation_id, replay, with_values
 from soter.explore.results import (
     BOUND,
     BOUNDS,
@@ -340,7 +340,7 @@ def _enter_trace(
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_marks(with_values(replayed), search.mark_steps(replayed, search_result))
+    result.replayed = with_values(replayed)
 
 
 def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
@@ -490,10 +490,9 @@ def find_violating_run(system: System) -> ViolatingRun | None:
     lines = []
     steps = result.replayed.trace.steps
     for step in steps:
-        if step.matters is not False:
-            chosen = ", ".join(str(c.value) for c in step.choices if c.value is not None)
-            what = f" chooses {chosen}" if chosen else ""
-            lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
+        chosen = ", ".join(str(c.value) for c in step.choices if c.value is not None)
+        what = f" chooses {chosen}" if chosen else ""
+        lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
     time_ns = steps[-1].time_ns
     lines.append(f"{time_ns / 1e6:g} ms  violated: {result.broken.text}")
     return ViolatingRun(result.broken.what, result.broken.text, time_ns, tuple(lines))

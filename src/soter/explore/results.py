@@ -216,13 +216,6 @@ class TestResult:
         return (self.broken.text, *others)
 
     @property
-    def steps_that_matter(self) -> int | None:
-        """How many steps of its trace its violation depends on; None where there is no trace."""
-        if self.replayed is None:
-            return None
-        return len([s for s in self.replayed.steps if s.matters is not False])
-
-    @property
     def not_shown(self) -> str:
         """Why no execution shows its violation, and how to get one; empty where one does."""
         if self.unshown is None:

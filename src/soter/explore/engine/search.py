@@ -34,7 +34,6 @@ from soter.explore.engine.explorer_library import (
 )
 from soter.explore.engine.reductions import ComposedSearch, explore_by_quicker, with_other_parts
 from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
-from soter.explore.engine.trace_slice import Slicer
 from soter.explore.judge import INPUT, test_plan
 from soter.explore.search_options import PARTS, SAMPLING, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
     from soter.explore.checkpoints import Checkpoint, Saver
     from soter.explore.engine.explorer_library import Searched
     from soter.explore.model.exploration_plan import IndependentPart
-    from soter.explore.replay import Replayed
     from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
 
@@ -244,13 +242,6 @@ class Search:
             seconds=seconds,
             stopped=shrunk.stopped,
         )
-
-    def mark_steps(self, replayed: Replayed, search_result: Found) -> tuple[bool, ...]:
-        """For each step of a trace whether what was found to be violated depends on it."""
-        assert search_result.broken is not None
-        raw = [self._raw_step(s) for s in replayed.trace.steps]
-        slicer = Slicer(self._engine)
-        return slicer.mark_steps(raw, replayed.steps, search_result.broken, self._settings.seed)
 
     def _raw_step(self, step: Step) -> RawStep:
         numbers = {self._actor_name(i): i for i in range(len(self._engine.actors))}
