@@ -42,7 +42,6 @@ from soter.explore.results import (
     UNJUDGED,
     VIOLATED,
     WIDTH,
-    CheckpointState,
     TestResult,
     bound_text,
     why_not_shortest,
@@ -53,7 +52,6 @@ from soter.explore.trace import VIOLATION_KINDS, Trace, write_trace
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.explore.checkpoints import Checkpoint
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.replay import Replayed
@@ -170,22 +168,20 @@ def explore_test(
     header: TraceHeader,
     progress: Progress | None = None,
     listener: Interruptions | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> TestResult:
     """Explores a flattened test; a violation is minimised and replayed: `UnreproducedError`.
 
-    If it is interrupted after it was compiled, the result is what was covered. `SoterError` D006,
-    D012, D014 where a checkpoint cannot be written or is none.
+    If it is interrupted after it was compiled, the result is what was covered.
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
     def should_stop() -> bool:
         return listener is not None and listener.wanted
 
-    with Engine(system, options, progress, should_stop, checkpoint) as search:
+    with Engine(system, options, progress, should_stop) as search:
         with _without_signals(listener):
             search_result = search.run()
-            result = _judge_search(system, search, search_result, header.replaced, checkpoint)
+            result = _judge_search(system, search, search_result, header.replaced)
         if result.verdict == VIOLATED:
             try:
                 _enter_trace(result, search, search_result, header)
@@ -202,7 +198,6 @@ def _judge_search(
     search: Search,
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
-    checkpoint: Checkpoint | None,
 ) -> TestResult:
     """The result of a search, with its verdict and what was covered, before any trace."""
     options, coverage = search.options, search.coverage()
@@ -230,7 +225,6 @@ def _judge_search(
         total_bytes=search_result.total_bytes,
         covered_ns=covered_before(search_result, system, options),
         closed_ns=search_result.closed_ns or None,
-        checkpoint=_checkpoint_state(checkpoint),
         short_of=short_of if short_of not in (bound, UNJUDGED) else None,
         threads=search_result.threads,
         why=_bound_reason(bound, search, search_result),
@@ -302,16 +296,6 @@ def _find_other_violations(
             break
     result.others = tuple(others)
     result.coverage = search.coverage()
-
-
-def _checkpoint_state(checkpoint: Checkpoint | None) -> CheckpointState | None:
-    return (
-        None
-        if checkpoint is None
-        else CheckpointState(
-            checkpoint.path, checkpoint.states, checkpoint.problem, checkpoint.resumed
-        )
-    )
 
 
 def _bound_reason(bound: str | None, search: Search, search_result: Found) -> str:

@@ -91,20 +91,6 @@ UNSHOWN = {
 """Why no execution can be shown that violates what is violated, and how to get one."""
 
 
-@dataclass(frozen=True)
-class CheckpointState:
-    """The checkpoint of a search: its file, and how many configurations it has (0: there is none).
-
-    `problem`: why a later one could not be written, or ""; `resumed`: how many configurations were
-    there when the search went on.
-    """
-
-    path: Path
-    states: int
-    problem: str
-    resumed: int
-
-
 @dataclass(eq=False)
 class TestResult:
     """The result of one test, from what was searched to what was found and may be relied on.
@@ -148,8 +134,6 @@ class TestResult:
     closed_ns: int | None = None
     """After this time only configurations come that were there before, so the verdict holds for
     ever; None: that was not seen before the horizon."""
-    checkpoint: CheckpointState | None = None
-    """The checkpoint of the search; None: it was not stored."""
     short_of: str | None = None
     """What is left out besides, where the search did not end: one of ENDED."""
     threads: int = 1

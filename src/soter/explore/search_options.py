@@ -36,7 +36,6 @@ STATUSES = (
     "choices",
     "width",
     "length",
-    "damaged",
 )
 """How a search ends: `soter_explore_status`, in order."""
 CHOICES_MAX = 256
@@ -82,9 +81,6 @@ def constant(name: str) -> str:
     return f"SOTER_{name.upper()}"
 
 
-CHECKPOINT_SECONDS = 60.0
-
-
 @dataclass(frozen=True)
 class SearchProgress:
     """How far a search is, for a line of progress.
@@ -105,8 +101,6 @@ class SearchProgress:
     answers: int = 0
     covered_ns: int = 0
     """All that is observed before this time was judged, in all executions (breadth first)."""
-    saved: int = 0
-    """How many configurations its last checkpoint has; 0: there is none."""
 
 
 def _named(names: Iterable[str], default: str, end: str) -> str:
@@ -173,27 +167,21 @@ class SearchOptions:
     junit: str | None = option(
         "--junit FILE", None, "write the verdicts as JUnit XML, for CI", keyword=False
     )
-    checkpoint: str | Path | None = option(
-        "--checkpoint DIR", None, "folder to write searches to, to go on later (bfs)"
-    )
-    checkpoint_every: float | None = option(
-        "--checkpoint-every TIME",
-        None,
-        f"between two checkpoints; by default {CHECKPOINT_SECONDS:g} s",
-        seconds("more than 0 and at most", 10**6, optional=True),
-    )
-    resume: str | Path | None = option("--resume DIR", None, "go on from there, and write there")
     progress: Callable[[SearchProgress], None] | None = option(
         "", None, "called with how far it is: test, states, transitions, depth, bytes, seconds"
     )
     partial: bool = option(
         "", False, "on Ctrl-C give back what was covered, instead of raising", SWITCH
     )
+    GONE = (
+        (
+            "--checkpoint --checkpoint-every --resume",
+            "searches are not stored any more: give one what it needs at once (--memory, --time)",
+        ),
+    )
     NEEDS = (
         (f"strategy={','.join(SAMPLING)}", "runs"),
-        ("strategy=bfs", "storage reduction threads checkpoint resume"),
-        ("!resume", "checkpoint"),
-        ("checkpoint|resume", "checkpoint_every"),
+        ("strategy=bfs", "storage reduction threads"),
         ("!output=None", "html"),
     )
 
@@ -222,8 +210,5 @@ class SearchKeywords(TypedDict, total=False):
     params: Mapping[str, object] | None
     output: str | Path | None
     html: bool
-    checkpoint: str | Path | None
-    checkpoint_every: float | None
-    resume: str | Path | None
     progress: Callable[[SearchProgress], None] | None
     partial: bool

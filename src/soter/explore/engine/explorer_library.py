@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.core.layout import Bytes, Words
-    from soter.explore.checkpoints import Saver
     from soter.explore.engine.coverage import EngineProgress, Observations
     from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System
@@ -212,12 +211,10 @@ class Engine:
         settings: EngineSettings,
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
-        saver: Saver | None = None,
     ) -> Searched:
         """Searches until the end, a bound or Ctrl-C; `look` is told ten times a second.
 
-        After `patience_s` seconds the search ends. `saver` stores it, and may let it go on from
-        there: `SoterError` D006, D012, D014.
+        After `patience_s` seconds the search ends.
         """
         coverage = self.coverage()
 
@@ -226,7 +223,7 @@ class Engine:
                 self.model, options, progress, coverage, result, trace, STEPS_MAX
             )
 
-        search_result = self._run(settings, look, search, patience_s, saver)
+        search_result = self._run(settings, look, search, patience_s)
         self.equal.spread(self.families(settings), self.seen)
         return search_result
 
@@ -256,26 +253,17 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         search: Callable[[Any, Any, Any, Any], None],
         patience_s: float = math.inf,
-        saver: Saver | None = None,
     ) -> Searched:
         self.close()
         options = self.options(settings)
-        if saver is not None:
-            saver.begin(self.ffi, options)
         progress = self.ffi.new("soter_explore_progress *")
         result = self.ffi.new("soter_explore_result *")
         trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)  # untouched pages cost nothing
         began = time.perf_counter()
-        try:
-            stopped = self.run_in_thread(
-                lambda: search(options, progress, result, trace), progress, look, patience_s, saver
-            )
-            seconds = time.perf_counter() - began
-            if saver is not None:
-                saver.end(progress, result)
-        finally:
-            if saver is not None:
-                saver.close()
+        stopped = self.run_in_thread(
+            lambda: search(options, progress, result, trace), progress, look, patience_s
+        )
+        seconds = time.perf_counter() - began
         self._kept = result.kept
         return replace(self._read_result(result, trace, seconds), stopped=stopped)
 
@@ -285,7 +273,6 @@ class Engine:
         progress: Any,  # noqa: ANN401 - cdata
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
-        saver: Saver | None = None,
     ) -> str:
         """Runs `do` in a thread of its own; what ended it early, "" where nothing did."""
         failures: list[BaseException] = []
@@ -300,7 +287,7 @@ class Engine:
                 done.set()
 
         threading.Thread(target=work, name="soter explorer").start()
-        stopped = self._await_end(done, progress, look, patience_s, saver)
+        stopped = self._await_end(done, progress, look, patience_s)
         if failures:
             raise failures[0]
         return stopped
@@ -311,7 +298,6 @@ class Engine:
         progress: Any,  # noqa: ANN401 - cdata
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
-        saver: Saver | None,
     ) -> str:
         """Waits for the search and returns what ended it; an interruption ends it in order.
 
@@ -326,8 +312,6 @@ class Engine:
                     seconds = time.perf_counter() - began
                     if not progress.stop and (self.should_stop() or seconds > patience_s):
                         progress.stop, stopped = 1, "interrupted" if self.should_stop() else "time"
-                    if saver is not None:
-                        saver.look(progress)
                     if look is not None and not progress.stop:
                         look(read_progress(progress, seconds))
             except KeyboardInterrupt:

@@ -205,11 +205,6 @@ typedef struct {
                                  instances one is stored; of exhaustive searches. Blocks of one may
                                  lie inside of those of a later one */
   uint32_t families;
-  int save_to; /* a file descriptor, plus one, that breadth-first search writes itself to when it
-                  ends without a violation; 0: none */
-  const uint8_t*
-      resume; /* [resume_bytes]: what was written so; it goes on from there. NULL: it begins */
-  uint64_t resume_bytes;
 } soter_explore_options;
 
 typedef enum {
@@ -222,8 +217,7 @@ typedef enum {
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
   SOTER_CHOOSY = 7,    /* a step asks for more than SOTER_CHOICES choices */
   SOTER_WIDE = 8,      /* a packed configuration takes more than SOTER_WORDS words */
-  SOTER_LONG = 9,      /* the trace has more steps than there is room for */
-  SOTER_DAMAGED = 10   /* options.resume is of no such search */
+  SOTER_LONG = 9       /* the trace has more steps than there is room for */
 } soter_explore_status;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
@@ -251,7 +245,6 @@ typedef struct {
   uint32_t chooser;      /* SOTER_CHOOSY: the actor; UINT32_MAX: the start */
   uint32_t depth;        /* steps of the longest execution seen */
   uint32_t length;       /* of the trace */
-  bool saved;            /* it was written to options.save_to */
   void* kept;            /* options.keep: for soter_explore_kept, until soter_explore_free */
 } soter_explore_result;
 
@@ -263,10 +256,6 @@ typedef struct {
   volatile uint64_t bytes;     /* of tables, frontiers and remembered steps */
   volatile int64_t covered_ns; /* everything before was judged (breadth first) */
   volatile uint64_t answers;   /* of one step that were tried so far, where they are very many */
-  volatile int save_to; /* set by another thread: a file descriptor, plus one, that breadth-first
-                           search writes itself to before it goes on; then 0 again, */
-  volatile uint32_t saved, unsaved; /* and one of these is one more: it was written, it cannot be */
-  volatile uint64_t saved_states;   /* of what was written last */
 } soter_explore_progress;
 
 typedef struct {

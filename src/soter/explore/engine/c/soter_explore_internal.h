@@ -11,7 +11,6 @@
  * - soter_explore_independent_groups.c: what groups of actors do in an instant, remembered
  * - soter_explore_symmetry.c: one configuration for all that differ by places of equal instances
  * - soter_explore_properties_across_parts.c: properties of parts that share nothing else
- * - soter_explore_checkpoint.c: breadth-first search on a disk, and back
  * - a file a strategy: _bfs, _random, _falsify; _replay
  * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
  */
@@ -284,21 +283,6 @@ void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t cou
 /* After a layer of a search: what has had no new entry for a while takes no more room than it
  * needs. */
 void soter_store_settle(soter_store* s);
-/* A table on a disk: per segment how many entries it has from a place on, and these, in their
- * order, so that another one with as much room takes them in one place after the other. */
-typedef void soter_store_pen(void* to, const void* bytes, uint64_t count);
-typedef struct {
-  uint64_t key[SOTER_WORDS];
-  uint64_t packed[SOTER_WORDS]; /* nothing, where it is a fingerprint */
-  uint64_t sleep;
-} soter_entry;
-uint64_t soter_store_count(const soter_store* s, uint32_t segment, soter_cursor from);
-void soter_store_write(const soter_store* s, uint32_t segment, soter_cursor from,
-                       soter_store_pen* pen, void* to);
-void soter_store_reserve(soter_store* s, uint32_t segment, uint64_t count);
-void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e);
-/* False: there is no memory. */
-bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e);
 /* Forgets all entries; the room for as many is kept. False: there is no memory. */
 bool soter_store_empty(soter_store* s);
 /* All stored configurations, in no order; returns how many there are. */
