@@ -321,7 +321,7 @@ KINDS = "properties actors modes switches branches values"
 TEST = JsonObject(
     TestResult,
     "name system=system.name verdict bound violated=broken.text violated_there others others_bound "
-    f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts equal_instances "
+    f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts "
     "contracts quantum_ns covered_ns closed_ns short_of threads "
     "threads_fewer? memory coverage vacuous assumptions",
     MADE,

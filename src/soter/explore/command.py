@@ -217,7 +217,6 @@ def _judge_search(
         depth=search_result.depth,
         bits=search.bits,
         parts=search.parts,
-        equal_instances=search.equal,
         contracts=assumptions.tests_by_contract(system),
         stands_for=tuple([r for r in replaced if r[0] not in search.unheard]),
         table_bytes=search_result.table_bytes,

@@ -142,9 +142,6 @@ class TestResult:
     """Which bound was reached, in words."""
     parts: int = 1
     """How many parts of the system, which share no data, were explored apart."""
-    equal_instances: tuple[tuple[str, ...], ...] = ()
-    """Names of equal instances: one configuration was stored for all orders of them
-    (docs/testing.md)."""
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """For each instance that a contract replaces the tests in which it runs as it is."""
     stands_for: tuple[tuple[str, str], ...] = ()
@@ -227,13 +224,8 @@ class TestResult:
 
     @property
     def divided(self) -> str:
-        """A clause on parts that were explored apart, and instances taken as equal."""
-        clause = (
-            f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
-        )
-        for names in self.equal_instances:
-            clause += f"; {len(names)} equal instances: {', '.join(names)}"
-        return clause
+        """A clause on parts that were explored apart; "" where there was one."""
+        return f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
 
     @property
     def dear(self) -> str:

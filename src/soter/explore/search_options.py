@@ -48,21 +48,17 @@ LEAVES_MAX = 4096
 """The most leaves of topics that coverage counts."""
 STEPS_MAX = 65_536
 """The most steps of a trace."""
-SLEEP, AMPLE, INSTANTS, GROUPS, SYMMETRY = 1, 2, 4, 12, 16
+SLEEP, AMPLE, INSTANTS, GROUPS = 1, 2, 4, 12
 REDUCTIONS = {
     "none": 0,
     "sleep": SLEEP,
     "ample": AMPLE,
     "instants": INSTANTS,
     "groups": GROUPS,
-    "symmetry": SYMMETRY,
-    "parts": SLEEP | AMPLE | GROUPS,
-    "all": SLEEP | AMPLE | GROUPS | SYMMETRY,
+    "all": SLEEP | AMPLE | GROUPS,
 }
 """The reductions as bits, the default last: 1 sleep sets, 2 ample sets, 4 only ends of instants,
-8 by groups, 16 equal instances."""
-PARTS = frozenset({"parts", "all"})
-"""The reductions with which parts of a system that share nothing are explored apart."""
+8 by groups. With the last one, parts of a system that share nothing are explored apart."""
 
 
 def knows_ends(reduction: str) -> bool:

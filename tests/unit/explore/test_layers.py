@@ -93,17 +93,6 @@ def test_threads_store_the_configurations_that_one_stores(
         assert stored(engine, reduction, threads, memory) == alone
 
 
-def test_threads_store_equal_instances_that_changed_places_once() -> None:
-    program = check_file(str(ROOT / "examples/testing/two_modules.soter"))
-    system = system_of_test(program, "BothStayInside")
-    assert system.test is not None
-    engine = Engine(replace(system, test=replace(system.test, horizon_ns=100_000_000)))
-    alone = stored(engine, "symmetry", 1, 1 << 30)
-    assert len(alone) < len(stored(engine, "none", 1, 1 << 30))
-    for threads in (2, 3):
-        assert stored(engine, "symmetry", threads, 1 << 30) == alone
-
-
 WALKS = (("a", "10ms"), ("b", "10ms"), ("c", "20ms"))
 OFTEN = 60
 """Threads meet differently each time."""

@@ -26,7 +26,6 @@ from soter.explore.model.exploration_plan import (
     make_plan,
 )
 from soter.explore.model.explorer_model import generate_model
-from soter.explore.model.symmetric_blocks import SymmetricInstances
 from soter.explore.search_options import (
     STATUSES,
     STEPS_MAX,
@@ -46,15 +45,13 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.core.layout import Bytes, Words
     from soter.explore.engine.coverage import EngineProgress, Observations
-    from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System
 
 
 C_FOLDER = Path(__file__).parent / "c"
 FLAGS = ("-pthread",)
 C_TYPES = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
-soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
-uint64_t *, uint8_t *"""
+soter_explore_coverage *, soter_trace_step[], soter_broken[], uint64_t *, uint8_t *"""
 """The types that a search uses; cffi parses each name once beforehand, which takes 15 ms."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
@@ -191,7 +188,6 @@ class Engine:
         self.should_stop: Callable[[], bool] = lambda: False
         """Tells whether searches should end; asked ten times a second."""
         self.seen = empty_counters(system, self.generated)
-        self.equal = SymmetricInstances(system, lowered, self.generated)
 
     def close(self) -> None:
         """Frees the memory of kept configurations."""
@@ -223,9 +219,7 @@ class Engine:
                 self.model, options, progress, coverage, result, trace, STEPS_MAX
             )
 
-        search_result = self._run(settings, look, search, patience_s)
-        self.equal.spread(self.families(settings), self.seen)
-        return search_result
+        return self._run(settings, look, search, patience_s)
 
     def least(
         self,
@@ -349,19 +343,8 @@ class Engine:
                 "known": self._known,
                 "knowns": len(settings.known),
                 **(settings.noted.options(self.ffi) if settings.noted else {}),
-                **self.equal.options(self.ffi, self.families(settings)),
             },
         )
-
-    def families(self, settings: EngineSettings) -> tuple[Family, ...]:
-        """The equal instances that a search uses.
-
-        None where it looks for other violations than the known ones, which one instance may have
-        and the other not, or where it notes what it sees for parts that a property joins.
-        """
-        if settings.known or settings.noted is not None:
-            return ()
-        return self.equal.usable_families(settings, settings.part)
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
         """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""

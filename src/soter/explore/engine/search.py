@@ -34,7 +34,7 @@ from soter.explore.engine.explorer_library import (
 from soter.explore.engine.reductions import ComposedSearch, explore_by_quicker, with_other_parts
 from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
 from soter.explore.judge import INPUT, test_plan
-from soter.explore.search_options import PARTS, SAMPLING, SearchProgress
+from soter.explore.search_options import SAMPLING, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
@@ -85,8 +85,6 @@ class Search:
         self.unheard = self._engine.plan.unheard
         self.parts = 1
         """How many parts of the system the last search explored apart."""
-        self.equal: tuple[tuple[str, ...], ...] = ()
-        """The names of the instances that it took as equal."""
 
     def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
         return self
@@ -101,10 +99,10 @@ class Search:
 
         With `known` violations it looks for others, in all of the system.
         """
-        settings, self.equal = replace(self._settings, known=known), ()
+        settings = replace(self._settings, known=known)
         until = time.perf_counter() + self._time_s
         parts: tuple[IndependentPart | None, ...] = (None,)
-        if settings.reduction in PARTS and settings.strategy not in SAMPLING and not known:
+        if settings.reduction == "all" and settings.strategy not in SAMPLING and not known:
             apart = self._may_be_apart(settings)
             searches = self._run_composed(settings, until) if apart else None
             if searches is not None:
@@ -145,7 +143,6 @@ class Search:
             own_settings = replace(
                 settings, part=part, max_states=states_left if settings.max_states else 0
             )
-            self.equal += tuple([f.names for f in self._engine.families(own_settings)])
             left_s = max(until - time.perf_counter(), 0.0)
             look = self._make_report(minimising=False)
             searches.append(explore_by_quicker(self._engine, own_settings, look, left_s))

@@ -157,18 +157,6 @@ typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 #define SOTER_REDUCE_INSTANTS 4U
 #define SOTER_REDUCE_GROUPS 8U /* with instants */
 
-/* A row of bits of a packed configuration, 64 at most. */
-typedef struct {
-  uint32_t at, width;
-} soter_field;
-
-/* Equal instances: what stands in one block may change places with what stands in any other one,
- * field by field, and nothing else is different then (explore/model/symmetric_blocks.py). */
-typedef struct {
-  uint32_t blocks, fields;
-  const soter_field* field; /* [blocks * fields], block by block */
-} soter_family;
-
 /* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
  * component faulted (component), 3 a timed property (timed). */
 typedef struct {
@@ -200,11 +188,7 @@ typedef struct {
   const uint64_t*
       goal; /* [words]: an end with these noted bits violates `sought`; NULL: none does */
   soter_broken sought;
-  uint64_t noted_bytes;       /* that what is noted may take */
-  const soter_family* family; /* [families]: of configurations that differ by the places of equal
-                                 instances one is stored; of exhaustive searches. Blocks of one may
-                                 lie inside of those of a later one */
-  uint32_t families;
+  uint64_t noted_bytes; /* that what is noted may take */
 } soter_explore_options;
 
 typedef enum {

@@ -57,34 +57,6 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
   }
 }
 
-/* What is looked up and stored for a configuration: with links it stays as it came, so that the way
- * to it is one that was gone. */
-static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* room) {
-  const soter_explore_options* const o = w->all->s->o;
-  if (o->families == 0U || !w->all->link) {
-    return packed; /* it was folded */
-  }
-  SOTER_CHECK(w->all->words <= SOTER_WORDS);
-  soter_copy_words(room, packed, w->all->words);
-  soter_fold(o, room);
-  return room;
-}
-
-/* Says what stands in the table for each successor. */
-static void name_successors(worker* w) {
-  const layered* const all = w->all;
-  const soter_successors* const h = &w->expander.successors;
-  const bool folds = all->link && all->s->o->families > 0U;
-  for (uint32_t k = 0; folds && k < h->count; k++) {
-    uint64_t room[SOTER_WORDS];
-    const uint64_t* const stored = stands_for(w, h->packed + (size_t)k * all->words, room);
-    soter_store_key(&w->store, stored, w->key + (size_t)k * all->words);
-  }
-  if (!folds) {
-    soter_store_keys(&w->store, h->packed, h->count, w->key, all->threads == 1U);
-  }
-}
-
 /* Keeps what is noted of an end; whether there is something about it that was sought. */
 static bool note(worker* w, const uint64_t* packed) {
   const soter_explore_options* const o = w->all->s->o;
@@ -144,9 +116,7 @@ static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
   uint64_t again = 0U;
-  uint64_t room[SOTER_WORDS];
-  const uint64_t* const stored = stands_for(w, packed, room);
-  const int fresh = soter_store_put_key(&w->store, stored, key, &sleep, &again);
+  const int fresh = soter_store_put_key(&w->store, packed, key, &sleep, &again);
   if (fresh < 0) {
     w->full = true;
     return;
@@ -198,8 +168,7 @@ static uint32_t take_short_in(worker* w, const uint64_t* packed, uint32_t count,
 
 /* Whether configurations are a word each, and are stored as they are: many are put at a time. */
 static bool takes_short(const worker* w) {
-  const bool folds = w->all->s->o->families > 0U;
-  return soter_store_is_short(&w->store) && !(folds && w->all->link);
+  return soter_store_is_short(&w->store);
 }
 
 /* What is told in the end is what it took when it took most. */
@@ -277,15 +246,6 @@ static void receive_from(worker* w, soter_row* q) {
   soter_row_drop(q, i);
 }
 
-static void fold_successors(worker* w) {
-  const soter_explore_options* const o = w->all->s->o;
-  const soter_successors* const h = &w->expander.successors;
-  const bool folds = o->families > 0U && !w->all->link;
-  for (uint32_t k = 0; folds && k < h->count; k++) {
-    soter_fold(o, h->packed + (size_t)k * w->all->words);
-  }
-}
-
 /* Gives every successor of a word to its owner; a worker's own wait until they are many, at most
  * until others' are taken in. No branch asks whose one is: no machine knows beforehand. */
 static void hand_on_short(worker* w) {
@@ -346,12 +306,11 @@ static void hand_on(worker* w) {
   const uint32_t words = w->all->words;
   const soter_successors* const h = &w->expander.successors;
   w->taken += h->count;
-  fold_successors(w);
   if (takes_short(w)) {
     hand_on_short(w);
     return;
   }
-  name_successors(w);
+  soter_store_keys(&w->store, h->packed, h->count, w->key, w->all->threads == 1U);
   if (w->all->threads > 1U) {
     hand_over(w);
   }
@@ -424,7 +383,7 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 
 /* Whether configurations of the frontier are expanded many at a time. */
 static bool in_batches(const worker* w) {
-  const bool fine = w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
+  const bool fine = w->all->tables && w->expander.instant == NULL;
   return fine && w->batch > 0U && soter_store_is_short(&w->before);
 }
 
@@ -784,13 +743,9 @@ static bool take_births(void* to) {
   const soter_successors* const h = &first->expander.successors;
   bool fine = true;
   for (uint32_t k = 0; fine && k < h->count; k++) {
-    uint64_t* const packed = h->packed + (size_t)k * all->words;
+    const uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
-    uint64_t room[SOTER_WORDS];
-    if (!all->link) {
-      soter_fold(all->s->o, packed);
-    }
-    soter_store_key(&first->store, stands_for(first, packed, room), key);
+    soter_store_key(&first->store, packed, key);
     worker* const owner = &all->w[soter_owner_of(all, &first->store, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {

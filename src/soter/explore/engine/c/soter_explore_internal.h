@@ -9,7 +9,6 @@
  * - soter_explore_instant.c: only ends of instants; _calendar.c whether that is all; _trace_steps.c
  *   the steps between two of them
  * - soter_explore_independent_groups.c: what groups of actors do in an instant, remembered
- * - soter_explore_symmetry.c: one configuration for all that differ by places of equal instances
  * - soter_explore_properties_across_parts.c: properties of parts that share nothing else
  * - a file a strategy: _bfs, _random, _falsify; _replay
  * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
@@ -391,10 +390,6 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
 /* The same, or, where only ends of instants are stored, the ends that come next: no successor
  * sleeps. What breaks something in the middle is `broken`. */
 void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
-
-/* Puts the equal instances of a packed configuration into order: the configuration that is stored
- * for it. */
-void soter_fold(const soter_explore_options* o, uint64_t* packed);
 
 /* Whether all windows are points: every execution goes from one end of an instant to the next. */
 bool soter_has_instants(const soter_model* m);
