@@ -85,8 +85,6 @@ plant Count period 10ms {
 node Chooser period 10ms { publishes by; step { publish by = choose { 1, 2 }; } }
 system S default { c: Count; node Chooser; until 100ms; always n < 9; }
 test T { system S; horizon 100ms; }
-system Clean { c: Count; node Chooser; until 100ms; always n < 30; }
-test C { system Clean; horizon 100ms; }
 """
 MADE = {
     "times": ("measure track.soter --samples 100 --until 200ms -o times.json", ""),
@@ -96,7 +94,6 @@ MADE = {
     "certificate": ("verify track.soter --cert proof", ""),
     "campaign": ("campaign track.soter --flights 3 --until 1s --arms paper -o camp", ""),
     "test_report": ("test violated.soter --test T --json", ""),
-    "checkpoint": ("test violated.soter --test C --max-states 20 --checkpoint check", ""),
 }
 """Format -> the command that writes its file, and where else it looks for it."""
 HAZARDS = (
@@ -219,11 +216,6 @@ def formats() -> dict[str, Format]:
             "hazards",
             ("hazards.csv",),
             _words("assure violated.soter --hazards hazards.csv -o case"),
-        ),
-        Format(
-            "checkpoint",
-            ("check/C.checkpoint",),
-            _words("test violated.soter --test C --resume check --time 2"),
         ),
         Format("lsp", ("session.lsp",), _words("lsp"), stdin="session.lsp"),
         Format(

@@ -35,7 +35,7 @@ KINDS = {
     "a policy of Stable-Baselines3": {"policy_sb3", "vecnormalize"},
     "hazards": {
         *("hazards", "times", "lateness", "test_report", "trace", "counterexample"),
-        *("checkpoint", "campaign", "package"),
+        *("campaign", "package"),
     },
     "what an editor says": {"lsp", "playground", "channels"},
     "a board": set(),

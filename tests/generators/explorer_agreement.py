@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 WHAT = ("property", "contract", "fault", "timed")
-REDUCTIONS = ("none", "sleep", "ample", "instants", "groups", "symmetry", "all")
+REDUCTIONS = ("none", "sleep", "ample", "instants", "groups", "all")
 MOST = 6_000
 """Transitions of a small program, at most."""
 
@@ -59,8 +59,6 @@ class Compared:
     twice: int = 0
     ends: bool = False
     """Whether only ends of instants were stored where that was asked for."""
-    equal: bool = False
-    """Whether some of its instances are equal."""
     joined: bool = False
     """Whether parts were explored alone that properties join."""
 
@@ -129,13 +127,10 @@ def _one(s: Small, engine: Engine, how: EngineSettings, told: Compared) -> None:
         told.states[how.reduction] = len(stored)
     if len(stored) != all_of_it.states:
         told.complaints.append(f"{name}: {all_of_it.states} states, {len(stored)} kept")
-    equal = bool(engine.families(how))  # counted by `symmetry_agreement.py`
-    told.equal = told.equal or equal
-    _check_set(s, name, set(stored), "all" if equal else how.reduction, told)
-    _check_ends(s, name, how, worlds, told, some=equal)
+    _check_set(s, name, set(stored), how.reduction, told)
+    _check_ends(s, name, how, worlds, told)
     seen = {s.judge.sees.projection(w) for w in worlds if s.judge.observable(w)}
-    whole = not s.found.least and not equal
-    if not seen <= s.found.observed or (whole and seen != s.found.observed):
+    if not seen <= s.found.observed or (not s.found.least and seen != s.found.observed):
         told.complaints.append(
             f"{name}: {_difference(s.found.observed, seen)} observations of {len(s.found.observed)}"
         )
@@ -149,7 +144,7 @@ def _check_set(s: Small, name: str, stored: set[Canonical], reduction: str, told
     and what violates is not continued.
     """
     wanted = s.found.configurations
-    whole = reduction in ("none", "symmetry") or (reduction == "sleep" and not s.found.least)
+    whole = reduction == "none" or (reduction == "sleep" and not s.found.least)
     right = stored == wanted if whole else stored <= wanted
     if not right:
         told.complaints.append(
@@ -159,12 +154,11 @@ def _check_set(s: Small, name: str, stored: set[Canonical], reduction: str, told
 
 
 def _check_ends(
-    s: Small, name: str, how: EngineSettings, worlds: list[World], told: Compared, *, some: bool
+    s: Small, name: str, how: EngineSettings, worlds: list[World], told: Compared
 ) -> None:
     """Where all windows are points, what is stored is observable, but for the start.
 
     And all that is observable is stored; with ample and sleep sets as long as nothing is violated.
-    `some`: instances are equal, and one of several is enough.
     """
     if how.reduction not in {"instants", "groups", "all"}:
         return
@@ -175,7 +169,7 @@ def _check_ends(
     if told.ends and middle:
         told.complaints.append(f"{name}: {middle} stored in the middle of an instant")
     stored = {s.judge.canonical(w) for w in worlds if w.c.ct >= 0}
-    may_lack = some or (how.reduction == "all" and s.found.least)
+    may_lack = how.reduction == "all" and s.found.least
     if told.ends and stored != s.found.ends and not (may_lack and stored <= s.found.ends):
         told.complaints.append(
             f"{name}: {_difference(s.found.ends, stored)} ends of {len(s.found.ends)}"

@@ -1,18 +1,16 @@
-"""Explores tests of a program, and checks before what a person asks of them and of checkpoints.
+"""Explores tests of a program, and checks before what a person asks of them.
 
 Purpose: `explore` chooses the tests, flattens their systems, has each searched, writes traces and
 pages, and makes one report. `chosen` finds tests by name, `with_times` gives a test another skew or
-horizon. `checkpoints` makes a `Checkpoint` for each test, from `--checkpoint` and `--resume`, or a
-diagnostic: it does not write over a file that is there already, nor resume from a file that is no
-checkpoint, or one of another search.
+horizon.
 Non-goals: exploring one test (`explore/command.py`), the options themselves
-(`explore/search_options.py`), a checkpoint's file (`explore/checkpoints.py`).
+(`explore/search_options.py`).
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,18 +18,10 @@ from soter.api.arguments import complete, params_as_json, time_ns, values_of, wr
 from soter.diagnostics.command_records import made
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.explore.assumptions import replacements_in_test
-from soter.explore.checkpoints import (
-    Checkpoint,
-    checkpoint_path,
-    machine,
-    no_checkpoint,
-    read_checkpoint,
-    require_same,
-)
 from soter.explore.command import TraceHeader, explore_test, save_traces
 from soter.explore.judge import test_plan
 from soter.explore.results import ExploreReport, TestResult
-from soter.explore.search_options import CHECKPOINT_SECONDS, SearchOptions
+from soter.explore.search_options import SearchOptions
 from soter.explore.trace import TIME_MAX
 from soter.language.elaborate.derived_systems import with_test
 from soter.language.elaborate.tested_system import MAX_STEPS
@@ -44,99 +34,6 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import System
     from soter.language.model.typed import TestSymbol
-
-
-@dataclass(frozen=True)
-class CheckpointOptions:
-    """A folder, how many seconds lie between two checkpoints, and whether it goes on from there."""
-
-    folder: Path
-    every_s: float
-    resume: bool
-
-
-def asked(options: SearchOptions) -> CheckpointOptions | None:
-    """The checkpoints that the options ask for; None: none; `SoterError` U001 if impossible."""
-    checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
-    if (checkpoint, resume, every) == (None, None, None):
-        return None
-    if "" in (checkpoint, resume):
-        raise mistake("U001", "a checkpoint needs a folder, and `` is none", "`.` is this folder")
-    folder = checkpoint if resume is None else resume
-    assert folder is not None
-    if Path(folder).exists() and not Path(folder).is_dir():
-        message = f"checkpoints stand in a folder, and `{folder}` is a file"
-        help_ = "name a folder: every test has a file of its own in it"
-        raise mistake("D006" if resume is None else "D012", message, help_)
-    every = CHECKPOINT_SECONDS if every is None else every
-    return CheckpointOptions(Path(folder), every, resume is not None)
-
-
-def checkpoints(
-    wanted: CheckpointOptions | None,
-    systems: Sequence[System],
-    options: SearchOptions,
-    params: Mapping[str, object],
-) -> list[Checkpoint | None]:
-    """A checkpoint for each flattened test, in order; `SoterError` D006, D012, D013, D014."""
-    if wanted is None:
-        return [None for _ in systems]
-    paths = [checkpoint_path(wanted.folder, test_plan(s).name) for s in systems]
-    if wanted.resume and not any(p.exists() for p in paths):
-        raise _no_checkpoint_there(wanted.folder, paths[0])
-    diagnostics, made = Diagnostics(), []
-    for system, path in zip(systems, paths, strict=True):
-        try:
-            made.append(_checkpoint_of_test(wanted, path, about(system, options, params)))
-        except SoterError as error:
-            for d in error.diagnostics:
-                diagnostics.add(d)
-    diagnostics.raise_errors()
-    return list(made)
-
-
-def _no_checkpoint_there(folder: Path, path: Path) -> SoterError:
-    others = sorted(p.stem for p in folder.glob(f"*{path.suffix}"))
-    if not folder.is_dir():
-        return no_checkpoint(path, "there is no such folder")
-    there = f"those there are of {', '.join(others)}" if others else "there is none in that folder"
-    return no_checkpoint(path, f"no such file; {there}")
-
-
-def about(
-    system: System, options: SearchOptions, params: Mapping[str, object]
-) -> dict[str, object]:
-    """What must be the same when a search goes on, by the keys of `checkpoints.ABOUT`."""
-    plan = test_plan(system)
-    return {
-        "program_sha256": system.program.sha256,
-        "system": system.name,
-        "test": plan.name,
-        "params": dict(params),
-        "skew_ns": plan.skew_ns,
-        "horizon_ns": plan.horizon_ns,
-        "strategy": options.strategy,
-        "storage": options.storage,
-        "reduction": options.reduction,
-        "seed": options.seed,
-        "machine": machine(),
-    }
-
-
-def _checkpoint_of_test(
-    wanted: CheckpointOptions, path: Path, facts: Mapping[str, object]
-) -> Checkpoint:
-    saved = None
-    if path.exists():
-        if not wanted.resume:
-            again = f"go on from it: --resume {wanted.folder}"
-            message = f"there is a checkpoint already: `{path}`"
-            raise mistake("D014", message, again, "or delete it, or take another folder")
-        saved = read_checkpoint(path)
-        require_same(saved, facts)
-    made = Checkpoint(path, wanted.every_s, facts, saved)
-    made.try_out()
-    return made
 
 
 def chosen(
@@ -192,20 +89,18 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
     After an interrupt it returns what was covered with `partial`, else raises KeyboardInterrupt.
     """
     options = made(SearchOptions, given)
-    wanted = asked(options)
     program = checked.program
     assert program is not None
     tests = chosen(checked.tests, path, options.test)
     values = values_of(program, options.params)
     systems = _flat_tests(checked, [t.name for t in tests], values, options)
     told = params_as_json(program, values)
-    kept = checkpoints(wanted, systems, options, told)
     results: list[TestResult] = []
     listener = stop_request()
     with receiving_signals(listener), _keeping_results(results, tests):
-        for symbol, system, place in zip(tests, systems, kept, strict=True):
+        for symbol, system in zip(tests, systems, strict=True):
             about = TraceHeader(path, told, replacements_in_test(symbol))
-            result = explore_test(system, options, about, options.progress, listener, place)
+            result = explore_test(system, options, about, options.progress, listener)
             results.append(result)
             output = options.output
             if (

@@ -120,7 +120,7 @@ def _steps(report: ReplayReport, console: Console) -> list[str]:
 STEP = JsonObject(
     "soter.explore.replay.ReplayedStep",
     "step=number actor kind release_ns time_ns choices published gated decided fault dropped "
-    "observable violated=violated.text reasons modes topics truth matters",
+    "observable violated=violated.text reasons modes topics truth",
     kind=one_of("start", "step", "lost", "begin", "effect"),
     choices=JsonObject("soter.explore.trace.Choice", "stream pick of value", value={}),
     dropped=JsonObject(

@@ -36,7 +36,6 @@ from soter.explore.results import (
     EXHAUSTED,
     UNJUDGED,
     VIOLATED,
-    CheckpointState,
     ExploreReport,
     TestResult,
     bound_text,
@@ -91,14 +90,11 @@ EXAMPLES = """\
   soter test two.soter --storage fingerprint          64 bits a configuration
   soter test two.soter --strategy random --runs 1000  where it is too large
   soter test two.soter --skew 2ms --horizon 1s        in place of the test's own
-  soter test two.soter --checkpoint save/             written every 60 s, and when it ends,
-  soter test two.soter --resume save/ --memory 8G     and gone on from, with more if wanted
   soter test late_sc.soter --json | jq '.tests[].verdict'
   soter test late_sc.soter --junit results.xml        for CI; --format junit prints it
   soter replay .soter/late_sc-Late.trace.json         a trace again
 
 in the folder of traces: FILE-TEST.trace.json of each test that is violated, FILE-TEST.html its page
-in a folder of checkpoints: TEST.checkpoint, a search as far as it was
 
 exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
             130 interrupted by Ctrl-C, SIGTERM or SIGHUP (what was covered until then is printed)
@@ -151,7 +147,6 @@ def progress_text(looked: object) -> str:
     doing = "  violated: looking for the shortest trace" if looked.minimising else doing
     more = f", covered to {show_ns(looked.covered_ns)}" if looked.covered_ns else ""
     more += f", {looked.answers:,} answers of one step" if looked.answers else ""
-    more += f", checkpoint at {looked.saved:,}" if looked.saved else ""
     return (
         f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
         f"{size(looked.bytes)}{more}"
@@ -202,7 +197,6 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     muted = "muted"
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
-    lines += _checkpoint(test, console)
     lines += ["", *_coverage(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
@@ -232,21 +226,6 @@ def _headline(test: TestResult, console: Console) -> str:
         if test.covered:
             said += f"\n{test.covered}"
     return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {said}"
-
-
-def _checkpoint(test: TestResult, console: Console) -> list[str]:
-    """Lines about the checkpoint that the search wrote, and the one that it went on from."""
-    kept = test.checkpoint
-    if kept is None:
-        return []
-    lines = []
-    if kept.resumed:
-        lines.append(console.paint("muted", f"went on from {kept.resumed:,} states"))
-    if kept.states:
-        lines.append(f"checkpoint  {kept.path}, {kept.states:,} states")
-    if kept.problem:
-        lines.append(console.paint("yellow", f"no later checkpoint: {kept.problem}"))
-    return lines
 
 
 def _figures(test: TestResult) -> str:
@@ -334,10 +313,7 @@ def _itself(t: TestResult) -> TestResult:
 
 VERDICTS = one_of(EXHAUSTED, VIOLATED, BOUND)
 SAYS_NOTHING = "property premise contract module fault input replacement"
-TRACE = (
-    "trace page steps steps_that_matter minimal not_shortest? unshown=not_shown? shrunk_from? "
-    "minimise_s"
-)
+TRACE = "trace page steps minimal not_shortest? unshown=not_shown? shrunk_from? minimise_s"
 OPTIONS = " ".join(f"{o.told}=options.{n}" for n, o in options_of(SearchOptions).items() if o.told)
 MADE = {"steps": _steps, "minimal": _minimal, "memory": _itself}
 COVERED = JsonObject(CoverageKind, "reached total unreached", named="covered")
@@ -345,8 +321,8 @@ KINDS = "properties actors modes switches branches values"
 TEST = JsonObject(
     TestResult,
     "name system=system.name verdict bound violated=broken.text violated_there others others_bound "
-    f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts equal_instances "
-    "contracts quantum_ns covered_ns closed_ns checkpoint short_of threads "
+    f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts "
+    "contracts quantum_ns covered_ns closed_ns short_of threads "
     "threads_fewer? memory coverage vacuous assumptions",
     MADE,
     verdict=VERDICTS,
@@ -355,7 +331,6 @@ TEST = JsonObject(
     strategy=one_of(*STRATEGIES),
     storage=one_of(*STORAGES),
     reduction=one_of(*REDUCTIONS),
-    checkpoint=JsonObject(CheckpointState, "path states problem? resumed_states=resumed"),
     short_of=one_of(*sorted(ENDED - {UNJUDGED}), None),
     memory=JsonObject(
         TestResult, "table_bytes frontier_bytes total_bytes bytes_per_state packed_bits=bits"

@@ -3,11 +3,10 @@
 Purpose: `footprint_of` finds what a step reads and writes, on which reduction in the explorer and
 the frame of a proof rest; `operations` is a rough measure by which campaigns decide what is worth a
 test at run time. `Execution` runs Core over values of another domain: intervals
-(`verify/enclose/core_enclosure.py`), terms of a solver (`verify/induction/step_terms.py`) or
-interned terms (`explore/model/symbolic_terms.py`). It has what all share: the order of evaluation,
-temporaries, unrolled loops, inlined functions, and both sides of an undecided branch on copies that
-are joined after it. A subclass says what a constant, an operator, a fault and a join are, and how
-values round.
+(`verify/enclose/core_enclosure.py`) or terms of a solver (`verify/induction/step_terms.py`). It has
+what both share: the order of evaluation, temporaries, unrolled loops, inlined functions, and both
+sides of an undecided branch on copies that are joined after it. A subclass says what a constant, an
+operator, a fault and a join are, and how values round.
 Non-goals: alias analysis (cells are whole topics, locals and states); times; the cost of a step
 that a program may have (`language/model/tree_walk.py`); C (`codegen/body.py`).
 """

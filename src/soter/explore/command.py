@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import assumptions, vacuous_tests
 from soter.explore.judge import test_plan
-from soter.explore.replay import find_violation_id, replay, with_marks, with_values
+from soter.explore.replay import find_violation_id, replay, with_values
 from soter.explore.results import (
     BOUND,
     BOUNDS,
@@ -42,7 +42,6 @@ from soter.explore.results import (
     UNJUDGED,
     VIOLATED,
     WIDTH,
-    CheckpointState,
     TestResult,
     bound_text,
     why_not_shortest,
@@ -53,7 +52,6 @@ from soter.explore.trace import VIOLATION_KINDS, Trace, write_trace
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.explore.checkpoints import Checkpoint
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.replay import Replayed
@@ -170,22 +168,20 @@ def explore_test(
     header: TraceHeader,
     progress: Progress | None = None,
     listener: Interruptions | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> TestResult:
     """Explores a flattened test; a violation is minimised and replayed: `UnreproducedError`.
 
-    If it is interrupted after it was compiled, the result is what was covered. `SoterError` D006,
-    D012, D014 where a checkpoint cannot be written or is none.
+    If it is interrupted after it was compiled, the result is what was covered.
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
     def should_stop() -> bool:
         return listener is not None and listener.wanted
 
-    with Engine(system, options, progress, should_stop, checkpoint) as search:
+    with Engine(system, options, progress, should_stop) as search:
         with _without_signals(listener):
             search_result = search.run()
-            result = _judge_search(system, search, search_result, header.replaced, checkpoint)
+            result = _judge_search(system, search, search_result, header.replaced)
         if result.verdict == VIOLATED:
             try:
                 _enter_trace(result, search, search_result, header)
@@ -202,7 +198,6 @@ def _judge_search(
     search: Search,
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
-    checkpoint: Checkpoint | None,
 ) -> TestResult:
     """The result of a search, with its verdict and what was covered, before any trace."""
     options, coverage = search.options, search.coverage()
@@ -222,7 +217,6 @@ def _judge_search(
         depth=search_result.depth,
         bits=search.bits,
         parts=search.parts,
-        equal_instances=search.equal,
         contracts=assumptions.tests_by_contract(system),
         stands_for=tuple([r for r in replaced if r[0] not in search.unheard]),
         table_bytes=search_result.table_bytes,
@@ -230,7 +224,6 @@ def _judge_search(
         total_bytes=search_result.total_bytes,
         covered_ns=covered_before(search_result, system, options),
         closed_ns=search_result.closed_ns or None,
-        checkpoint=_checkpoint_state(checkpoint),
         short_of=short_of if short_of not in (bound, UNJUDGED) else None,
         threads=search_result.threads,
         why=_bound_reason(bound, search, search_result),
@@ -304,16 +297,6 @@ def _find_other_violations(
     result.coverage = search.coverage()
 
 
-def _checkpoint_state(checkpoint: Checkpoint | None) -> CheckpointState | None:
-    return (
-        None
-        if checkpoint is None
-        else CheckpointState(
-            checkpoint.path, checkpoint.states, checkpoint.problem, checkpoint.resumed
-        )
-    )
-
-
 def _bound_reason(bound: str | None, search: Search, search_result: Found) -> str:
     """The bound that was reached, in words."""
     if bound is None:
@@ -340,7 +323,7 @@ def _enter_trace(
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_marks(with_values(replayed), search.mark_steps(replayed, search_result))
+    result.replayed = with_values(replayed)
 
 
 def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
@@ -490,10 +473,9 @@ def find_violating_run(system: System) -> ViolatingRun | None:
     lines = []
     steps = result.replayed.trace.steps
     for step in steps:
-        if step.matters is not False:
-            chosen = ", ".join(str(c.value) for c in step.choices if c.value is not None)
-            what = f" chooses {chosen}" if chosen else ""
-            lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
+        chosen = ", ".join(str(c.value) for c in step.choices if c.value is not None)
+        what = f" chooses {chosen}" if chosen else ""
+        lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
     time_ns = steps[-1].time_ns
     lines.append(f"{time_ns / 1e6:g} ms  violated: {result.broken.text}")
     return ViolatingRun(result.broken.what, result.broken.text, time_ns, tuple(lines))

@@ -40,7 +40,7 @@ from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import environment_input, judging_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     from soter.explore.judge import ScheduledActor
     from soter.explore.trace import Choice, Trace
@@ -92,8 +92,6 @@ class ReplayedStep:
     """For each of `violated` a clause on what failed; empty where it needs none."""
     dropped: tuple[DroppedMessage, ...] = ()
     """The messages that full queues lost as this step published."""
-    matters: bool | None = None
-    """Whether the violation depends on this step; None where the trace does not say."""
 
 
 @dataclass(frozen=True)
@@ -380,7 +378,6 @@ class _TraceRun:
                 truth=self._plant_states(),
                 reasons=tuple([event.reasons.get(b, "") for b in broken]),
                 dropped=tuple(event.dropped),
-                matters=step.matters,
             )
         )
 
@@ -437,16 +434,3 @@ def with_values(replay_result: Replayed) -> Replayed:
         for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)
     )
     return replace(replay_result, trace=replace(replay_result.trace, steps=steps))
-
-
-def with_marks(replay_result: Replayed, matters: Sequence[bool]) -> Replayed:
-    """The replay with a mark at each step, also of its trace, whether it matters."""
-    trace_steps = [
-        replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)
-    ]
-    done = [replace(s, matters=m) for s, m in zip(replay_result.steps, matters, strict=True)]
-    return replace(
-        replay_result,
-        trace=replace(replay_result.trace, steps=tuple(trace_steps)),
-        steps=tuple(done),
-    )

@@ -91,20 +91,6 @@ UNSHOWN = {
 """Why no execution can be shown that violates what is violated, and how to get one."""
 
 
-@dataclass(frozen=True)
-class CheckpointState:
-    """The checkpoint of a search: its file, and how many configurations it has (0: there is none).
-
-    `problem`: why a later one could not be written, or ""; `resumed`: how many configurations were
-    there when the search went on.
-    """
-
-    path: Path
-    states: int
-    problem: str
-    resumed: int
-
-
 @dataclass(eq=False)
 class TestResult:
     """The result of one test, from what was searched to what was found and may be relied on.
@@ -148,8 +134,6 @@ class TestResult:
     closed_ns: int | None = None
     """After this time only configurations come that were there before, so the verdict holds for
     ever; None: that was not seen before the horizon."""
-    checkpoint: CheckpointState | None = None
-    """The checkpoint of the search; None: it was not stored."""
     short_of: str | None = None
     """What is left out besides, where the search did not end: one of ENDED."""
     threads: int = 1
@@ -158,9 +142,6 @@ class TestResult:
     """Which bound was reached, in words."""
     parts: int = 1
     """How many parts of the system, which share no data, were explored apart."""
-    equal_instances: tuple[tuple[str, ...], ...] = ()
-    """Names of equal instances: one configuration was stored for all orders of them
-    (docs/testing.md)."""
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """For each instance that a contract replaces the tests in which it runs as it is."""
     stands_for: tuple[tuple[str, str], ...] = ()
@@ -216,13 +197,6 @@ class TestResult:
         return (self.broken.text, *others)
 
     @property
-    def steps_that_matter(self) -> int | None:
-        """How many steps of its trace its violation depends on; None where there is no trace."""
-        if self.replayed is None:
-            return None
-        return len([s for s in self.replayed.steps if s.matters is not False])
-
-    @property
     def not_shown(self) -> str:
         """Why no execution shows its violation, and how to get one; empty where one does."""
         if self.unshown is None:
@@ -250,13 +224,8 @@ class TestResult:
 
     @property
     def divided(self) -> str:
-        """A clause on parts that were explored apart, and instances taken as equal."""
-        clause = (
-            f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
-        )
-        for names in self.equal_instances:
-            clause += f"; {len(names)} equal instances: {', '.join(names)}"
-        return clause
+        """A clause on parts that were explored apart; "" where there was one."""
+        return f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
 
     @property
     def dear(self) -> str:

@@ -36,7 +36,6 @@ STATUSES = (
     "choices",
     "width",
     "length",
-    "damaged",
 )
 """How a search ends: `soter_explore_status`, in order."""
 CHOICES_MAX = 256
@@ -49,21 +48,17 @@ LEAVES_MAX = 4096
 """The most leaves of topics that coverage counts."""
 STEPS_MAX = 65_536
 """The most steps of a trace."""
-SLEEP, AMPLE, INSTANTS, GROUPS, SYMMETRY = 1, 2, 4, 12, 16
+SLEEP, AMPLE, INSTANTS, GROUPS = 1, 2, 4, 12
 REDUCTIONS = {
     "none": 0,
     "sleep": SLEEP,
     "ample": AMPLE,
     "instants": INSTANTS,
     "groups": GROUPS,
-    "symmetry": SYMMETRY,
-    "parts": SLEEP | AMPLE | GROUPS,
-    "all": SLEEP | AMPLE | GROUPS | SYMMETRY,
+    "all": SLEEP | AMPLE | GROUPS,
 }
 """The reductions as bits, the default last: 1 sleep sets, 2 ample sets, 4 only ends of instants,
-8 by groups, 16 equal instances."""
-PARTS = frozenset({"parts", "all"})
-"""The reductions with which parts of a system that share nothing are explored apart."""
+8 by groups. With the last one, parts of a system that share nothing are explored apart."""
 
 
 def knows_ends(reduction: str) -> bool:
@@ -80,9 +75,6 @@ def reduce_bits(reduction: str, *, between: bool) -> int:
 def constant(name: str) -> str:
     """The name of a strategy or storage in C."""
     return f"SOTER_{name.upper()}"
-
-
-CHECKPOINT_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
@@ -105,8 +97,6 @@ class SearchProgress:
     answers: int = 0
     covered_ns: int = 0
     """All that is observed before this time was judged, in all executions (breadth first)."""
-    saved: int = 0
-    """How many configurations its last checkpoint has; 0: there is none."""
 
 
 def _named(names: Iterable[str], default: str, end: str) -> str:
@@ -173,27 +163,21 @@ class SearchOptions:
     junit: str | None = option(
         "--junit FILE", None, "write the verdicts as JUnit XML, for CI", keyword=False
     )
-    checkpoint: str | Path | None = option(
-        "--checkpoint DIR", None, "folder to write searches to, to go on later (bfs)"
-    )
-    checkpoint_every: float | None = option(
-        "--checkpoint-every TIME",
-        None,
-        f"between two checkpoints; by default {CHECKPOINT_SECONDS:g} s",
-        seconds("more than 0 and at most", 10**6, optional=True),
-    )
-    resume: str | Path | None = option("--resume DIR", None, "go on from there, and write there")
     progress: Callable[[SearchProgress], None] | None = option(
         "", None, "called with how far it is: test, states, transitions, depth, bytes, seconds"
     )
     partial: bool = option(
         "", False, "on Ctrl-C give back what was covered, instead of raising", SWITCH
     )
+    GONE = (
+        (
+            "--checkpoint --checkpoint-every --resume",
+            "searches are not stored any more: give one what it needs at once (--memory, --time)",
+        ),
+    )
     NEEDS = (
         (f"strategy={','.join(SAMPLING)}", "runs"),
-        ("strategy=bfs", "storage reduction threads checkpoint resume"),
-        ("!resume", "checkpoint"),
-        ("checkpoint|resume", "checkpoint_every"),
+        ("strategy=bfs", "storage reduction threads"),
         ("!output=None", "html"),
     )
 
@@ -222,8 +206,5 @@ class SearchKeywords(TypedDict, total=False):
     params: Mapping[str, object] | None
     output: str | Path | None
     html: bool
-    checkpoint: str | Path | None
-    checkpoint_every: float | None
-    resume: str | Path | None
     progress: Callable[[SearchProgress], None] | None
     partial: bool

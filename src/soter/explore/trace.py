@@ -70,8 +70,6 @@ class Step:
     release_ns: int
     time_ns: int
     choices: tuple[Choice, ...] = ()
-    matters: bool | None = None
-    """Whether the violation depends on this step; None: it is not known."""
 
 
 @dataclass(frozen=True)
@@ -149,14 +147,13 @@ def _step_document(step: Step) -> dict[str, object]:
     choices = [
         {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in step.choices
     ]
-    document: dict[str, object] = {
+    return {
         "actor": step.actor,
         "kind": step.kind,
         "release_ns": step.release_ns,
         "time_ns": step.time_ns,
         "choices": choices,
     }
-    return document if step.matters is None else document | {"matters": step.matters}
 
 
 def _relative_path(program: str, folder: Path | None) -> str:
@@ -282,10 +279,6 @@ class _JsonFields:
         value: bool = self._field(name, bool, "bool")
         return value
 
-    def truth_or_none(self, name: str) -> bool | None:
-        """A truth value that may be missing."""
-        return self.truth(name) if name in self._given else None
-
     def part(self, name: str) -> _JsonFields:
         return _JsonFields(self._field(name, dict, "object"), self._path(name))
 
@@ -340,7 +333,6 @@ def _read_step(document: _JsonFields) -> Step:
         release_ns=document.number("release_ns", -1, TIME_MAX),
         time_ns=document.number("time_ns", -1, TIME_MAX),
         choices=tuple([_read_choice(c) for c in document.objects("choices")]),
-        matters=document.truth_or_none("matters"),
     )
 
 

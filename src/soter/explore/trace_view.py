@@ -158,7 +158,6 @@ def _sequence_step(
         observable=step.observable,
         violates=replay.own_violation_among(step.violated),
         note=_note(step, replay),
-        matters=step.matters is not False or not replay.reproduced,
     )
 
 

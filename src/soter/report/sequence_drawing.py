@@ -264,7 +264,6 @@ def _row(p: DrawingPlan, row: StepRow) -> str:
     """Draw one step, as a link to its row in the table."""
     step = row.step
     kind = " violates" if step.violates else ""
-    kind += "" if step.matters else " aside"
     x = p.centres.get(step.lane)
     inside = _start(p, row) if x is None else _lane_step(p, row, x)
     return (
@@ -284,7 +283,6 @@ def _title(step: SequenceStep) -> str:
         *map(published_text, step.published),
         *([visible(step.note)] if step.note else []),
         *(["the property is violated here"] if step.violates else []),
-        *([] if step.matters else ["does not matter to the violation"]),
     ]
     return "\n".join(lines)
 

@@ -28,10 +28,6 @@ Kind = Literal["start", "step", "lost", "overrun", "effect"]
 is lost; a step that overruns, so that its publications come later; these publications."""
 
 
-NAMED = 12
-"""Steps that matter are listed by number where they are no more than that."""
-
-
 @dataclass(frozen=True)
 class Lane:
     """An actor. `name`: its full dotted name. `module`: the RTA module it belongs to, if any."""
@@ -98,8 +94,7 @@ class SequenceStep:
     where it is known. `fault`: what went wrong in the step. `dropped`: what was lost as it
     published, a clause each.
     `observable`: time may pass after it, so properties are checked. `violates`: the property is
-    violated here. `note`: one sentence for the reader, free. `matters`: whether the violation
-    depends on it; the others are drawn faintly.
+    violated here. `note`: one sentence for the reader, free.
     """
 
     number: int
@@ -117,7 +112,6 @@ class SequenceStep:
     observable: bool = False
     violates: bool = False
     note: str = ""
-    matters: bool = True
 
 
 @dataclass(frozen=True)
@@ -150,20 +144,6 @@ class SequenceView:
 def violating(view: SequenceView) -> SequenceStep | None:
     """Return the first step that violates the property."""
     return next((step for step in view.steps if step.violates), None)
-
-
-def matter_text(view: SequenceView) -> str:
-    """Write how many steps matter, and which if they are few; empty where all do."""
-    steps = [step for step in view.steps if step.kind != "start"]
-    those = [str(step.number) for step in steps if step.matters]
-    if not those or len(those) == len(steps):
-        return ""
-    named = f" ({', '.join(those)})" if len(those) <= NAMED else ""
-    verb = "matters" if len(those) == 1 else "matter"
-    return (
-        f"{len(those):,} of {len(steps):,} steps {verb}{named}: "
-        "whatever the others choose, it is violated all the same."
-    )
 
 
 def reached(step: SequenceStep) -> tuple[Published, ...]:
@@ -278,7 +258,6 @@ def explanation(view: SequenceView) -> str:
 
 
 _NOTHING = Styled("", "plain")
-MATTERS = "•"
 """The mark of a step that the violation depends on, where others do not."""
 HEADERS = ("step", "time", "actor", "does", "publishes", "")
 CELL_MAX = 64
@@ -305,21 +284,16 @@ def table_text(
         gap = Styled(f"... {left_out:,} steps left out", "muted")
         made[first : first + left_out] = [[_NOTHING, _NOTHING, _NOTHING, gap, _NOTHING, _NOTHING]]
     lines = table(HEADERS, made, color=color, width=width).splitlines()
-    matter = matter_text(view).replace(" matter:", f" matter ({MATTERS}):")
-    said = [line for line in (explanation(view), matter) if line]
-    return [*lines, "", *said] if said else lines
+    said = explanation(view)
+    return [*lines, "", said] if said else lines
 
 
 def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
     """Return the cells of each step under `HEADERS`, clipped to `cell_max` columns."""
     made: list[list[Styled]] = []
     time_ns: int | None = None
-    sliced = any(not step.matters for step in view.steps)
     for step in view.steps:
-        row = _row(step, cell_max, same_time=step.time_ns == time_ns)
-        if sliced and step.matters and not step.violates and step.kind != "start":
-            row[-1] = Styled(MATTERS, "plain")
-        made.append(row if step.matters else [Styled(cell.text, "muted") for cell in row])
+        made.append(_row(step, cell_max, same_time=step.time_ns == time_ns))
         time_ns = step.time_ns
     return made
 

@@ -50,7 +50,6 @@ from soter.report.sequence_view import (
     explanation,
     late_ns,
     late_text,
-    matter_text,
     published_text,
     reached,
     violating,
@@ -80,7 +79,6 @@ STEPS_SCHEMA = object_schema(
         "dropped": array_schema(STRING),
         "observable": BOOLEAN,
         "violates": BOOLEAN,
-        "matters": BOOLEAN,
         "note": STRING,
     },
     "a step of a replayed trace; `fault` is empty where there was none",
@@ -133,7 +131,6 @@ def _step_message(step: SequenceStep) -> Message:
         "dropped": list(step.dropped),
         "observable": step.observable,
         "violates": step.violates,
-        "matters": step.matters,
         "note": step.note,
     }
 
@@ -234,7 +231,6 @@ def page(view: SequenceView) -> str:
         view=view,
         failing=violating(view),
         explanation=explanation(view),
-        matter=matter_text(view),
         unbroken=_unbroken,
         marks=MARKS,
         roles=ROLES,

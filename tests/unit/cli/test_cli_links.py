@@ -1,7 +1,7 @@
 """A folder that somebody sent leads elsewhere: of what lies there nothing is written over.
 
 Purpose: links in the places whose names Soter chooses, in each folder that it fills: the one of
-its own (`.soter`), of campaigns, packages, checkpoints, safety cases; and beside files. A link that
+its own (`.soter`), of campaigns, packages, safety cases; and beside files. A link that
 a person names is followed, as any program does.
 """
 
@@ -37,7 +37,6 @@ CASES = {
     "out/.soter-files.json": "build cart.soter -o out",
     "out/case.json": "assure violated.soter -o out",
     "out/violated-T.trace.json": "test violated.soter --test T -o out",
-    "out/T.checkpoint.ending": "test violated.soter --test T --checkpoint out",
     "out-lateness.json": f"{FLY} --arms paper",
 }
 """A place whose name Soter chooses, and the command that writes there."""

@@ -410,10 +410,16 @@ def test_several_tests_may_be_chosen(soter: Soter, corridor: str) -> None:
     assert len(again.document["tests"]) == 1
 
 
-def test_a_file_is_no_folder_for_checkpoints(soter: Soter, corridor: str) -> None:
-    for option, code in (("--checkpoint", "D006"), ("--resume", "D012")):
-        done = soter("test", corridor, option, corridor)
-        assert f"[{code}]: checkpoints stand in a folder, and `{corridor}` is a file" in done.err
+def test_options_of_a_version_before_are_refused_with_what_to_do(
+    soter: Soter, corridor: str
+) -> None:
+    for words in (("--checkpoint", "d"), ("--checkpoint-every=5",), ("--resume", "d", "--json")):
+        done = soter("test", corridor, *words)
+        flag = words[0].partition("=")[0]
+        told = done.out if "--json" in words else done.err
+        assert (done.exit, told.count("U001")) == (2, 1)
+        assert f"`{flag}` is gone" in told
+        assert "give one what it needs at once (--memory, --time)" in told
 
 
 @pytest.mark.parametrize("strategy", ["random", "falsify"])

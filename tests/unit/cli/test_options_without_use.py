@@ -190,7 +190,6 @@ PYTHON: dict[str, tuple[Any, dict[str, Any]]] = {
     "threads of samples": (SearchOptions, {"strategy": "falsify", "threads": 2}),
     "storage of samples": (SearchOptions, {"strategy": "random", "storage": "fingerprint"}),
     "pages in no folder": (SearchOptions, {"html": True, "output": None}),
-    "a checkpoint of none": (SearchOptions, {"checkpoint_every": 5.0}),
 }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
@@ -94,17 +93,6 @@ def test_threads_store_the_configurations_that_one_stores(
         assert stored(engine, reduction, threads, memory) == alone
 
 
-def test_threads_store_equal_instances_that_changed_places_once() -> None:
-    program = check_file(str(ROOT / "examples/testing/two_modules.soter"))
-    system = system_of_test(program, "BothStayInside")
-    assert system.test is not None
-    engine = Engine(replace(system, test=replace(system.test, horizon_ns=100_000_000)))
-    alone = stored(engine, "symmetry", 1, 1 << 30)
-    assert len(alone) < len(stored(engine, "none", 1, 1 << 30))
-    for threads in (2, 3):
-        assert stored(engine, "symmetry", threads, 1 << 30) == alone
-
-
 WALKS = (("a", "10ms"), ("b", "10ms"), ("c", "20ms"))
 OFTEN = 60
 """Threads meet differently each time."""
@@ -122,23 +110,6 @@ def test_threads_count_what_all_have_taken_in_before_a_bound_is_looked_at(
     for _ in range(OFTEN):
         more = engine.explore(replace(how, threads=threads))
         assert (more.status, more.states, more.depth) == ("states", alone.states, alone.depth)
-
-
-@pytest.mark.parametrize("threads", [2, 3])
-def test_a_checkpoint_tells_the_configurations_that_are_in_it(threads: int, tmp_path: Path) -> None:
-    engine = engine_of("horizon 60ms; always a <= 9;", *WALKS)
-    options = engine.options(EngineSettings(reduction="none", threads=threads))
-    new = engine.ffi.new
-    for k in range(OFTEN):
-        progress, result = new("soter_explore_progress *"), new("soter_explore_result *")
-        with (tmp_path / f"{k}").open("wb+") as file:
-            progress.save_to = file.fileno() + 1
-            engine.lib.soter_explore(
-                engine.model, options, progress, engine.coverage(), result, engine.ffi.NULL, 0
-            )
-            head = np.frombuffer((tmp_path / f"{k}").read_bytes()[:128], np.uint64)
-        assert progress.saved == 1
-        assert progress.saved_states == head[9] > 0
 
 
 def test_threads_give_a_configuration_of_several_words_to_one_of_them() -> None:

@@ -109,7 +109,6 @@ def test_the_options_that_the_guide_compares_are_there() -> None:
         ({"runs": True}, "a whole number from 1 to 2^63"),
         ({"minimise": -1}, "seconds, from 0 (do not) to 1,000,000,000"),
         ({"time": 0}, "seconds, more than 0 and at most 1,000,000,000"),
-        ({"checkpoint_every": 2e6}, "seconds, more than 0 and at most 1,000,000"),
         ({"storage": "none"}, "exact or fingerprint"),
         ({"memory": "1k"}, "write it as 512M or 2G; 1M at least"),
     ],
@@ -127,6 +126,14 @@ def test_what_nobody_may_ask_for_is_no_keyword() -> None:
     for name in ("stratgy", "keep", "plainly"):
         with pytest.raises(TypeError, match=name):
             made(SearchOptions, {name: 1})
+
+
+def test_a_keyword_of_a_version_before_is_refused_with_what_to_do() -> None:
+    for name in ("checkpoint", "checkpoint_every", "resume"):
+        with pytest.raises(SoterError) as error:
+            made(SearchOptions, {name: "save"})
+        (problem,) = error.value.diagnostics
+        assert (problem.code, len(problem.helps)) == ("U001", 1)
 
 
 def test_the_guide_and_the_docstring_name_every_strategy() -> None:

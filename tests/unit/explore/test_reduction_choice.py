@@ -12,7 +12,7 @@ from generators.small_test_programs import small_program
 from long_tests import examples, seed_of
 from soter.explore.engine import reductions
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
-from soter.explore.engine.reductions import explore_by_quicker, may_choose, settings_between
+from soter.explore.engine.reductions import explore_by_quicker, may_choose
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -73,7 +73,7 @@ def test_what_ends_show_counts_though_the_larger_search_came_further(
 @pytest.mark.parametrize(
     "asked",
     [
-        {"reduction": "parts"},
+        {"reduction": "groups"},
         {"strategy": "random"},
         {"storage": "fingerprint"},
         {"max_states": 1000},
@@ -122,7 +122,7 @@ def test_random_programs_are_told_the_same_either_way(
     bound = replace(DEFAULT, memory=1 << 28)
     ends = engine.explore(bound)
     assert said(explore_by_quicker(engine, bound)) == said(ends)
-    middle = settings_between(engine, bound)
+    middle = replace(bound, between=True)
     for threads in (1, 2, 3):
         assert said(engine.explore(replace(middle, threads=threads))) == said(ends)
 
@@ -130,7 +130,7 @@ def test_random_programs_are_told_the_same_either_way(
 def test_where_memory_is_short_only_ends_are_stored_after_all() -> None:
     engine = engine_of("examples/gallery/two_robots.soter", "OldBatteries")
     little = replace(DEFAULT, memory=1800 << 10)
-    assert engine.explore(settings_between(engine, little)).status == "memory"
+    assert engine.explore(replace(little, between=True)).status == "memory"
     assert engine.explore(little).status == "exhausted"
     assert explore_by_quicker(engine, little).status == "exhausted"
 

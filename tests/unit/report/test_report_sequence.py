@@ -374,44 +374,6 @@ def test_the_same_view_gives_the_same_log(tmp_path: Path) -> None:
     write_log(sample.large(), tmp_path / "c.mcap")
 
 
-def test_steps_that_do_not_matter_are_told_and_pale() -> None:
-    view = sample.small()
-    assert "matter" not in "\n".join(table_text(view))
-    steps = tuple(dataclasses.replace(s, matters=s.number in {5, 7, 13}) for s in view.steps)
-    told = dataclasses.replace(view, steps=steps)
-    assert "3 of 14 steps matter (5, 7, 13): whatever the others choose" in "\n".join(
-        table_text(told)
-    )
-    written = page(told)
-    assert "3 of 14 steps matter" in written
-    assert written.count(" aside") > written.count("row violates")
-    assert re.search(r'class="row aside" id="row-6"', written)
-    assert re.search(r'class="row violates" id="row-13"', written)
-    assert re.search(r'<tr id="step-6" class="overrun aside">', written)
-    assert 'class="row aside"' not in page(view)
-    assert {c.tone for c in rows(told)[6]} == {"muted"}
-    many = dataclasses.replace(
-        view, steps=tuple(dataclasses.replace(s, matters=s.number == 13) for s in view.steps)
-    )
-    assert "1 of 14 steps matters (13):" in "\n".join(table_text(many))
-
-
-def test_steps_that_matter_are_marked_where_others_do_not() -> None:
-    view = sample.large(5, 60)
-    last = len(view.steps) - 1
-    sliced = [
-        dataclasses.replace(s, matters=s.number % 3 == 0, violates=k == last)
-        for k, s in enumerate(view.steps)
-    ]
-    made = rows(dataclasses.replace(view, steps=tuple(sliced)))
-    marked = {s.number for s, row in zip(sliced, made, strict=True) if row[-1].text == "•"}
-    assert marked == {
-        s.number for s in sliced if s.matters and not s.violates and s.kind != "start"
-    }
-    assert len(marked) > 3
-    assert all(row[-1].text != "•" for row in rows(view))
-
-
 def test_of_very_many_steps_the_first_and_the_last_are_told() -> None:
     view = sample.large(5, 60)
     whole, cut = table_text(view), table_text(view, most=20)

@@ -26,7 +26,6 @@ from soter.explore.model.exploration_plan import (
     make_plan,
 )
 from soter.explore.model.explorer_model import generate_model
-from soter.explore.model.symmetric_blocks import SymmetricInstances
 from soter.explore.search_options import (
     STATUSES,
     STEPS_MAX,
@@ -45,17 +44,14 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.core.layout import Bytes, Words
-    from soter.explore.checkpoints import Saver
     from soter.explore.engine.coverage import EngineProgress, Observations
-    from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System
 
 
 C_FOLDER = Path(__file__).parent / "c"
 FLAGS = ("-pthread",)
 C_TYPES = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
-soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
-uint64_t *, uint8_t *"""
+soter_explore_coverage *, soter_trace_step[], soter_broken[], uint64_t *, uint8_t *"""
 """The types that a search uses; cffi parses each name once beforehand, which takes 15 ms."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
@@ -192,7 +188,6 @@ class Engine:
         self.should_stop: Callable[[], bool] = lambda: False
         """Tells whether searches should end; asked ten times a second."""
         self.seen = empty_counters(system, self.generated)
-        self.equal = SymmetricInstances(system, lowered, self.generated)
 
     def close(self) -> None:
         """Frees the memory of kept configurations."""
@@ -212,12 +207,10 @@ class Engine:
         settings: EngineSettings,
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
-        saver: Saver | None = None,
     ) -> Searched:
         """Searches until the end, a bound or Ctrl-C; `look` is told ten times a second.
 
-        After `patience_s` seconds the search ends. `saver` stores it, and may let it go on from
-        there: `SoterError` D006, D012, D014.
+        After `patience_s` seconds the search ends.
         """
         coverage = self.coverage()
 
@@ -226,9 +219,7 @@ class Engine:
                 self.model, options, progress, coverage, result, trace, STEPS_MAX
             )
 
-        search_result = self._run(settings, look, search, patience_s, saver)
-        self.equal.spread(self.families(settings), self.seen)
-        return search_result
+        return self._run(settings, look, search, patience_s)
 
     def least(
         self,
@@ -256,26 +247,17 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         search: Callable[[Any, Any, Any, Any], None],
         patience_s: float = math.inf,
-        saver: Saver | None = None,
     ) -> Searched:
         self.close()
         options = self.options(settings)
-        if saver is not None:
-            saver.begin(self.ffi, options)
         progress = self.ffi.new("soter_explore_progress *")
         result = self.ffi.new("soter_explore_result *")
         trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)  # untouched pages cost nothing
         began = time.perf_counter()
-        try:
-            stopped = self.run_in_thread(
-                lambda: search(options, progress, result, trace), progress, look, patience_s, saver
-            )
-            seconds = time.perf_counter() - began
-            if saver is not None:
-                saver.end(progress, result)
-        finally:
-            if saver is not None:
-                saver.close()
+        stopped = self.run_in_thread(
+            lambda: search(options, progress, result, trace), progress, look, patience_s
+        )
+        seconds = time.perf_counter() - began
         self._kept = result.kept
         return replace(self._read_result(result, trace, seconds), stopped=stopped)
 
@@ -285,7 +267,6 @@ class Engine:
         progress: Any,  # noqa: ANN401 - cdata
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
-        saver: Saver | None = None,
     ) -> str:
         """Runs `do` in a thread of its own; what ended it early, "" where nothing did."""
         failures: list[BaseException] = []
@@ -300,7 +281,7 @@ class Engine:
                 done.set()
 
         threading.Thread(target=work, name="soter explorer").start()
-        stopped = self._await_end(done, progress, look, patience_s, saver)
+        stopped = self._await_end(done, progress, look, patience_s)
         if failures:
             raise failures[0]
         return stopped
@@ -311,7 +292,6 @@ class Engine:
         progress: Any,  # noqa: ANN401 - cdata
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
-        saver: Saver | None,
     ) -> str:
         """Waits for the search and returns what ended it; an interruption ends it in order.
 
@@ -326,8 +306,6 @@ class Engine:
                     seconds = time.perf_counter() - began
                     if not progress.stop and (self.should_stop() or seconds > patience_s):
                         progress.stop, stopped = 1, "interrupted" if self.should_stop() else "time"
-                    if saver is not None:
-                        saver.look(progress)
                     if look is not None and not progress.stop:
                         look(read_progress(progress, seconds))
             except KeyboardInterrupt:
@@ -365,19 +343,8 @@ class Engine:
                 "known": self._known,
                 "knowns": len(settings.known),
                 **(settings.noted.options(self.ffi) if settings.noted else {}),
-                **self.equal.options(self.ffi, self.families(settings)),
             },
         )
-
-    def families(self, settings: EngineSettings) -> tuple[Family, ...]:
-        """The equal instances that a search uses.
-
-        None where it looks for other violations than the known ones, which one instance may have
-        and the other not, or where it notes what it sees for parts that a property joins.
-        """
-        if settings.known or settings.noted is not None:
-            return ()
-        return self.equal.usable_families(settings, settings.part)
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
         """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""

@@ -22,7 +22,7 @@ import numpy as np
 from soter.explore.engine.coverage import Observations
 from soter.explore.engine.explorer_library import EngineSettings
 from soter.explore.model.exploration_plan import IndependentPart
-from soter.explore.search_options import PARTS, STATUSES, STORAGES, STRATEGIES
+from soter.explore.search_options import STATUSES, STORAGES, STRATEGIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -71,7 +71,7 @@ class ComposedSearch:
             return False
         if (settings.strategy, settings.storage) != ("bfs", "exact"):
             return False
-        return settings.reduction in PARTS and all(len(j.parts) <= MOST for j in loose.joints)
+        return settings.reduction == "all" and all(len(j.parts) <= MOST for j in loose.joints)
 
     def run(self, patience_s: float) -> list[Searched] | None:
         """The searches of the parts, the one that ended it last; None: too much for this way."""
@@ -194,9 +194,6 @@ def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
 
 RUN = 2_000
 """How many steps each of the two beginnings has: about what a thousand configurations take."""
-PLACES = 6
-"""From this many orders on equal instances change places: to sort two takes longer than to search
-both orders."""
 SHORT_OF_MEMORY = ("memory", "no_memory")
 CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 
@@ -271,17 +268,10 @@ def _pick_reduction(
     ends = engine.explore(replace(settings, max_ran=RUN, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:
         return ends
-    middle_settings = settings_between(engine, settings)
+    middle_settings = replace(settings, between=True)
     middle = engine.explore(replace(middle_settings, max_ran=RUN, threads=1), None, left_s)
     if middle.status != "states" or middle.stopped:
         return middle
     lead_ns = ends.covered_ns - middle.covered_ns
     combines = ends.combined * 2 > ends.transitions
     return settings if lead_ns > 0 or (lead_ns == 0 and combines) else middle_settings
-
-
-def settings_between(engine: Engine, settings: EngineSettings) -> EngineSettings:
-    """The search that stores what lies between ends of instants."""
-    orders = math.prod(math.factorial(len(f.blocks)) for f in engine.families(settings))
-    reduction = settings.reduction if orders >= PLACES else "parts"
-    return replace(settings, between=True, reduction=reduction)

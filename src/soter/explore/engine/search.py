@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.explore.checkpoints import COUNTS, no_checkpoint
 from soter.explore.engine.coverage import (
     Coverage,
     CoveredLeaf,
@@ -34,22 +33,19 @@ from soter.explore.engine.explorer_library import (
 )
 from soter.explore.engine.reductions import ComposedSearch, explore_by_quicker, with_other_parts
 from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
-from soter.explore.engine.trace_slice import Slicer
 from soter.explore.judge import INPUT, test_plan
-from soter.explore.search_options import PARTS, SAMPLING, SearchProgress
+from soter.explore.search_options import SAMPLING, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
 from soter.semantics.draws import fnv, leaf_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
     from soter.codegen.body import StepBranch
-    from soter.explore.checkpoints import Checkpoint, Saver
     from soter.explore.engine.explorer_library import Searched
     from soter.explore.model.exploration_plan import IndependentPart
-    from soter.explore.replay import Replayed
     from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
 
@@ -72,18 +68,13 @@ class Search:
         options: SearchOptions,
         progress: Callable[[SearchProgress], None] | None = None,
         should_stop: Callable[[], bool] | None = None,
-        checkpoint: Checkpoint | None = None,
     ) -> None:
-        """`should_stop`: whether somebody wants it to end; asked ten times a second.
-
-        `checkpoint`: where it is written, and what it goes on from.
-        """
+        """`should_stop`: whether somebody wants it to end; asked ten times a second."""
         self._system = system
         self.options = options
         self._settings = EngineSettings(**vars(options), closes=True)
         self._progress = progress
         self._time_s = math.inf if options.time is None else options.time
-        self._checkpoint = checkpoint
         self._engine = Engine(system)
         self._engine.should_stop = should_stop or self._engine.should_stop
         self._streams = {fnv(name): name for name in _choice_streams(system)}
@@ -94,8 +85,6 @@ class Search:
         self.unheard = self._engine.plan.unheard
         self.parts = 1
         """How many parts of the system the last search explored apart."""
-        self.equal: tuple[tuple[str, ...], ...] = ()
-        """The names of the instances that it took as equal."""
 
     def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
         return self
@@ -110,32 +99,16 @@ class Search:
 
         With `known` violations it looks for others, in all of the system.
         """
-        settings, self.equal = replace(self._settings, known=known), ()
+        settings = replace(self._settings, known=known)
         until = time.perf_counter() + self._time_s
-        if self._checkpoint is not None and not known:
-            return self._name_steps(
-                _sum_of_searches(self._run_with_checkpoint(settings, until, self._checkpoint))
-            )
         parts: tuple[IndependentPart | None, ...] = (None,)
-        if settings.reduction in PARTS and settings.strategy not in SAMPLING and not known:
+        if settings.reduction == "all" and settings.strategy not in SAMPLING and not known:
             apart = self._may_be_apart(settings)
             searches = self._run_composed(settings, until) if apart else None
             if searches is not None:
                 return self._name_steps(_sum_of_searches(searches))
             parts = self._engine.parts if apart else (None,)
         return self._name_steps(_sum_of_searches(self._run_parts(settings, parts, until)))
-
-    def _run_with_checkpoint(
-        self, settings: EngineSettings, until: float, checkpoint: Checkpoint
-    ) -> list[Searched]:
-        """A search with a checkpoint, for which parts that only properties join are one part."""
-        parts: tuple[IndependentPart | None, ...] = self._engine.parts
-        apart = settings.reduction in PARTS and len(parts) > 1
-        if checkpoint.parts is not None:
-            apart = checkpoint.parts > 1  # as it began
-        elif apart:
-            apart = not self._engine.violated_at_start(self._time_s)
-        return self._run_parts(settings, parts if apart else (None,), until, checkpoint)
 
     def _may_be_apart(self, settings: EngineSettings) -> bool:
         """Whether there are parts, and the start violates nothing that another part would show."""
@@ -161,25 +134,18 @@ class Search:
         settings: EngineSettings,
         parts: tuple[IndependentPart | None, ...],
         until: float,
-        checkpoint: Checkpoint | None = None,
     ) -> list[Searched]:
         """The searches of parts that share nothing, or of all of the system."""
         self.parts = len(parts)
         searches: list[Searched] = []
-        for number, part in enumerate(parts):
+        for part in parts:
             states_left = settings.max_states - sum(f.states for f in searches)
             own_settings = replace(
                 settings, part=part, max_states=states_left if settings.max_states else 0
             )
-            self.equal += tuple([f.names for f in self._engine.families(own_settings)])
             left_s = max(until - time.perf_counter(), 0.0)
-            if checkpoint is not None and number < len(checkpoint.ended_counts):
-                searches.append(_result_of_ended_part(checkpoint.ended_counts[number]))
-            else:
-                saver = (
-                    None if checkpoint is None else checkpoint.saver(number, len(parts), searches)
-                )
-                searches.append(self._run_engine(own_settings, left_s, saver))
+            look = self._make_report(minimising=False)
+            searches.append(explore_by_quicker(self._engine, own_settings, look, left_s))
             if searches[-1].status == "violated" and part is not None:
                 searches[-1] = with_other_parts(
                     self._engine, own_settings, searches[-1], searches[-1].steps
@@ -193,18 +159,6 @@ class Search:
             status = "states" if ended else searches[-1].status
             searches[-1] = replace(searches[-1], status=status, covered_ns=0)
         return searches
-
-    def _run_engine(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
-        """The search of one part, or of all; `SoterError` D012 for a checkpoint without sense."""
-        before_s = 0.0 if saver is None else saver.seconds
-        look = self._make_report(minimising=False, saver=saver)
-        if saver is None:
-            return explore_by_quicker(self._engine, once, look, left_s)
-        search_result = self._engine.explore(once, look, left_s, saver)
-        if search_result.status == "damaged":
-            assert self._checkpoint is not None
-            raise no_checkpoint(self._checkpoint.path, "it is of another search than it says")
-        return replace(search_result, seconds=search_result.seconds + before_s)
 
     def least(self, search_result: Found, patience_s: float) -> Found:
         """The least execution to the same violation; `status` is "violated" where it is one.
@@ -245,27 +199,17 @@ class Search:
             stopped=shrunk.stopped,
         )
 
-    def mark_steps(self, replayed: Replayed, search_result: Found) -> tuple[bool, ...]:
-        """For each step of a trace whether what was found to be violated depends on it."""
-        assert search_result.broken is not None
-        raw = [self._raw_step(s) for s in replayed.trace.steps]
-        slicer = Slicer(self._engine)
-        return slicer.mark_steps(raw, replayed.steps, search_result.broken, self._settings.seed)
-
     def _raw_step(self, step: Step) -> RawStep:
         numbers = {self._actor_name(i): i for i in range(len(self._engine.actors))}
         choices = tuple([RawChoice(fnv(c.stream), c.of, c.pick) for c in step.choices])
         kind = STEP_KINDS.index(step.kind)
         return RawStep(numbers.get(step.actor, -1), kind, step.release_ns, step.time_ns, choices)
 
-    def _make_report(
-        self, *, minimising: bool, saver: Saver | None = None
-    ) -> Callable[[EngineProgress], None] | None:
+    def _make_report(self, *, minimising: bool) -> Callable[[EngineProgress], None] | None:
         progress = self._progress
         if progress is None:
             return None
         name, began = test_plan(self._system).name, time.perf_counter()
-        began -= 0.0 if saver is None else saver.seconds
 
         def look(p: EngineProgress) -> None:
             spent = time.perf_counter() - began
@@ -281,7 +225,6 @@ class Search:
                     tracing=p.tracing,
                     answers=p.answers,
                     covered_ns=p.covered_ns,
-                    saved=0 if saver is None else saver.states,
                 )
             )
 
@@ -384,13 +327,6 @@ class Search:
             if isinstance(leaf_type, IntType):
                 low, high = max(low, leaf_type.low), min(high, leaf_type.high)
             yield CoveredLeaf(leaf_name(topic.name, path), leaf_type, low, high)
-
-
-def _result_of_ended_part(counts: Mapping[str, Any]) -> Searched:
-    """The result for a part whose search had ended before the checkpoint (`part_counts`)."""
-    numbers: dict[str, Any] = {name: int(counts[name]) for name in COUNTS}
-    seconds = float(counts["seconds"])
-    return SearchResult(status="exhausted", broken=None, steps=(), seconds=seconds, **numbers)
 
 
 def _sum_of_searches(searches: list[Searched]) -> Searched:

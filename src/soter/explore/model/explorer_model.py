@@ -51,8 +51,7 @@ KINDS = {
 class ExplorerModel:
     """The generated unit with its model.
 
-    `configuration_size`: in bytes; `leaves`: topic and path of the leaves for coverage, in order;
-    `fields`: label, first bit and width of each packed field.
+    `configuration_size`: in bytes; `leaves`: topic and path of the leaves for coverage, in order.
     """
 
     unit: Unit
@@ -61,7 +60,6 @@ class ExplorerModel:
     configuration_size: int
     bits: int
     leaves: tuple[tuple[int, tuple[str, ...]], ...]
-    fields: tuple[tuple[Label, int, int], ...] = ()
 
 
 def generate_model(
@@ -78,7 +76,6 @@ def generate_model(
         builder.configuration_size,
         builder.bits,
         tuple((x.topic, x.path) for x in builder.leaves),
-        fields=builder.fields,
     )
 
 
@@ -103,7 +100,6 @@ class _ModelBuilder(UnitBuilder):
         self.configuration_size = 0
         self.bits = 0
         self.leaves: list[_ModelLeaf] = []
-        self.fields: tuple[tuple[Label, int, int], ...] = ()
         self.held_at: dict[int, int] = {}
         self.symbol = ""
         self.configuration = ""
@@ -123,7 +119,6 @@ class _ModelBuilder(UnitBuilder):
             packing.bits,
             configurations.held_at,
         )
-        self.fields = tuple(packing.labelled)
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed_table()
         premise_functions, premises = self._premise_table()

@@ -105,7 +105,7 @@ class Footprints:
         if step is not None:
             self._add_footprint(step.footprint, effects)
             effects.writes |= set(map(_cell_label, step.footprint.writes))
-            effects.timed |= _reads_time(step_code(step))
+            effects.timed |= _reads_time(_step_code(step))
             effects.reads |= {("latched", component.index), ("control", component.index)}
             effects.writes |= {("latched", component.index), ("control", component.index)}
         effects.keeps |= component.node is not None
@@ -162,7 +162,7 @@ class Footprints:
 
     def property_reads(self, index: int) -> set[Label]:
         """The resources that a property reads; none for a contract, part of its node's step."""
-        if is_contract(self.system.properties[index]):
+        if _is_contract(self.system.properties[index]):
             return set()
         effects = Effects()
         self._add_predicate(self.core.properties[index], effects)
@@ -221,8 +221,8 @@ class Footprints:
 
 def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
     """All Core that runs, functions aside, which are pure."""
-    yield from (step_code(step) for step in lowered.nodes.values())
-    yield from (step_code(step) for step in lowered.plants.values())
+    yield from (_step_code(step) for step in lowered.nodes.values())
+    yield from (_step_code(step) for step in lowered.plants.values())
     predicates = list(lowered.properties)
     for d in lowered.decisions:
         predicates += [d.ttf, d.safer]
@@ -232,7 +232,7 @@ def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
         yield (*p.body, p.value)
 
 
-def step_code(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
+def _step_code(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
     """All statements that a step may run, in the order in which it runs them."""
     if isinstance(step, core.NodeStep):
         return (*step.takeover, *step.body, *(step.shield.body if step.shield else ()))
@@ -256,7 +256,7 @@ def _owns_queue(x: Component, queue: str) -> bool:
     return queue.startswith(f"{x.name}.")
 
 
-def is_contract(p: Property) -> bool:
+def _is_contract(p: Property) -> bool:
     """Whether a property is judged as a node steps."""
     return p.component is not None
 
@@ -275,7 +275,7 @@ def may_fault(system: System, lowered: core.CoreSystem, index: int) -> bool:
     ):
         return True
     faulty = {f.name for f in lowered.functions if f.can_fault}
-    return _has_faults(step_code(step), faulty) or any(
+    return _has_faults(_step_code(step), faulty) or any(
         isinstance(leaf, FloatType) or (isinstance(leaf, IntType) and bound is not None)
         for o in step.outputs
         for (_, leaf), bound in zip(leaves(o.type), o.bounds, strict=True)
@@ -315,7 +315,7 @@ def _samples_input(system: System, drive: InputDrive) -> bool:
 
 def _samples_draws(step: core.PlantStep) -> bool:
     """Whether a plant's step draws disturbances or measurement errors."""
-    used = {n.name for n in walk(step_code(step)) if isinstance(n, core.Var)}
+    used = {n.name for n in walk(_step_code(step)) if isinstance(n, core.Var)}
     draws = [d for name, _, some in step.disturbances if name in used for d in some]
     draws += [d for _, _, d in step.noise]
     return any(d.low < d.high for d in draws)

@@ -157,18 +157,6 @@ typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 #define SOTER_REDUCE_INSTANTS 4U
 #define SOTER_REDUCE_GROUPS 8U /* with instants */
 
-/* A row of bits of a packed configuration, 64 at most. */
-typedef struct {
-  uint32_t at, width;
-} soter_field;
-
-/* Equal instances: what stands in one block may change places with what stands in any other one,
- * field by field, and nothing else is different then (explore/model/symmetric_blocks.py). */
-typedef struct {
-  uint32_t blocks, fields;
-  const soter_field* field; /* [blocks * fields], block by block */
-} soter_family;
-
 /* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
  * component faulted (component), 3 a timed property (timed). */
 typedef struct {
@@ -200,16 +188,7 @@ typedef struct {
   const uint64_t*
       goal; /* [words]: an end with these noted bits violates `sought`; NULL: none does */
   soter_broken sought;
-  uint64_t noted_bytes;       /* that what is noted may take */
-  const soter_family* family; /* [families]: of configurations that differ by the places of equal
-                                 instances one is stored; of exhaustive searches. Blocks of one may
-                                 lie inside of those of a later one */
-  uint32_t families;
-  int save_to; /* a file descriptor, plus one, that breadth-first search writes itself to when it
-                  ends without a violation; 0: none */
-  const uint8_t*
-      resume; /* [resume_bytes]: what was written so; it goes on from there. NULL: it begins */
-  uint64_t resume_bytes;
+  uint64_t noted_bytes; /* that what is noted may take */
 } soter_explore_options;
 
 typedef enum {
@@ -222,8 +201,7 @@ typedef enum {
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
   SOTER_CHOOSY = 7,    /* a step asks for more than SOTER_CHOICES choices */
   SOTER_WIDE = 8,      /* a packed configuration takes more than SOTER_WORDS words */
-  SOTER_LONG = 9,      /* the trace has more steps than there is room for */
-  SOTER_DAMAGED = 10   /* options.resume is of no such search */
+  SOTER_LONG = 9       /* the trace has more steps than there is room for */
 } soter_explore_status;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
@@ -251,7 +229,6 @@ typedef struct {
   uint32_t chooser;      /* SOTER_CHOOSY: the actor; UINT32_MAX: the start */
   uint32_t depth;        /* steps of the longest execution seen */
   uint32_t length;       /* of the trace */
-  bool saved;            /* it was written to options.save_to */
   void* kept;            /* options.keep: for soter_explore_kept, until soter_explore_free */
 } soter_explore_result;
 
@@ -263,10 +240,6 @@ typedef struct {
   volatile uint64_t bytes;     /* of tables, frontiers and remembered steps */
   volatile int64_t covered_ns; /* everything before was judged (breadth first) */
   volatile uint64_t answers;   /* of one step that were tried so far, where they are very many */
-  volatile int save_to; /* set by another thread: a file descriptor, plus one, that breadth-first
-                           search writes itself to before it goes on; then 0 again, */
-  volatile uint32_t saved, unsaved; /* and one of these is one more: it was written, it cannot be */
-  volatile uint64_t saved_states;   /* of what was written last */
 } soter_explore_progress;
 
 typedef struct {

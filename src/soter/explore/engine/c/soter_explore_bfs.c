@@ -12,10 +12,8 @@
 #define _POSIX_C_SOURCE 200809L
 #include "soter_explore_bfs.h"
 
-#ifndef SOTER_AHEAD      /* tests stop anywhere */
-#define SOTER_AHEAD 32U  /* configurations that are expanded at once, */
-#define SOTER_TELL 4096U /* and between two looks at the bounds */
-#endif
+#define AHEAD 32U       /* configurations that are expanded at once, */
+#define TELL 4096U      /* and between two looks at the bounds */
 #define SUCCESSORS 256U /* successors of configurations that are expanded at once, more or less */
 #define OWED 16U        /* this part of a worker's memory is for what it found for others */
 #define LOOK 32768U     /* configurations taken in between two looks at the bounds */
@@ -56,34 +54,6 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
     w->broken = *broken;
     w->culprit = culprit;
     w->last = w->links.count - 1U; /* others may come after it */
-  }
-}
-
-/* What is looked up and stored for a configuration: with links it stays as it came, so that the way
- * to it is one that was gone. */
-static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* room) {
-  const soter_explore_options* const o = w->all->s->o;
-  if (o->families == 0U || !w->all->link) {
-    return packed; /* it was folded */
-  }
-  SOTER_CHECK(w->all->words <= SOTER_WORDS);
-  soter_copy_words(room, packed, w->all->words);
-  soter_fold(o, room);
-  return room;
-}
-
-/* Says what stands in the table for each successor. */
-static void name_successors(worker* w) {
-  const layered* const all = w->all;
-  const soter_successors* const h = &w->expander.successors;
-  const bool folds = all->link && all->s->o->families > 0U;
-  for (uint32_t k = 0; folds && k < h->count; k++) {
-    uint64_t room[SOTER_WORDS];
-    const uint64_t* const stored = stands_for(w, h->packed + (size_t)k * all->words, room);
-    soter_store_key(&w->store, stored, w->key + (size_t)k * all->words);
-  }
-  if (!folds) {
-    soter_store_keys(&w->store, h->packed, h->count, w->key, all->threads == 1U);
   }
 }
 
@@ -128,7 +98,6 @@ static void let_wait(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
   const bool fine = w->all->tables || soter_row_put(&w->next, packed, sleep, moves);
   w->next_ns = soter_earlier(w->next_ns, soter_time_of(w->all->s->m, packed));
   w->full = w->full || !fine;
-  w->torn = w->torn || !fine;
 }
 
 /* A new configuration: it is judged, and waits for the next layer. */
@@ -147,9 +116,7 @@ static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
   uint64_t again = 0U;
-  uint64_t room[SOTER_WORDS];
-  const uint64_t* const stored = stands_for(w, packed, room);
-  const int fresh = soter_store_put_key(&w->store, stored, key, &sleep, &again);
+  const int fresh = soter_store_put_key(&w->store, packed, key, &sleep, &again);
   if (fresh < 0) {
     w->full = true;
     return;
@@ -201,8 +168,7 @@ static uint32_t take_short_in(worker* w, const uint64_t* packed, uint32_t count,
 
 /* Whether configurations are a word each, and are stored as they are: many are put at a time. */
 static bool takes_short(const worker* w) {
-  const bool folds = w->all->s->o->families > 0U;
-  return soter_store_is_short(&w->store) && !(folds && w->all->link);
+  return soter_store_is_short(&w->store);
 }
 
 /* What is told in the end is what it took when it took most. */
@@ -280,15 +246,6 @@ static void receive_from(worker* w, soter_row* q) {
   soter_row_drop(q, i);
 }
 
-static void fold_successors(worker* w) {
-  const soter_explore_options* const o = w->all->s->o;
-  const soter_successors* const h = &w->expander.successors;
-  const bool folds = o->families > 0U && !w->all->link;
-  for (uint32_t k = 0; folds && k < h->count; k++) {
-    soter_fold(o, h->packed + (size_t)k * w->all->words);
-  }
-}
-
 /* Gives every successor of a word to its owner; a worker's own wait until they are many, at most
  * until others' are taken in. No branch asks whose one is: no machine knows beforehand. */
 static void hand_on_short(worker* w) {
@@ -349,12 +306,11 @@ static void hand_on(worker* w) {
   const uint32_t words = w->all->words;
   const soter_successors* const h = &w->expander.successors;
   w->taken += h->count;
-  fold_successors(w);
   if (takes_short(w)) {
     hand_on_short(w);
     return;
   }
-  name_successors(w);
+  soter_store_keys(&w->store, h->packed, h->count, w->key, w->all->threads == 1U);
   if (w->all->threads > 1U) {
     hand_over(w);
   }
@@ -427,7 +383,7 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 
 /* Whether configurations of the frontier are expanded many at a time. */
 static bool in_batches(const worker* w) {
-  const bool fine = w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
+  const bool fine = w->all->tables && w->expander.instant == NULL;
   return fine && w->batch > 0U && soter_store_is_short(&w->before);
 }
 
@@ -468,7 +424,7 @@ static uint32_t expand_batch(worker* w, uint64_t first) {
 static uint64_t expand_some(worker* w, uint64_t first) {
   layered* const all = w->all;
   const uint32_t words = all->words;
-  const uint64_t most = all->link ? 1U : SOTER_AHEAD;
+  const uint64_t most = all->link ? 1U : AHEAD;
   soter_successors* const h = &w->expander.successors;
   uint64_t i = first;
   uint64_t item[SOTER_WORDS + 2U];
@@ -496,21 +452,10 @@ static uint64_t expand_some(worker* w, uint64_t first) {
 
 /* ------------------------------------------------------------------ layers */
 
-/* Whether somebody wants the search written down, before it goes on. */
-static bool pauses(const layered* all) {
-  return all->saves && all->s->progress->save_to != 0;
-}
-
 /* Expands some configurations; where a successor may be lost they count as not expanded. */
 static void go_ahead(worker* w) {
-  const soter_cursor at = w->at;
   const uint64_t count = expand_some(w, w->expanded);
-  if (over(w)) {
-    w->at = at;
-    return;
-  }
-  w->expanded += count;
-  w->made = w->expander.transitions;
+  w->expanded += over(w) ? 0U : count;
 }
 
 /* Expands all of it, or until there is much that others have to take in. */
@@ -518,18 +463,16 @@ static void expand_layer(worker* w) {
   const uint64_t each = w->out[0].width * sizeof(uint64_t) * OWED;
   const uint64_t most = w->all->s->o->memory / w->all->threads / each + 1U;
   uint64_t told = w->expanded;
-  bool pause = false;
   SOTER_CHECK(w->expanded <= w->layer);
   w->owed = 0U;
-  while (w->expanded < w->layer && w->owed < most && !over(w) && !pause) {
+  while (w->expanded < w->layer && w->owed < most && !over(w)) {
     go_ahead(w);
-    pause = pauses(w->all);
-    if (w->expanded - told >= SOTER_TELL) {
+    if (w->expanded - told >= TELL) {
       told = w->expanded;
       tell(w);
     }
   }
-  w->rest = w->expanded < w->layer && !over(w) && !pause;
+  w->rest = w->expanded < w->layer && !over(w);
 }
 
 static void receive(worker* w) {
@@ -559,6 +502,15 @@ static soter_explore_status status_of(const layered* all, const worker* w) {
     return SOTER_STATES;
   }
   return w->expander.place.too_many ? SOTER_CHOOSY : SOTER_EXHAUSTED;
+}
+
+/* How many configurations wait for the next layer. */
+static uint64_t waiting(const layered* all) {
+  uint64_t count = 0U;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    count += all->tables ? all->w[k].fresh : all->w[k].next.count;
+  }
+  return count;
 }
 
 /* Before which time all was judged. */
@@ -601,47 +553,20 @@ static void decide(layered* all) {
   all->whole = is_whole(all);
   all->s->progress->covered_ns = covered(all);
   const bool ends = all->status != SOTER_EXHAUSTED;
-  const bool closed = soter_closed_look(all); /* also where it ends: what is written down says so */
-  all->done = all->done || ends || closed || (all->whole && soter_layers_waiting(all) == 0U);
+  const bool closed = !ends && soter_closed_look(all);
+  all->done = all->done || ends || closed || (all->whole && waiting(all) == 0U);
   all->depth += all->whole || ends ? 1U : 0U;
   count_steps(all);
 }
 
-/* Writes the search down, if it is one that can go on. */
-static bool write_down(const layered* all, int file) {
-  bool fine = all->born && all->status != SOTER_VIOLATED;
-  for (uint32_t k = 0; k < all->threads; k++) {
-    fine = fine && !all->w[k].torn;
-  }
-  return fine && soter_layers_write(all, file);
-}
-
-/* Where it was asked for, and at the end. */
-static void save(layered* all) {
-  soter_explore_progress* const p = all->s->progress;
-  if (pauses(all) && !all->done) {
-    if (write_down(all, p->save_to - 1)) {
-      p->saved_states = p->states;
-      p->saved++;
-    } else {
-      p->unsaved++;
-    }
-    p->save_to = 0;
-  }
-  if (all->saves && all->done && all->s->o->save_to != 0) {
-    all->s->result->saved = write_down(all, all->s->o->save_to - 1);
-  }
-}
-
 /* What comes after a layer, or a part of one, while nobody works: what all have taken in is known.
  */
-static void decide_and_save(void* to) {
+static void sum_and_decide(void* to) {
   layered* const all = to;
   for (uint32_t k = all->threads; k-- > 0U;) {
     tell(&all->w[k]); /* the first one, last, adds up */
   }
   decide(all);
-  save(all);
 }
 
 /* Forgets the table of a layer, or keeps it for who wants to see it. */
@@ -708,7 +633,7 @@ static void* work(void* argument) {
       soter_barrier_wait(&all->barrier, &patience, NULL, NULL);
       more = any_rest(all); /* all say the same: nobody goes on before the next wait */
       receive(w);
-      soter_barrier_wait(&all->barrier, &patience, more ? NULL : decide_and_save, all);
+      soter_barrier_wait(&all->barrier, &patience, more ? NULL : sum_and_decide, all);
     }
     if (all->whole && !all->done) {
       turn_over(w);
@@ -789,7 +714,6 @@ static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link)
   all->words = s->m->words;
   all->threads = threads < 1U ? 1U : threads > THREADS ? THREADS : threads;
   all->link = link;
-  all->saves = !link;
   all->forgets = true;
   for (uint32_t i = 0; i < s->m->actors; i++) {
     all->forgets = all->forgets && s->m->actor[i].overrun_ns == 0; /* it loses releases */
@@ -819,13 +743,9 @@ static bool take_births(void* to) {
   const soter_successors* const h = &first->expander.successors;
   bool fine = true;
   for (uint32_t k = 0; fine && k < h->count; k++) {
-    uint64_t* const packed = h->packed + (size_t)k * all->words;
+    const uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
-    uint64_t room[SOTER_WORDS];
-    if (!all->link) {
-      soter_fold(all->s->o, packed);
-    }
-    soter_store_key(&first->store, stands_for(first, packed, room), key);
+    soter_store_key(&first->store, packed, key);
     worker* const owner = &all->w[soter_owner_of(all, &first->store, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
@@ -852,24 +772,6 @@ static void be_born(layered* all) {
   }
 }
 
-static void begin(layered* all) {
-  const soter_explore_options* const o = all->s->o;
-  if (!all->saves || o->resume == NULL) {
-    be_born(all);
-    return;
-  }
-  all->born = true;
-  if (!soter_layers_read(all, o->resume, o->resume_bytes)) {
-    all->status = SOTER_DAMAGED;
-  }
-  for (uint32_t k = 0; k < all->threads; k++) {
-    weigh(&all->w[k]);
-  }
-  all->done = all->status == SOTER_DAMAGED || all->closing.closed_ns != 0 ||
-              (soter_layers_waiting(all) == 0U && is_whole(all)); /* it had come to its end */
-  count_steps(all);
-}
-
 /* On as many threads as the machine gives. */
 static void run(layered* all) {
   pthread_t other[THREADS];
@@ -880,7 +782,7 @@ static void run(layered* all) {
     made++;
   }
   all->threads = made;
-  begin(all);
+  be_born(all);
   soter_barrier_begin(&all->barrier, made);
   (void)work(&all->w[0]);
   for (uint32_t k = 1; k < made; k++) {

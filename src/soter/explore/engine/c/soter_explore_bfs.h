@@ -1,4 +1,4 @@
-/* soter_explore_bfs.h: breadth-first search, for the files that write it down and read it.
+/* soter_explore_bfs.h: breadth-first search, for the file that sees what comes again.
  *
  * Purpose: what its workers have. Non-goals: the search (soter_explore_bfs.c).
  */
@@ -32,19 +32,9 @@ typedef struct {
   int64_t closed_ns;         /* all that comes after was there before; 0: that is not known */
   uint64_t calendar;         /* the bits that entries have of it; 0: none, */
   soter_calendar counted;    /* else: steps until the last end of an instant that was looked for */
-  uint64_t more; /* configurations of this layer that an earlier piece of the search expanded */
   soter_turn* turn;
   uint32_t turns, room;
 } soter_closing;
-
-/* What is written of it: `from_ns`, ... are the model's. */
-typedef struct {
-  int64_t closed_ns, at_ns, anchored, again_ns;
-  uint64_t at, compare, same; /* of the layer that is expanded, or is next where it was whole; */
-  uint64_t digest, count;     /* its configurations */
-  uint64_t whole, turns;
-  uint64_t table; /* the layer that is kept follows */
-} soter_closing_kept;
 
 typedef struct worker {
   struct layered* all;
@@ -66,7 +56,6 @@ typedef struct worker {
   uint64_t* key;           /* of successors that are about to be put */
   uint32_t keys;
   bool broke, full;
-  bool torn; /* what its table has is lost for its frontier: this is nothing to go on from */
   soter_broken broken;
   void* kept;         /* tables of layers before */
   soter_store noted;  /* options.noted: what was seen of these bits */
@@ -74,8 +63,7 @@ typedef struct worker {
   soter_cursor at;    /* as far as this, */
   uint64_t layer;     /* so many configurations, */
   uint32_t batch;     /* of which so many are expanded at once, 0: one by one; */
-  uint64_t expanded;  /* of which so many are, and lost no successor, */
-  uint64_t made;      /* with so many transitions; */
+  uint64_t expanded;  /* of which so many are, and lost no successor; */
   bool rest;          /* others are to be, when what is theirs was taken in */
   uint64_t fresh;     /* and so many are in the next */
   uint64_t culprit;   /* links: the entry whose move breaks something */
@@ -100,7 +88,6 @@ typedef struct layered {
   worker w[THREADS];
   soter_barrier barrier;
   bool done;
-  bool saves; /* it may be asked to write itself down */
   bool born;  /* all that there is at the start was taken in */
   bool whole; /* the layer was expanded to its end */
   soter_explore_status status;
@@ -136,15 +123,6 @@ SOTER_INLINE uint32_t soter_owner_of(const layered* all, const soter_store* s,
   return (uint32_t)((h >> 32) * all->threads >> 32);
 }
 
-/* How many configurations wait for the next layer. */
-SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
-  uint64_t waiting = 0U;
-  for (uint32_t k = 0; k < all->threads; k++) {
-    waiting += all->tables ? all->w[k].fresh : all->w[k].next.count;
-  }
-  return waiting;
-}
-
 /* A worker's table of a layer. */
 SOTER_INLINE bool soter_layers_open_store(worker* w, soter_store* store) {
   const soter_search* const s = w->all->s;
@@ -164,21 +142,5 @@ void soter_closed_close(layered* all);
 bool soter_closed_look(layered* all);
 /* A worker begins a layer: `before`. Whether what it expanded last, `store`, was taken away. */
 bool soter_closed_turn(worker* w);
-
-/* What there is to be written, while nobody works. */
-soter_closing_kept soter_closed_kept(const layered* all);
-/* The table of a worker that is then written, too. */
-const soter_store* soter_closed_table(const layered* all, uint32_t id);
-/* Room for beginnings that were written; NULL: there is none. */
-soter_turn* soter_closed_room(layered* all, uint64_t turns);
-/* Goes on from what was written, when all tables were read. */
-void soter_closed_resume(layered* all, const soter_closing_kept* kept);
-
-/* Writes all that a search needs to go on, while nobody works; false: it cannot be written. */
-bool soter_layers_write(const layered* all, int file);
-
-/* Takes in what was written, on as many threads as there are now: they have nothing yet. False: it
- * does not fit this search. What does not fit into the memory leaves somebody `full` and `torn`. */
-bool soter_layers_read(layered* all, const uint8_t* from, uint64_t bytes);
 
 #endif

@@ -20,9 +20,8 @@ typedef struct {
   bool full, broke, by_a_move;
   bool over; /* stopped, out of memory, or a step has too many choices */
   soter_broken broken;
-  uint64_t last[SOTER_WORDS];   /* the configuration that violates */
-  uint64_t stored[SOTER_WORDS]; /* what stands for the one that is taken in */
-  uint64_t here[SOTER_WORDS];   /* the one that is expanded */
+  uint64_t last[SOTER_WORDS]; /* the configuration that violates */
+  uint64_t here[SOTER_WORDS]; /* the one that is expanded */
 } stack;
 
 static bool take_away(void* to);
@@ -50,9 +49,7 @@ static void close_stack(stack* t) {
 /* Takes a configuration in: what has to be expanded lies on top of the stack then. */
 static void take_in(stack* t, const uint64_t* packed, uint64_t sleep) {
   uint64_t again = 0U;
-  soter_copy_words(t->stored, packed, t->words);
-  soter_fold(t->s->o, t->stored); /* on the stack it stays as it came: that is a way */
-  const int fresh = soter_store_put(&t->store, t->stored, &sleep, &again);
+  const int fresh = soter_store_put(&t->store, packed, &sleep, &again);
   if (fresh < 0) {
     t->full = true;
     return;

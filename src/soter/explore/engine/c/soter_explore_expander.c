@@ -18,10 +18,6 @@ static uint32_t reductions(const soter_model* m, const soter_explore_options* o)
   if (m->timely) {
     sound &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
-  if (o->families > 0U && !soter_by_instants(m, o)) {
-    sound &=
-        ~SOTER_REDUCE_SLEEP; /* who sleeps in a configuration does not in the one that is stored */
-  }
   for (uint32_t i = 0; i < m->timeds; i++) {
     if (m->timely && m->timed[i].kind != SOTER_INVARIANT) {
       sound &= ~SOTER_REDUCE_AMPLE; /* it may add observations, and these keep promises */

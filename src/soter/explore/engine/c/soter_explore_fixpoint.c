@@ -92,14 +92,13 @@ void soter_closed_close(layered* all) {
 /* The number of the layer that was expanded is known: has it been there? */
 static void look_back(layered* all) {
   soter_closing* const c = &all->closing;
-  soter_turn now = {c->at_ns, 0U, c->more};
+  soter_turn now = {c->at_ns, 0U, 0U};
   for (uint32_t k = 0; k < all->threads; k++) {
     now.digest += all->w[k].digest;
     now.count += all->w[k].layer;
   }
-  const bool all_here = c->more == 0U; /* else a part of it was expanded before a cut: next time */
   const uint32_t first = c->turns > LOOK_BACK ? c->turns - LOOK_BACK : 0U;
-  for (uint32_t i = c->turns; all_here && i-- > first && c->anchored == 0;) {
+  for (uint32_t i = c->turns; i-- > first && c->anchored == 0;) {
     if (c->turn[i].digest == now.digest && c->turn[i].count == now.count) {
       c->take = true;
       c->anchored = now.at_ns;
@@ -146,7 +145,6 @@ bool soter_closed_look(layered* all) {
   c->at = next_ns >= c->from_ns && next_ns <= c->last_ns &&
           (next_ns - c->from_ns) % c->every_ns == 0 && is_of_ends(all);
   c->at_ns = next_ns;
-  c->more = 0U;
   c->compare = c->at && c->anchored != 0 && next_ns == c->again_ns;
   return c->closed_ns != 0;
 }
@@ -184,67 +182,4 @@ bool soter_closed_turn(worker* w) {
     close_anchor(w);
   }
   return c->take;
-}
-
-/* ------------------------------------------------------------------ on a disk */
-
-soter_closing_kept soter_closed_kept(const layered* all) {
-  const soter_closing* const c = &all->closing;
-  soter_closing_kept kept = {.closed_ns = c->closed_ns,
-                             .at_ns = c->at_ns,
-                             .anchored = c->anchored,
-                             .again_ns = c->again_ns,
-                             .at = c->at,
-                             .compare = c->compare,
-                             .same = 1U,
-                             .count = c->more,
-                             .whole = all->whole,
-                             .turns = c->turns,
-                             .table = c->on && c->anchored != 0 && (all->whole || !c->compare)};
-  for (uint32_t k = 0; k < all->threads; k++) {
-    kept.same = kept.same != 0U && all->w[k].same ? 1U : 0U;
-    kept.digest += all->w[k].digest;
-    kept.count += all->w[k].layer;
-  }
-  return kept;
-}
-
-const soter_store* soter_closed_table(const layered* all, uint32_t id) {
-  const soter_closing* const c = &all->closing;
-  const worker* const w = &all->w[id];
-  return c->take && all->whole ? &w->before : &w->anchor;
-}
-
-soter_turn* soter_closed_room(layered* all, uint64_t turns) {
-  soter_closing* const c = &all->closing;
-  c->turn = turns < UINT32_MAX / 2U ? calloc(turns + 1U, sizeof *c->turn) : NULL;
-  c->turns = c->room = c->turn != NULL ? (uint32_t)turns : 0U;
-  return c->turn;
-}
-
-void soter_closed_resume(layered* all, const soter_closing_kept* kept) {
-  soter_closing* const c = &all->closing;
-  if (!c->on) {
-    return;
-  }
-  c->closed_ns = kept->closed_ns;
-  c->at = kept->at != 0U;
-  c->at_ns = kept->at_ns;
-  c->compare = kept->compare != 0U;
-  c->anchored = kept->anchored;
-  c->again_ns = kept->again_ns;
-  c->more = kept->whole != 0U ? 0U : kept->count;
-  for (uint32_t k = 0; k < all->threads; k++) {
-    worker* const w = &all->w[k];
-    w->digest = k == 0U ? kept->digest : 0U;
-    w->same = kept->same != 0U;
-    if (kept->whole != 0U) {
-      begin(w);
-    } else {
-      c->more -= w->layer; /* what was expanded of it */
-    }
-    if (c->compare) {
-      close_anchor(w);
-    }
-  }
 }

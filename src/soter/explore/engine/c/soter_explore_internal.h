@@ -9,9 +9,7 @@
  * - soter_explore_instant.c: only ends of instants; _calendar.c whether that is all; _trace_steps.c
  *   the steps between two of them
  * - soter_explore_independent_groups.c: what groups of actors do in an instant, remembered
- * - soter_explore_symmetry.c: one configuration for all that differ by places of equal instances
  * - soter_explore_properties_across_parts.c: properties of parts that share nothing else
- * - soter_explore_checkpoint.c: breadth-first search on a disk, and back
  * - a file a strategy: _bfs, _random, _falsify; _replay
  * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
  */
@@ -284,21 +282,6 @@ void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t cou
 /* After a layer of a search: what has had no new entry for a while takes no more room than it
  * needs. */
 void soter_store_settle(soter_store* s);
-/* A table on a disk: per segment how many entries it has from a place on, and these, in their
- * order, so that another one with as much room takes them in one place after the other. */
-typedef void soter_store_pen(void* to, const void* bytes, uint64_t count);
-typedef struct {
-  uint64_t key[SOTER_WORDS];
-  uint64_t packed[SOTER_WORDS]; /* nothing, where it is a fingerprint */
-  uint64_t sleep;
-} soter_entry;
-uint64_t soter_store_count(const soter_store* s, uint32_t segment, soter_cursor from);
-void soter_store_write(const soter_store* s, uint32_t segment, soter_cursor from,
-                       soter_store_pen* pen, void* to);
-void soter_store_reserve(soter_store* s, uint32_t segment, uint64_t count);
-void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e);
-/* False: there is no memory. */
-bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e);
 /* Forgets all entries; the room for as many is kept. False: there is no memory. */
 bool soter_store_empty(soter_store* s);
 /* All stored configurations, in no order; returns how many there are. */
@@ -407,10 +390,6 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
 /* The same, or, where only ends of instants are stored, the ends that come next: no successor
  * sleeps. What breaks something in the middle is `broken`. */
 void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
-
-/* Puts the equal instances of a packed configuration into order: the configuration that is stored
- * for it. */
-void soter_fold(const soter_explore_options* o, uint64_t* packed);
 
 /* Whether all windows are points: every execution goes from one end of an instant to the next. */
 bool soter_has_instants(const soter_model* m);

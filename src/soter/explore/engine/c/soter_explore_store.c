@@ -759,68 +759,6 @@ bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t c
   return same;
 }
 
-/* ------------------------------------------------------------------ on a disk, entry by entry */
-
-/* Where the entries of a segment begin that are not before a place. */
-static uint64_t first_of(const soter_segment* g, uint32_t segment, soter_cursor from) {
-  return segment > from.segment ? 0U : segment < from.segment ? g->buckets * BUCKET : from.entry;
-}
-
-uint64_t soter_store_count(const soter_store* s, uint32_t segment, soter_cursor from) {
-  const soter_segment* const g = &s->segment[segment];
-  uint64_t before = 0U;
-  SOTER_CHECK(segment < s->segments);
-  for (uint64_t i = 0; segment == from.segment && i < from.entry; i++) {
-    before += is_empty(s, g->entry + i * s->bytes) ? 0U : 1U;
-  }
-  return segment < from.segment ? 0U : g->count - before;
-}
-
-void soter_store_write(const soter_store* s, uint32_t segment, soter_cursor from,
-                       soter_store_pen* pen, void* to) {
-  const soter_segment* const g = &s->segment[segment];
-  const uint64_t all = g->buckets * BUCKET;
-  uint64_t written = 0U;
-  for (uint64_t i = first_of(g, segment, from); i < all;) {
-    uint64_t end = i;
-    while (end < all && !is_empty(s, g->entry + end * s->bytes)) {
-      end++;
-    }
-    if (end > i) {
-      pen(to, g->entry + i * s->bytes, (end - i) * s->bytes);
-    }
-    written += end - i;
-    i = end + 1U;
-  }
-  SOTER_CHECK(written == soter_store_count(s, segment, from));
-}
-
-void soter_store_reserve(soter_store* s, uint32_t segment, uint64_t count) {
-  soter_segment* const g = &s->segment[segment];
-  const uint64_t enough = count / 7U + 16U;
-  SOTER_CHECK(segment < s->segments);
-  if (enough > g->buckets) {
-    (void)rebuild(s, g, enough); /* else it grows */
-  }
-}
-
-void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e) {
-  (void)memset(e->key, 0, s->words * sizeof e->key[0]);
-  (void)memcpy(e->key, entry, s->key);
-  e->sleep = 0U; /* it may be the last one: no load goes beyond it */
-  (void)memcpy(&e->sleep, entry + s->key, s->sleep);
-  if (!s->fingerprint) {
-    read_entry(s, entry, e->packed);
-  }
-}
-
-bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e) {
-  uint64_t again = 0U;
-  SOTER_CHECK(segment < s->segments);
-  return (s->fingerprint || belongs(s, e->packed)) &&
-         put_in(s, &s->segment[segment], e->key, &e->sleep, &again) >= 0;
-}
-
 /* ------------------------------------------------------------------ tables that outlive a search
  */
 
