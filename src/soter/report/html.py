@@ -14,6 +14,7 @@ import gzip
 import hashlib
 from html import escape
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,16 @@ POLICY = (
 
 BESIDE = POLICY.replace("script-src", "script-src 'self' file:")
 """The content security policy of a page whose drawing library lies beside it."""
+
+
+def require_report_package() -> None:
+    """`SoterError` D007 where the package that draws reports is not installed."""
+    if find_spec("plotly") is None:
+        raise mistake(
+            "D007",
+            "reports are drawn with the package `plotly`, which is not installed",
+            f"install it: {pip_install('report')}",
+        )
 
 
 def write_html(
