@@ -5,7 +5,8 @@ Purpose: *a result*, first in the file: a `JsonObject` makes from one list of fi
 and its schema. *Options*, behind it: an `Option` has range, unit, words and flag in one place.
 `made` makes the record from keywords, or reports every mistake as U001; `takes` gives the method
 that accepts them its signature and docstring. `NEEDS` of a record says which of its options do
-nothing without others, and `unused` reports them.
+nothing without others, and `unused` reports them; `GONE` says which a version before had, and
+`gone` what to do.
 Non-goals: which options there are (each room's record), command lines
 (`cli/terminal/command_line.py`), the schema, which `docs/site/json_schemas.py` reads off these
 lists.
@@ -288,6 +289,13 @@ def unused(
     return tuple(problems)
 
 
+def gone(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
+    """U001 for each flag that a version before had, with what to do: `GONE`, rows of both."""
+    told = {flag: what for row, what in getattr(record, "GONE", ()) for flag in row.split()}
+    asked = dict.fromkeys(flag for flag in flags if flag in told)
+    return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(told[f],)) for f in asked])
+
+
 def made(record: type[Record], given: Mapping[str, object]) -> Record:
     """The record of keywords; SoterError U001 with all wrong values, TypeError for a wrong name.
 
@@ -296,6 +304,8 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
     options, problems = options_of(record, keyword=True), []
     for name, value in given.items():
         if name not in options:
+            if told := gone(record, ("--" + name.replace("_", "-"),)):
+                raise SoterError(told)
             raise TypeError(f"got an unexpected keyword argument '{name}'")
         kind = options[name].kind
         if not kind.fits(value):

@@ -19,7 +19,6 @@ from soter.core.layout import group_field
 from soter.diagram.svg import picture as draw
 from soter.language.model.system import modules_above, tower_of
 from soter.report.html import inline_document, require_report_package, write_html
-from soter.report.run.live_diagram import LedLook, LedPicture
 from soter.report.run.record import (
     Chart,
     Decision,
@@ -30,12 +29,12 @@ from soter.report.run.record import (
     Violation,
 )
 from soter.report.run.signals import SERIES_MAX, value_series
+from soter.report.run.where_sc_leads import LedLook, LedPicture
 from soter.report.wording import count_text, prose
 from soter.simulate import decisions
 from soter.simulate.decisions import compile_looks
 from soter.simulate.result_assumptions import run_assumptions
 from soter.simulate.run_observer import decided_rows
-from soter.simulate.run_on_diagram import replay_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -160,8 +159,7 @@ def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
     """The page of one run."""
     chart = run_chart(run)
-    live = replay_rows(run, _thin_trace(run))
-    picture = Picture(draw(run.system, live=True), live, tube_pictures(run))
+    picture = Picture(draw(run.system), tube_pictures(run))
     return ReportPage(
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",

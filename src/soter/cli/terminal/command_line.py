@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, TypeAlias
 
 from soter.cli.terminal.console import Console, LineOfProgress
-from soter.diagnostics.command_records import Option, option, options_of
+from soter.diagnostics.command_records import Option, gone, option, options_of
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, Span, mistake
 
 if TYPE_CHECKING:
@@ -232,6 +232,8 @@ class CommandParser(argparse.ArgumentParser):
 
     def read(self, line: Sequence[str]) -> argparse.Namespace:
         """The arguments of a line; `written` has the names of those that stand there."""
+        if problems := gone(self.record, [word.partition("=")[0] for word in line]):
+            raise SoterError(problems)
         defaults = {action.dest: action.default for action in self._actions}
         dashed = {action.dest for action in self._actions if action.option_strings}
         args = self.parse_args(line, argparse.Namespace(**dict.fromkeys(defaults)))

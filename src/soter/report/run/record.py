@@ -17,7 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.report.run.live_diagram import LedPicture, Live
+    from soter.report.run.where_sc_leads import LedPicture
     from soter.report.templates import PageSection
 
 Vec3 = tuple[float, float, float]
@@ -235,14 +235,9 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing of the program, and what is replayed on it.
-
-    Elements of the SVG with a component's name in `data-component` are lit up, those with the key
-    of a row in `data-value` are filled. `led`: where the SC of each module would lead.
-    """
+    """A drawing of the program; `led`: where the SC of each module would lead."""
 
     svg: str
-    live: Live | None = None
     led: tuple[LedPicture, ...] = ()
 
 
