@@ -394,8 +394,8 @@ def page(e: Exploration, command: str) -> str:
     )
     grounds = [assumed_of_map(), *_silence(e), *e.run.notes, *run_assumptions(e.run.system)]
     items = "".join(f"<li>{prose(text)}</li>" for text in grounds)
-    shared = _of_reports("packed.js") + _of_reports("player.js")
-    scripts = shared + (HERE / "replay.js").read_text(encoding="utf-8")
+    own = [(HERE / name).read_text(encoding="utf-8") for name in ("player.js", "replay.js")]
+    scripts = "".join([_of_reports("packed.js"), *own])
     main = (
         f"<style>{_style()}</style>"
         '<header class="top"><h1>Safe exploration: what was known when</h1>'

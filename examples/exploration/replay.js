@@ -1,6 +1,6 @@
 // Replays an exploration: which cells were known, where the vehicle was, who was in control.
 // Purpose: a canvas; `window.exploredAt(t)` tells tests what is shown.
-// Non-goals: the player (`player.js` of the reports); the still picture, the strips over time: Python drew them.
+// Non-goals: the player (`player.js`); the still picture, the strips over time: Python drew them.
 "use strict";
 
 (() => {

@@ -3,7 +3,7 @@
 Purpose: turns times, parameters of traces and names of modules into the values that other packages
 take, with a diagnostic for wrong ones; computes `ttf` and `safer` of modules that have neither. It
 reads and formats sources, refuses before a run what could not be written after it, and writes
-sequences and advice, with every failure as a diagnostic.
+traces and advice, with every failure as a diagnostic.
 Non-goals: bindings and `params` of runs (`simulate/`), options of searches
 (`explore/search_options.py`); what stands in a log or on a page (`report/`).
 """
@@ -22,6 +22,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.explore.replay import Replayed
     from soter.explore.results import TestResult
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
@@ -191,7 +192,7 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
 
         require_log_package()
     if report is not None:
-        from soter.simulate.run_report import require_report_package  # noqa: PLC0415 - an extra
+        from soter.report.html import require_report_package  # noqa: PLC0415 - an extra
 
         require_report_package()
     for path in (log, report):
@@ -260,19 +261,21 @@ def write_sections(
 
 
 def write_test_page(result: TestResult) -> Path:
-    """Writes the sequence page of a violated test beside its trace, and returns its path."""
+    """Writes the page of a violated test beside its trace, and returns its path."""
     from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - see `soter.api`
 
     assert result.replayed is not None
     assert result.trace is not None
     view = make_sequence_view(result.replayed, VERSION, {"trace": str(result.trace)})
     path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
-    result.page = write_sequence(view, path, "html")
+    result.page = write_trace_page(result.replayed, view, path)
     return result.page
 
 
-def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
-    """Writes a sequence; `SoterError` D006 if it cannot be written, D007 without a package."""
-    from soter.report import trace_report  # noqa: PLC0415 - see `soter.api`
+def write_trace_page(replay: Replayed, view: SequenceView, path: Path) -> Path:
+    """Writes a trace as a page of runs; `SoterError` D006, and D007 without its package."""
+    from soter.explore.trace_page import trace_page  # noqa: PLC0415 - see `soter.api`
+    from soter.report.html import require_report_package, write_html  # noqa: PLC0415 - an extra
 
-    return (trace_report.write_page if kind == "html" else trace_report.write_log)(view, path)
+    require_report_package()
+    return write_html(trace_page(replay, view), path)

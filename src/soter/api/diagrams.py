@@ -1,12 +1,12 @@
 """The diagram of a system, as a public object.
 
-Purpose: `Diagram` is what `Program.diagram` returns and `soter show` writes; it can replay a log.
+Purpose: `Diagram` is what `Program.diagram` returns and `soter show` writes.
 Non-goals: drawing (`diagram/`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,8 +23,6 @@ class Diagram:
 
     system: str
     svg: str
-    flat: System | None = field(default=None, repr=False, compare=False)
-    """The system that is drawn; None for a diagram that was not made from one."""
 
     def _repr_svg_(self) -> str:
         """The SVG, which a notebook shows."""
@@ -44,19 +42,9 @@ class Diagram:
             raise mistake("D006", problem)
         return write_text(self.svg, target)
 
-    def write_replay(self, log: str | Path, path: str | Path) -> Path:
-        """Writes a page that replays a log of `soter run --log` on the diagram.
-
-        `SoterError` D006 if the log is of another system or the page cannot be written; D007.
-        """
-        from soter.simulate.run_on_diagram import write_log_page  # noqa: PLC0415 - see `soter.api`
-
-        assert self.flat is not None
-        return write_log_page(log, self.flat, path)
-
 
 def diagram_of(system: System) -> Diagram:
     """The diagram of a flat system."""
     from soter.diagram.svg import picture  # noqa: PLC0415 - see `soter.api`
 
-    return Diagram(system.name, picture(system), system)
+    return Diagram(system.name, picture(system))

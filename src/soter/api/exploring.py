@@ -89,6 +89,10 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
     After an interrupt it returns what was covered with `partial`, else raises KeyboardInterrupt.
     """
     options = made(SearchOptions, given)
+    if options.html:
+        from soter.report.html import require_report_package  # noqa: PLC0415 - an extra
+
+        require_report_package()
     program = checked.program
     assert program is not None
     tests = chosen(checked.tests, path, options.test)

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, params_from_json, write_sections, write_sequence
+from soter.api.arguments import complete, params_from_json, write_trace_page
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.arithmetic import require_plain
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from soter.certificate.report import Report as RecheckReport
     from soter.explore.replay import Replayed
     from soter.explore.trace import Trace
+    from soter.report.run.record import ReportPage
     from soter.report.sequence_view import SequenceView
     from soter.verify.counterexample import Replay as CounterexampleRun
 
@@ -107,7 +108,7 @@ class ReplayReport:
     counterexample: CounterexampleRun | None = None
 
     def view(self) -> SequenceView:
-        """The trace as the records from which pages, logs and tables are made.
+        """The trace as the records from which logs and tables are made.
 
         `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
         """
@@ -117,26 +118,56 @@ class ReplayReport:
             raise mistake(
                 "U001",
                 f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
-                "`soter replay --report` writes its last instants as a table",
+                "`soter replay --report` writes its last instants as a page",
             )
         return make_sequence_view(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
-        """Writes a trace's sequence, or a counterexample's table, as a page; `SoterError` D006.
+        """Writes the run as a page that shows where it violates; `SoterError` D006, D007.
 
         U001 if the run did not reproduce what the file says.
         """
-        run, file = self.counterexample, Path(path)
-        if run is not None:
-            same, head, rows = table_of(run)
-            about = PageSection("The last instants", (ROWS, same) if same else (ROWS,), head, rows)
-            write_sections(file, "soter replay", self.outcome, "bad", [about])
-            return file
-        return write_sequence(self.view(), Path(path), "html")
+        if self.counterexample is None:
+            view = self.view()
+            assert self.trace is not None
+            return write_trace_page(self.trace, view, Path(path))
+        from soter.report.html import require_report_package, write_html  # noqa: PLC0415 - an extra
+
+        require_report_package()
+        return write_html(_counterexample_page(self, self.counterexample), path)
 
     def write_mcap(self, path: str | Path) -> Path:
         """Writes the MCAP log of a trace; `SoterError` D006, D007, U001."""
-        return write_sequence(self.view(), Path(path), "mcap")
+        from soter.report.trace_log import write_log  # noqa: PLC0415 - an extra
+
+        return write_log(self.view(), path)
+
+
+def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> ReportPage:
+    """The last instants of a run that refutes a proof, as far as the prover kept them."""
+    from soter.diagram.svg import picture  # noqa: PLC0415 - see `soter.api`
+    from soter.report.run import counterexample_page as pages  # noqa: PLC0415 - needs NumPy
+
+    same, head, rows = table_of(run)
+    words, says = f"{report.outcome}.", (ROWS, same) if same else (ROWS,)
+    told = pages.Told(
+        title=report.program,
+        headline=words,
+        subtitle="",
+        violated=report.outcome.rpartition(" at ")[0],
+        notes=(),
+        assumptions=(),
+        provenance={
+            "program": report.program,
+            "program sha256": report.program_sha256,
+            "counterexample": report.path,
+            "soter": VERSION,
+        },
+        sections=(PageSection("The last instants", says, head, rows, len(rows) - 1),),
+        svg=picture(run.system),
+    )
+    instants = [pages.Instant(*(x[n] for n in pages.Instant._fields)) for x in run.steps]
+    return pages.counterexample_page(run.system, told, instants, run.time_ns / 1e9)
 
 
 def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:

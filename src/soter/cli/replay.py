@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces
-  soter replay late.trace.json --report late.html           to look at: lanes, topics, modes
+  soter replay late.trace.json --report late.html           to look at: signals, modes, steps
   soter replay late.trace.json --mcap late.mcap             for log tools
   soter replay late.trace.json --json | jq '.steps[-1]'
   soter replay .soter/cart-SafeCart.counterexample.json     of `soter verify`: a table, no --mcap
@@ -46,7 +46,9 @@ class Options:
     """Run a trace again, in the reference interpreter."""
 
     trace: str = file_option("TRACE", "a file of `soter test` or `soter verify`", told="trace")
-    html: str | None = report_option("the sequence", ENDING, "--report --html")
+    html: str | None = report_option(
+        "the run with the instant that violates", ENDING, "--report --html"
+    )
     mcap: str | None = option("--mcap PATH", None, "write the steps as an MCAP log")
 
 

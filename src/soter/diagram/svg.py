@@ -28,8 +28,6 @@ BETWEEN_PX = 44.0
 MARGIN_PX = 14.0
 LEGEND_WIDTH_PX = 400.0
 """The least width of the legend, about that of a phone."""
-MONO_PX = 6.7
-"""The width of a letter of a value, which is monospaced."""
 NARROW, WIDE = set("iljtfrI.,:;'|()[] "), set("mwMW@")
 LEGEND = (
     ("plant", "plant"),
@@ -46,13 +44,13 @@ STYLE = """
 .sd { --ink: #1a1f24; --muted: #5b646d; --paper: #fcfcfa; --panel: #ffffff;
   --rule: #9aa3ab; --line: #6d767e;
   --ac: #ad5500; --sc: #0a6ebd; --plant: #e6e2d6; --topic: #eceff1;
-  --frame: #f3f6f8; --back: #8a5a9e; --flash: #ffe08a;
+  --frame: #f3f6f8; --back: #8a5a9e;
   font-family: system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", Arial, sans-serif; }
 @media (prefers-color-scheme: dark) {
   .sd { --ink: #eceef0; --muted: #a3acb4; --paper: #14171a; --panel: #1f2429;
     --rule: #5d666e; --line: #8a939b;
     --ac: #f28e2b; --sc: #5aaeee; --plant: #3a372e; --topic: #2a3036;
-    --frame: #1a1f24; --back: #b98acb; --flash: #6b5400; } }
+    --frame: #1a1f24; --back: #b98acb; } }
 .sd text { font-size: 13px; fill: var(--ink); text-anchor: middle; }
 .sd .caption { font-size: 11px; fill: var(--muted); }
 .sd .frame-title { font-weight: 600; text-anchor: start; }
@@ -69,12 +67,8 @@ STYLE = """
 .sd .wire.up { stroke: var(--back); }
 .sd .head { fill: var(--line); stroke: none; }
 .sd .head.up { fill: var(--back); }
-.sd .step > rect, .sd .step > path { stroke: var(--ink); stroke-width: 4; stroke-dasharray: none; }
-.sd .step:not(.on) > rect, .sd .step > path { fill: var(--flash); }
-.sd .step:not(.on) > .caption { fill: var(--ink); }
 .sd .on > rect { fill: var(--ac); } .sd .sc.on > rect { fill: var(--sc); }
 .sd .on > text { fill: var(--paper); }
-.sd text.value { font-size: 11px; font-family: ui-monospace, "DejaVu Sans Mono", monospace; }
 """
 
 
@@ -129,11 +123,9 @@ def _size(part: Part) -> tuple[float, float]:
         wide = sum(w for w, _ in inner) + INSIDE_GAP * (len(inner) - 1) + 2 * FRAME_PAD
         high = max(h for _, h in inner) + TITLE_PX + 2 * FRAME_PAD
         return max(wide, text_width(part.title) + 2 * FRAME_PAD), high
-    rows = [row for rows in part.values for row in rows]
     widest = max(*(text_width(line) for line in part.lines), text_width(part.caption, 11.0))
-    widest = max([widest, *(MONO_PX * row.letters for row in rows)])
     high = LINE_PX * len(part.lines) + (CAPTION_PX if part.caption else 0.0) + 2 * PAD_Y
-    return max(widest + 2 * PAD_X, 46.0), high + CAPTION_PX * len(rows)
+    return max(widest + 2 * PAD_X, 46.0), high
 
 
 def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
@@ -196,20 +188,13 @@ def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
         texts.append(f'<text x="{middle:.1f}" y="{base:.1f}">{escape(line)}</text>')
         if cell.caption and i + 1 == len(cell.lines):
             base += CAPTION_PX + 1
-            texts.append(_small("caption", middle, base, cell.caption))
-        for row in cell.values[i] if cell.values else ():
-            base += CAPTION_PX
-            named = f'data-value="{escape(row.key, quote=True)}"' if row.paths or row.words else ""
-            texts.append(_small("value", middle, base, "" if named else row.label, named))
+            place_of = f'x="{middle:.1f}" y="{base:.1f}"'
+            texts.append(f'<text class="caption" {place_of}>{escape(cell.caption)}</text>')
         base += LINE_PX
     return (
         f'<g class="{cell.kind}" data-{what}="{names}">{_shape(cell.kind, place)}'
         f"{''.join(texts)}</g>"
     )
-
-
-def _small(kind: str, x: float, y: float, text: str, named: str = "") -> str:
-    return f'<text class="{kind}" {named} x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>'
 
 
 def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
@@ -297,9 +282,6 @@ def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
         )
 
 
-def picture(system: System, *, live: bool = False) -> str:
-    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text.
-
-    `live`: with empty rows, marked by `data-value`, for the values at one time.
-    """
-    return draw(graph_of(system, live=live))
+def picture(system: System) -> str:
+    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text."""
+    return draw(graph_of(system))

@@ -1,102 +1,23 @@
-"""A flat system as a graph of boxes and arrows, and the rows of numbers that its boxes hold.
+"""A flat system as a graph of boxes and arrows.
 
 Purpose: `DiagramGraph` has components and topics with their periods, and modules as frames around
 DM, AC and SC. Topics with the same writers and the same readers share a box, as nobody can follow
-twenty parallel arrows. A type becomes rows, each with the key under which a page finds its text.
-Non-goals: places (`layered_layout.py`), drawing (`svg.py`), the numbers (`simulate/`); arrows for
-what only properties read (the true state of a plant).
+twenty parallel arrows.
+Non-goals: places (`layered_layout.py`), drawing (`svg.py`); arrows for what only properties read
+(the true state of a plant).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    RecordType,
-    Type,
-    show_ns,
-)
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable
 
     from soter.language.model.system import Component, Module, System
-
-
-ROWS_MAX = 6
-"""How many rows of a topic or plant are shown; if there are more, the last one says so."""
-ROWS_TOGETHER_MAX = 3
-"""How many numbers of one unit stand in one row."""
-LETTERS = 8
-"""The letters of a number, as pages write it."""
-
-
-@dataclass(frozen=True)
-class ValueRow:
-    """`label`, then the values at `paths` (indices of fields and elements), then the `unit`.
-
-    `names`: those of the signals in reports. `words`: what 0, 1, ... stand for, where the values
-    are no numbers. Without paths the row is a text: `label`, or what a page fills in.
-    """
-
-    key: str
-    label: str
-    paths: tuple[tuple[int, ...], ...] = ()
-    names: tuple[str, ...] = ()
-    unit: str = ""
-    words: tuple[str, ...] = ()
-
-    @property
-    def letters(self) -> int:
-        """The length of its longest text."""
-        one = max((len(w) for w in self.words), default=LETTERS)
-        many = len(self.paths) or min(len(self.words), 1)
-        return len(self.label) + (one + 2) * many + len(self.unit)
-
-
-def rows_of(name: str, t: Type) -> tuple[ValueRow, ...]:
-    """The rows of a topic or a plant of this full name and type; lists have none."""
-    rows = list(_rows(name, "", t, ()))
-    if len(rows) > ROWS_MAX:
-        left = len(rows) - ROWS_MAX + 1
-        rows = [*rows[: ROWS_MAX - 1], ValueRow(f"{name} …", f"… and {left} more")]
-    return tuple(rows)
-
-
-def _rows(name: str, label: str, t: Type, path: tuple[int, ...]) -> Iterator[ValueRow]:
-    if isinstance(t, (FloatType, IntType)):
-        yield ValueRow(name, label, (path,), (name,), t.unit)
-    elif isinstance(t, BoolType):
-        yield ValueRow(name, label, (path,), (name,), words=("false", "true"))
-    elif isinstance(t, EnumType):
-        yield ValueRow(name, label, (path,), (name,), words=t.members)
-    elif isinstance(t, RecordType):
-        if path and (together := _together(name, label, t, path)) is not None:
-            yield together
-            return
-        for i, (n, f) in enumerate(t.fields):
-            yield from _rows(f"{name}.{n}", f"{label}.{n}" if label else n, f, (*path, i))
-    elif isinstance(t, ArrayType):
-        for i in range(t.size):
-            yield from _rows(f"{name}[{i}]", f"{label}[{i}]", t.element, (*path, i))
-
-
-def _together(name: str, label: str, t: RecordType, path: tuple[int, ...]) -> ValueRow | None:
-    """One row of a record of a few numbers of one unit; None of any other."""
-    numbers = [f for _, f in t.fields if isinstance(f, (FloatType, IntType))]
-    if not 1 < len(numbers) == len(t.fields) <= ROWS_TOGETHER_MAX:
-        return None
-    if len({number.unit for number in numbers}) > 1:
-        return None
-    paths = tuple((*path, i) for i in range(len(numbers)))
-    names = tuple(f"{name}.{n}" for n, _ in t.fields)
-    return ValueRow(name, label, paths, names, numbers[0].unit)
 
 
 @dataclass(frozen=True)
@@ -104,8 +25,7 @@ class DiagramBox:
     """A box with text: `lines` are titles, `caption` stands below them in small letters.
 
     `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
-    names of what is shown here, several where topics share a box. `values`: for each title the
-    rows below it that a page fills in while a run is replayed; () where nothing is replayed.
+    names of what is shown here, several where topics share a box.
     """
 
     key: str
@@ -113,7 +33,6 @@ class DiagramBox:
     lines: tuple[str, ...]
     caption: str = ""
     names: tuple[str, ...] = ()
-    values: tuple[tuple[ValueRow, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -158,66 +77,19 @@ TOGETHER_MAX = 9
 """How many names stand in one box of topics at most."""
 
 
-def graph_of(system: System, *, live: bool = False) -> DiagramGraph:
-    """The graph of a system: every component once, every topic of the program once.
-
-    `live`: with rows for the values of topics, plants and decision modules at one time.
-    """
+def graph_of(system: System) -> DiagramGraph:
+    """The graph of a system: every component once, every topic of the program once."""
     frames = _frames(system)
     framed = {cell.key for frame in frames for cell in cells(frame)}
     alone = [_component(c) for c in system.components if _key(c) not in framed]
     writers, readers = _writers(system), _readers(system)
     topics, boxes = _topics(system, writers, readers)
-    if live:
-        rows = live_rows(system)
-        frames = [_with_rows(frame, rows) for frame in frames]
-        alone, topics = (
-            [_with_value_rows(c, rows) for c in alone],
-            [_with_value_rows(c, rows) for c in topics],
-        )
     arrows: dict[Edge, None] = {}
     for topic, box in boxes.items():
         arrows |= dict.fromkeys(Edge(key, box) for key in writers[topic])
         arrows |= dict.fromkeys(Edge(box, key) for key in _arrow_ends(frames, readers[topic]))
     plants = frozenset(_key(c) for c in system.components if c.plant is not None)
     return DiagramGraph(f"System {system.name}", (*alone, *frames, *topics), tuple(arrows), plants)
-
-
-# ---------------------------------------------------------------- values
-
-
-def live_rows(system: System) -> dict[str, tuple[ValueRow, ...]]:
-    """The rows that a box has room for, by `t:TOPIC` or `c:COMPONENT`, by full names."""
-    shown = (system.topics[i] for i in _program_topics(system))
-    rows_by_key = {f"t:{topic.name}": rows_of(topic.name, topic.type) for topic in shown}
-    for c in system.components:
-        if c.plant is not None:
-            rows_by_key[_key(c)] = tuple(
-                replace(row, key=f"truth:{row.key}") for row in rows_of(c.name, c.plant.truth)
-            )
-    for m in system.modules:
-        rows_by_key[_key(system.components[m.dm])] = (
-            ValueRow(saw_key(m.name), "", words=("ttf safer",)),
-        )
-    return rows_by_key
-
-
-def saw_key(module: str) -> str:
-    """The key of the row that says what a decision module saw."""
-    return f"saw:{module}"
-
-
-def _with_value_rows(cell: DiagramBox, rows: Mapping[str, tuple[ValueRow, ...]]) -> DiagramBox:
-    first = "t" if cell.kind in ("topic", "input") else "c"
-    return replace(cell, values=tuple(rows.get(f"{first}:{name}", ()) for name in cell.names))
-
-
-def _with_rows(frame: ModuleFrame, rows: Mapping[str, tuple[ValueRow, ...]]) -> ModuleFrame:
-    inside = tuple(
-        _with_rows(p, rows) if isinstance(p, ModuleFrame) else _with_value_rows(p, rows)
-        for p in frame.inside
-    )
-    return replace(frame, inside=inside)
 
 
 # ---------------------------------------------------------------- components

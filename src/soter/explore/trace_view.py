@@ -1,8 +1,8 @@
-"""A replayed trace as the sequence view that the page, the log and the table show.
+"""A replayed trace as the sequence view that the log and the tables show.
 
 Purpose: `make_sequence_view` puts lanes, topics, modes and every step into the words and records of
 `report/sequence_view.py`.
-Non-goals: drawing (`report/sequence_drawing.py`); running anything (`replay.py`).
+Non-goals: the page (`trace_page.py`); running anything (`replay.py`).
 """
 
 from __future__ import annotations
@@ -19,17 +19,16 @@ from soter.report.sequence_view import (
     Published,
     SequenceStep,
     SequenceView,
-    TopicFlow,
     duration_text,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
     from soter.explore.judge import ScheduledActor
     from soter.explore.replay import Replayed, ReplayedStep
     from soter.explore.trace import Choice
-    from soter.language.model.system import Component, System
+    from soter.language.model.system import System
     from soter.report.sequence_view import Kind, Mode, Role
 
 KINDS = {BEGIN: "overrun"}
@@ -40,8 +39,6 @@ DROPS = {
     "drop_newest": "the new one is dropped",
     "fault": "the new one is lost, a fault of its reader",
 }
-ORDER = ("dm", "sc", "ac")
-"""The order of the lanes of a module."""
 
 
 def make_sequence_view(
@@ -67,9 +64,9 @@ def make_sequence_view(
         property_text=property_text(trace.broken.text),
         verdict=_verdict_sentence(replay),
         remark=_minimality_remark(replay),
-        lanes=_lanes(system, replay.actors),
+        lanes=tuple([_lane(system, a) for a in replay.actors]),
         steps=tuple(steps),
-        topics=tuple(_topic_flows(system)),
+        topics=tuple([t.name for t in system.topics if t.queue_of is None]),
         modes=tuple(
             [_module_modes(replay, i, steps[0].number) for i in range(len(system.modules))]
         ),
@@ -205,52 +202,12 @@ def _note(step: ReplayedStep, replay: Replayed) -> str:
 # ---------------------------------------------------------------- who is there
 
 
-def _lanes(system: System, actors: Iterable[ScheduledActor]) -> tuple[Lane, ...]:
-    """The lanes in the order of the actors, with those of a module together: DM, SC, AC."""
-    lanes = [_lane(system, a) for a in actors]
-    grouped: list[Lane] = []
-    for lane in lanes:
-        if lane.module is None:
-            grouped.append(lane)
-        elif lane not in grouped:
-            own = [other for other in lanes if other.module == lane.module]
-            grouped += sorted(own, key=lambda other: ORDER.index(other.role))
-    return tuple(grouped)
-
-
 def _lane(system: System, actor: ScheduledActor) -> Lane:
     module = None
     if actor.component is not None:
         index = system.components[actor.component].module
         module = None if index is None else system.modules[index].name
     return Lane(actor.name, cast("Role", actor.role), module)
-
-
-def _topic_flows(system: System) -> Iterable[TopicFlow]:
-    writers: dict[int, list[str]] = {index.index: [] for index in system.topics}
-    readers: dict[int, list[str]] = {index.index: [] for index in system.topics}
-    for component in system.components:
-        reads, writes = _reads_and_writes(system, component)
-        for index in reads:
-            readers[index].append(component.name)
-        for index in writes:
-            writers[index].append(component.name)
-    for drive in system.inputs:
-        writers[drive.topic].append(f"input.{system.topics[drive.topic].name}")
-    for topic in system.topics:
-        for queue in topic.queues:
-            readers[topic.index] += [n for n in readers[queue] if n not in readers[topic.index]]
-        if topic.queue_of is None:
-            flows = tuple(writers[topic.index]), tuple(readers[topic.index])
-            yield TopicFlow(topic.name, *flows)
-
-
-def _reads_and_writes(system: System, component: Component) -> tuple[list[int], list[int]]:
-    """Topics that a component reads and writes."""
-    if component.plant is not None or component.node is not None:
-        return component.reads, component.writes
-    assert component.module is not None, component.name
-    return list(system.modules[component.module].reads), []
 
 
 def _module_modes(replay: Replayed, module: int, first: int) -> ModuleModes:

@@ -9,11 +9,11 @@ from its results. In reading order:
   terminals and notebooks.
 - `templates.py` fills in the templates, which stand beside the code; `parts.html.j2` is shared.
 - `html.py` puts style and scripts (`assets/`) into a page; `atomic_write.py` writes files whole.
-- `run/` makes the report of a run: `record.py` is what a caller fills, `page.py` the page.
+- `run/` makes the report of a run: `record.py` is what a caller fills, `page.py` the page;
+  `counterexample_page.py` fills it for a run that violates, `signals.py` for both.
 - `proof_page.py` writes the proof report, and the page of `soter advise`.
 - `safety_case.py` holds a safety case as data; `safety_case_page.py` makes its page.
-- `sequence_view.py` holds a replayed trace as data, `sequence_drawing.py` draws it, and
-  `trace_report.py` writes its page and its log.
+- `sequence_view.py` holds a replayed trace as data and as a table, `trace_log.py` writes its log.
 - `mcap_log.py` writes a run as an MCAP log.
 - Two files read, so that the format stands in one room: `mcap_reading.py` reads MCAP files, for
   logs that are read back (`simulate/`), for flights that are checked (`certificate/`), and for logs

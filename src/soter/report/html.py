@@ -14,19 +14,20 @@ import gzip
 import hashlib
 from html import escape
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.report.atomic_write import atomic_write, own_place
-from soter.report.run.page import body, program_section
+from soter.report.run.page import body
 from soter.report.templates import packed, script_json
 from soter.version import pip_install
 
 if TYPE_CHECKING:
     import os
 
-    from soter.report.run.record import Json, Picture, ReportPage
+    from soter.report.run.record import Json, ReportPage
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -34,6 +35,16 @@ POLICY = (
 
 BESIDE = POLICY.replace("script-src", "script-src 'self' file:")
 """The content security policy of a page whose drawing library lies beside it."""
+
+
+def require_report_package() -> None:
+    """`SoterError` D007 where the package that draws reports is not installed."""
+    if find_spec("plotly") is None:
+        raise mistake(
+            "D007",
+            "reports are drawn with the package `plotly`, which is not installed",
+            f"install it: {pip_install('report')}",
+        )
 
 
 def write_html(
@@ -57,14 +68,6 @@ def write_html(
     if not script.is_file() or script.stat().st_size != len(library.encode()):
         write_text(library, script)
     return written
-
-
-def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLike[str]) -> Path:
-    """Writes a page that only has a diagram with a replay; errors as `write_html`."""
-    main = f'<header class="top"><h1>{escape(title)}</h1><p class="subtitle">{escape(note)}</p>'
-    main += f"</header>{program_section(picture)}"
-    script = f"<script>\n{asset_text('packed.js')}</script>\n{_replayed(main)}"
-    return write_text(_document(title, main, script), path)
 
 
 def inline_document(page: ReportPage) -> str:
@@ -126,7 +129,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
 {f'<script src="{escape(beside)}"></script>' if beside else f"<script>{drawing_library}</script>"}
 <script>
 {asset_text("packed.js")}{asset_text("report.js")}</script>
-{_replayed(main)}"""
+{_led_script(main)}"""
     return _document(page.title, main, scripts, policy=BESIDE if beside else POLICY)
 
 
@@ -138,12 +141,9 @@ def _packed_figure(figure: Json) -> Json:
     return {**figure, "data": data}
 
 
-def _replayed(main: str) -> str:
-    """The script of the player if the page has one, else ""."""
-    if 'class="player"' not in main:
-        return ""
-    led = asset_text("led.js") if 'class="led"' in main else ""
-    return f"<script>\n{asset_text('player.js')}{asset_text('replay.js')}{led}</script>\n"
+def _led_script(main: str) -> str:
+    """The script that draws where SC would lead if the page has that, else ""."""
+    return f"<script>\n{asset_text('led.js')}</script>\n" if 'class="led"' in main else ""
 
 
 def _document(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:

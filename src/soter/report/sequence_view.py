@@ -1,10 +1,10 @@
 """A replayed trace as plain data, and in words: who stepped when, what was chosen and published.
 
-Purpose: `SequenceView` is the record that the sequence page, its log and its table for a terminal
-are made from; page and terminal share the phrases, in which texts from outside are made harmless.
+Purpose: `SequenceView` is the record that the log of a trace and its tables, in a terminal and on a
+page, are made from; they share the phrases, in which texts from outside are made harmless.
 `table_text` has a line a step; the time stands where it changes, so instants are seen as groups.
-Non-goals: running or judging anything: the caller replays the trace and fills the records; HTML,
-the drawing (`sequence_drawing.py`), deciding whether colour is wanted.
+Non-goals: running or judging anything: the caller replays the trace and fills the records; HTML;
+deciding whether colour is wanted.
 
 Times are virtual, in nanoseconds. Values are texts, as the caller writes them for people.
 """
@@ -35,15 +35,6 @@ class Lane:
     name: str
     role: Role
     module: str | None = None
-
-
-@dataclass(frozen=True)
-class TopicFlow:
-    """A topic with the names of the lanes that write it and of those that read it."""
-
-    name: str
-    writers: tuple[str, ...] = ()
-    readers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,8 +109,8 @@ class SequenceStep:
 class SequenceView:
     """A trace to look at. `property_text` and `verdict` may hold code in backquotes.
 
-    `verdict`: one sentence; `remark`: another, whether the trace is the shortest. `lanes` stand in
-    this order, `steps` in the order they happened.
+    `verdict`: one sentence; `remark`: another, whether the trace is the shortest. `steps` stand in
+    the order they happened; `topics`: their names.
     `program_sha256`, `seed` and `tool_version` say what was replayed and by what; `provenance`
     adds names and values of one's own, such as the command.
     """
@@ -131,7 +122,7 @@ class SequenceView:
     verdict: str
     lanes: tuple[Lane, ...]
     steps: tuple[SequenceStep, ...]
-    topics: tuple[TopicFlow, ...] = ()
+    topics: tuple[str, ...] = ()
     modes: tuple[ModuleModes, ...] = ()
     assumptions: tuple[str, ...] = ()
     program_sha256: str = ""

@@ -66,12 +66,16 @@ def _environment() -> Environment:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A heading, sentences below it, and a table: rows of text under `head`."""
+    """A heading, sentences below it, and a table: rows of text under `head`.
+
+    `opens`: the number of the row at which the table opens, in a box that scrolls.
+    """
 
     title: str
     says: tuple[str, ...]
     head: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
+    opens: int | None = None
 
 
 def sections_main(title: str, headline: str, verdict: str, sections: Sequence[PageSection]) -> str:

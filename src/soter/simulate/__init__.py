@@ -18,6 +18,5 @@ Afterwards:
 - `explain_decision.py` finds *why* a DM decided so: which part of a predicate, on which values.
 - `result_assumptions.py` says what a result takes for granted, and what it does not show.
 - `run_log.py` writes a run as an MCAP log, and reads such a log back.
-- `run_fields.py` makes its plain data for `--json`, `run_report.py` its page with time lines,
-  `run_on_diagram.py` what the diagram of the system shows while a run or a log is replayed.
+- `run_fields.py` makes its plain data for `--json`, `run_report.py` its page with time lines.
 """

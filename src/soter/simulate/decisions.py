@@ -5,7 +5,7 @@ records for logs, reports and terminals. For a decision module with `rest`, `Tub
 predicates of a system and asks them again about a state, with a note behind each call of `flow`,
 `safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of the tube, and the part that is not
 shown. All arithmetic is that of the C that flies.
-Non-goals: deciding (the generated DM did), drawing (`report/run/live_diagram.py`).
+Non-goals: deciding (the generated DM did), drawing (`report/run/where_sc_leads.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, children
 from soter.native.shared_library import library
-from soter.report.run.live_diagram import FAILED
+from soter.report.run.where_sc_leads import FAILED
 from soter.semantics.configuration import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.explain_decision import (
     DecisionReason,

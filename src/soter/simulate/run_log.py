@@ -349,7 +349,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
         t = types.get(channel)
         if t is None:
             continue
-        value = logged_value(path, system, channel, t, message)
+        value = _logged_value(path, system, channel, t, message)
         if not record.times_ns or time_ns > record.times_ns[-1]:
             _keep(record, topics, states, since)
             record.times_ns.append(time_ns)
@@ -366,7 +366,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
     return record
 
 
-def logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
+def _logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
     """The value of a message of a log; `SoterError` D006."""
     try:
         return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)

@@ -10,29 +10,15 @@ that picture (`decisions.py`); what a module decides below one that is in SC.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.diagnostics.diagnostic import mistake
 from soter.diagram.svg import picture as draw
-from soter.language.evaluate.topic_ranges import limits
-from soter.language.model import typed
 from soter.language.model.system import modules_above, tower_of
-from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    FloatType,
-    IntType,
-    RecordType,
-    leaf_name,
-    leaves,
-)
-from soter.report.html import inline_document, write_html
-from soter.report.run.live_diagram import LedLook, LedPicture
+from soter.report.html import inline_document, require_report_package, write_html
 from soter.report.run.record import (
     Chart,
     Decision,
@@ -40,16 +26,15 @@ from soter.report.run.record import (
     Picture,
     ReportPage,
     Series,
-    Threshold,
     Violation,
 )
+from soter.report.run.signals import SERIES_MAX, value_series
+from soter.report.run.where_sc_leads import LedLook, LedPicture
 from soter.report.wording import count_text, prose
 from soter.simulate import decisions
 from soter.simulate.decisions import compile_looks
 from soter.simulate.result_assumptions import run_assumptions
 from soter.simulate.run_observer import decided_rows
-from soter.simulate.run_on_diagram import replay_rows
-from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -58,7 +43,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Type
     from soter.simulate.decisions import TubeLooks
     from soter.simulate.result import Run
 
@@ -143,25 +127,8 @@ def _led_picture(run: Run, looks: TubeLooks, module: Module) -> LedPicture:
     )
 
 
-SERIES_MAX = 24
-"""The most signals that are drawn below each other."""
-ELEMENTS_MAX = 7
-"""Arrays that are longer are not drawn; an arm has this many joints."""
 SAMPLES_MAX = 20_000
 """Longer runs are thinned: a screen has a few thousand columns."""
-SIGNAL_SHARE_MIN = 20
-"""A signal keeps at least one part in this many of its panel's height."""
-AXES = {"x", "y", "z"}
-
-
-def require_report_package() -> None:
-    """`SoterError` D007 where the package that draws reports is not installed."""
-    if find_spec("plotly") is None:
-        raise mistake(
-            "D007",
-            "reports are drawn with the package `plotly`, which is not installed",
-            f"install it: {pip_install('report')}",
-        )
 
 
 def write_report(
@@ -192,8 +159,7 @@ def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
     """The page of one run."""
     chart = run_chart(run)
-    live = replay_rows(run, _thin_trace(run))
-    picture = Picture(draw(run.system, live=True), live, tube_pictures(run))
+    picture = Picture(draw(run.system), tube_pictures(run))
     return ReportPage(
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
@@ -326,114 +292,8 @@ def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 
 def _value_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """All signals; plants' true states come first, as the properties are about them."""
-    demanded = _limits_by_signal(run.system)
-    measured = _measured_states(run.system)
-    compared = frozenset(measured.values())
-    for group in run.layout.groups:
-        component = run.system.components[group.owner] if group.owner >= 0 else None
-        if component is None or component.plant is None:
-            continue
-        states = trace[group_field(group)]
-        for state in component.plant.states:
-            for each in _signals(
-                f"{component.name}.{state.name}", state.type, states[state.name], ()
-            ):
-                own = replace(each, panel=each.name) if each.name in compared else each
-                yield _with_limits(own, demanded)
-    for topic in run.system.topics:
-        if topic.held:
-            continue
-        bounds = iter(topic.bounds)
-        levels = next(bounds, None)
-        marks: tuple[Threshold, ...] = ()
-        if isinstance(topic.type, (FloatType, IntType)) and levels is not None:
-            marks = (
-                Threshold("least declared", levels.low),
-                Threshold("greatest declared", levels.high),
-            )
-        for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
-            truth = measured.get(each.name)
-            held = replace(each, held=True, panel=each.panel if truth is None else truth)
-            yield _with_limits(held, demanded)
-
-
-def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
-    """The limits of each signal; a level that several properties demand is drawn once."""
-    thresholds_by_signal: dict[str, list[Threshold]] = {}
-    for limit in limits(system):
-        levels = thresholds_by_signal.setdefault(limit.signal, [])
-        same = [i for i, t in enumerate(levels) if t.value == limit.value]
-        for i in same:
-            if limit.by not in levels[i].label.split(", "):
-                levels[i] = Threshold(f"{levels[i].label}, {limit.by}", limit.value)
-        if not same:
-            levels.append(Threshold(limit.by, limit.value))
-    return thresholds_by_signal
-
-
-def _with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
-    """A signal with its limits that are in sight, beside its declared set."""
-    marks = _visible_levels(series.values, tuple(demanded.get(series.name, ())))
-    return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
-
-
-def _measured_states(system: System) -> dict[str, str]:
-    """For each signal of a topic the true state that it is, or that it measures."""
-    state_by_signal: dict[str, str] = {}
-    for x in system.components:
-        if x.plant is None:
-            continue
-        own = {v: f"{x.name}.{v.name}" for v in x.plant.states}
-        for topic, value in x.plant.drives:
-            name = system.topics[x.scope.topics[topic]].name
-            state_by_signal |= dict(_equal_states(name, value, own))
-    return state_by_signal
-
-
-def _equal_states(
-    name: str, e: typed.TypedExpr, own: Mapping[typed.Variable, str]
-) -> Iterator[tuple[str, str]]:
-    """Pairs of a driven signal and the plant's state that it equals, leaf by leaf."""
-    if isinstance(e, typed.VarRead) and e.variable in own:
-        for path, _ in leaves(e.type):
-            yield leaf_name(name, path), leaf_name(own[e.variable], path)
-    elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
-        order = e.order or range(len(e.elements))
-        for i, part in zip(order, e.elements, strict=True):
-            yield from _equal_states(f"{name}.{e.type.fields[i][0]}", part, own)
-    elif isinstance(e, typed.Aggregate) and isinstance(e.type, ArrayType):
-        for i, part in enumerate(e.elements):
-            yield from _equal_states(f"{name}[{i}]", part, own)
-
-
-def _visible_levels(
-    numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
-) -> tuple[Threshold, ...]:
-    """The levels to draw; none where with them the signal would look like a flat line."""
-    levels = [m.value for m in marks]
-    if not marks or not numbers.size:
-        return ()
-    low, high = float(np.min(numbers)), float(np.max(numbers))
-    whole = max(high, *levels) - min(low, *levels)
-    return () if 0 < high - low < whole / SIGNAL_SHARE_MIN else marks
-
-
-def _signals(
-    name: str, t: Type, values: npt.NDArray[np.void], marks: tuple[Threshold, ...]
-) -> Iterator[Series]:
-    """The signals of a value: its numbers and bools (0, 1); coordinates share a panel."""
-    if isinstance(t, (FloatType, IntType, BoolType)):
-        unit = "" if isinstance(t, BoolType) else t.unit
-        numbers = np.ascontiguousarray(values, dtype=np.float64)
-        limits_in_sight, held = _visible_levels(numbers, marks), not isinstance(t, FloatType)
-        yield Series(name, unit, numbers, panel=name, thresholds=limits_in_sight, held=held)
-    elif isinstance(t, RecordType):
-        together = {name_ for name_, _ in t.fields} <= AXES
-        for name_, field_type in t.fields:
-            for series in _signals(f"{name}.{name_}", field_type, values[name_], ()):
-                yield replace(series, panel=name) if together else series
-    elif isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
-        for index in range(t.size):
-            for series in _signals(f"{name}[{index}]", t.element, values[:, index], ()):
-                yield replace(series, panel=series.panel.replace(f"[{index}]", "", 1))
+    """All signals of topics and plants."""
+    owned = [(g, run.system.components[g.owner]) for g in run.layout.groups if g.owner >= 0]
+    plants = {x.name: trace[group_field(g)] for g, x in owned if x.plant is not None}
+    topics = {topic.name: trace["topics"][topic.name] for topic in run.system.topics}
+    return value_series(run.system, plants, topics)

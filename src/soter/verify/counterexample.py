@@ -120,10 +120,14 @@ def _choice_lines(choices: Choices) -> list[str]:
 
 @dataclass(frozen=True)
 class Replay:
-    """What the interpreter saw; `time_ns`: the instant outside C, or the end of the turn."""
+    """What the interpreter saw of `system`, the attacked one.
+
+    `time_ns`: the instant outside C, or the end of the turn.
+    """
 
     time_ns: int
     steps: tuple[dict[str, Any], ...]
+    system: System
 
 
 # ---------------------------------------------------------------- running
@@ -159,7 +163,7 @@ def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | No
     while run.next_ns <= until_ns:
         c = run.instant()
         if c.ct >= known_ns and run.is_unsafe():
-            return Replay(c.ct, run.steps())
+            return Replay(c.ct, run.steps(), variant)
     return None
 
 
@@ -190,7 +194,7 @@ def run_that_repeats(
         or began != run.repeating_state(module)
     ):
         return None
-    return Replay(until_ns, run.steps())
+    return Replay(until_ns, run.steps(), variant)
 
 
 class _AttackedRun:

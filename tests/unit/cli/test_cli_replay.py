@@ -87,7 +87,7 @@ def test_a_page_of_a_replay_keeps_what_the_verdict_rests_on(
     assert "nothing is said about times after the horizon, 120 ms" in page
     assert '<p class="kicker">corridor.soter · ' in page
     assert "No execution violates it in fewer steps" in page
-    assert "Violated after 12 steps, at 30&nbsp;ms." in page
+    assert "Violated after 12 steps, at 30 ms." in page
     document = json.loads(trace.read_text("utf-8"))
     del document["assumptions"], document["not_shortest"]  # as older versions wrote it
     trace.write_text(json.dumps(document), "utf-8")

@@ -52,18 +52,11 @@ def test_a_program_with_errors_has_no_picture(soter: Soter, here: Path) -> None:
     assert not (here / ".soter").exists()
 
 
-def test_a_log_is_replayed_on_a_page_and_one_of_another_system_is_refused(
-    soter: Soter, here: Path
-) -> None:
-    assert soter("run", "cart.soter", "--until", "1s", "--log", "cart.mcap").exit == 0
-    done = soter("show", "cart.soter", "--log", "cart.mcap", "-o", "replay.html", "--json")
-    assert (done.exit, done.document["page"], done.document["diagram"]) == (0, "replay.html", None)
-    page = (here / "replay.html").read_text()
-    assert 'id="live"' in page
-    assert "cart.mcap" in page
-    assert "The program was changed since" not in page
-    (here / "cart.soter").write_text((here / "cart.soter").read_text() + "// more\n")
-    assert soter("show", "cart.soter", "--log", "cart.mcap", "-o", "replay.html").exit == 0
-    assert "The program was changed since" in (here / "replay.html").read_text()
-    (here / "no.mcap").write_text("no log")
-    assert soter("show", "cart.soter", "--log", "no.mcap", "--json").codes == ["D006"]
+def test_replaying_a_log_is_refused_with_what_to_do(soter: Soter, here: Path) -> None:
+    for line in (("--log", "cart.mcap"), ("--log=cart.mcap", "-o", "cart.svg")):
+        done = soter("show", "cart.soter", *line, "--json")
+        assert (done.exit, done.codes) == (2, ["U001"])
+    said = soter("show", "cart.soter", "--log", "cart.mcap").err
+    assert "`--log` is gone" in said
+    assert "`soter run --report`" in said
+    assert not (here / "cart.svg").exists()

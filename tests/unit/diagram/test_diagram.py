@@ -193,13 +193,3 @@ def test_arrows_of_another_colour_are_in_the_legend_where_there_are_any(system: 
     svg = picture(system)
     upwards = 'class="wire up" data-from' in svg
     assert (">leads upwards<" in svg) == upwards
-
-
-def test_a_live_picture_has_a_row_for_everything_that_is_shown(system: System) -> None:
-    still, live = parsed(picture(system)), parsed(picture(system, live=True))
-    assert not [e for e in still.iter() if e.get("data-value")]
-    keys = [e.get("data-value") for e in live.iter() if e.get("data-value")]
-    assert len(keys) == len(set(keys))
-    assert {f"saw:{m.name}" for m in system.modules} <= set(keys)
-    plants = {c.name for c in system.components if c.plant is not None}
-    assert {p for p in plants for k in keys if str(k).startswith(f"truth:{p}.")} == plants

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import random
 import re
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from soter.report.run.figure_parts import DENSE_STEPS, arm_group, decision_hover
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
 from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
-from soter.report.templates import numbers
+from soter.report.templates import numbers, packed
 
 if TYPE_CHECKING:
     from soter.report.run.record import Figure, Flight, ReportPage
@@ -321,3 +322,29 @@ def test_steps_too_dense_to_tell_apart_are_a_pale_band(cart_page: ReportPage) ->
     opacity = {t["name"]: t["opacity"] for t in figure.data if "name" in t}
     assert opacity == {"valve": BAND_OPACITY, "door": 1.0, "speed": 1.0}
     assert count > DENSE_STEPS
+
+
+def unpacked(value: Any) -> list[float | None]:
+    """As `assets/packed.js` does it."""
+    if not isinstance(value, dict):
+        return list(value)
+    total, values = 0, []
+    for step in value["d"]:
+        total += step or 0
+        values.append(None if step is None else total / 10 ** value["e"])
+    return values
+
+
+def test_packed_lists_are_the_same_doubles() -> None:
+    rng = random.Random(5)  # noqa: S311 - which lists
+    for _ in range(200):
+        digits, size = rng.randrange(7), 10 ** rng.randrange(6)
+        given = [
+            None if rng.random() < 0.05 else round(rng.uniform(-size, size), digits) + 0.0
+            for _ in range(60)
+        ]
+        short = packed(given)
+        assert isinstance(short, dict)
+        assert unpacked(short) == given
+    for whole in ([1.0] * 50, ["a"] * 60, [True] * 60, [1e-20, 1.0] * 30, [float("inf")] * 60):
+        assert packed(whole) is whole

@@ -31,11 +31,6 @@ HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 PHONE_PX = 420
 READY = "document.querySelectorAll('#figure-chart-0 .main-svg').length > 0"
-LIT = "[...document.querySelectorAll('.on')].map((e) => e.dataset.component)"
-MOVE = (
-    "(() => { const m = document.getElementById('moment'); m.value = %s;"
-    " m.dispatchEvent(new Event('input')); })()"
-)
 
 
 @pytest.fixture(scope="module")
@@ -46,19 +41,13 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return program.write_report(program.simulate(until="10s"), path)
 
 
-def test_a_run_fits_a_phone_and_its_diagram_follows_the_slider(
-    report: Path, page: browser.Page
-) -> None:
+def test_a_run_fits_a_phone(report: Path, page: browser.Page) -> None:
     page.size(PHONE_PX, 900)
     page.open(report.as_uri())
     page.wait(READY)
     assert page.value("document.documentElement.scrollWidth") <= PHONE_PX
     lengths = page.value("document.getElementById('figure-chart-0').data.map((t) => t.x.length)")
     assert min(lengths[-6:]) > 50  # every signal has its times, also where they are written once
-    assert page.value(LIT) == ["SafeCart.Fast"]
-    page.value(MOVE % 2)
-    assert page.value(LIT) == ["SafeCart.Careful"]
-    assert page.value("document.querySelector('.player output').textContent") == "2.000 s"
     assert {r.split(":")[0] for r in page.requests} <= {"file", "data", "blob"}
     assert page.errors == []
 
@@ -103,7 +92,6 @@ def test_a_page_that_was_moved_alone_says_what_it_lacks(
     page.open(alone.as_uri())
     page.wait("document.readyState === 'complete'")
     assert "soter-plotly" in page.value("document.getElementById('figure-chart-0').textContent")
-    assert page.value(LIT) == ["SafeCart.Fast"]
 
 
 def proof_page(folder: Path) -> Path:

@@ -29,7 +29,6 @@ from soter.report.proof_page import (
 )
 from soter.report.safety_case_page import write_case
 from soter.report.templates import PageSection, sections_main
-from soter.report.trace_report import write_page as write_sequence
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -37,10 +36,10 @@ if TYPE_CHECKING:
 
     from soter.report.run.record import ReportPage
 
-sample = importlib.import_module("sequence_sample")
 case_of = importlib.import_module("test_report_assurance").case_of
 in_browser = importlib.import_module("test_report_in_browser")
 CART = in_browser.CART
+LATE = CART.parents[1] / "testing" / "late_sc.soter"
 HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
 WINDOWS = ((1300, "light"), (1300, "dark"), (420, "light"))
 DRAWN = (
@@ -63,8 +62,12 @@ def run_page(folder: Path) -> Path:
     return program.write_report(program.simulate("Unprotected", until="10s"), folder / "run.html")
 
 
-def sequence_page(folder: Path) -> Path:
-    return write_sequence(sample.small(), folder / "sequence.html")
+def trace_page(folder: Path) -> Path:
+    """More steps than there is room for: the table opens at the one that violates."""
+    program = soter.load(LATE)
+    (result,) = program.explore(test="Late", output=folder, html=True).tests
+    assert result.page is not None
+    return result.page
 
 
 def case_page(folder: Path) -> Path:
@@ -102,7 +105,7 @@ MADE = (
     run_page,
     in_browser.proof_page,
     in_browser.campaign_page,
-    sequence_page,
+    trace_page,
     case_page,
     advice_page,
     told_page,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from soter.api import Program
-from soter.report.run.live_diagram import FAILED
+from soter.report.run.where_sc_leads import FAILED
 from soter.simulate.decisions import GOOD, MOVES, REST, SAFE, _watch_function, compile_looks
 from soter.simulate.run_observer import decided_rows
 from soter.simulate.run_report import tube_pictures
@@ -27,7 +27,7 @@ FOLLOW = EXAMPLES / "evidence" / "follow.soter"
 TEXT = FOLLOW.read_text(encoding="utf-8")
 LATER_S = 1e-9
 MOVE = (
-    "(() => { const m = document.getElementById('moment'); m.value = %r;"
+    "(() => { const m = document.querySelector('figure.led input'); m.value = %d;"
     " m.dispatchEvent(new Event('input')); })()"
 )
 
@@ -225,15 +225,15 @@ def test_a_page_without_rest_has_none_of_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [420, 1300])
-def test_it_is_drawn_at_the_moment_of_the_player(
+def test_each_look_is_drawn_where_the_slider_is_at_it(
     report: tuple[Run, Path], page: browser.Page, width: int
 ) -> None:
     (drawn,) = pictured(report[1])
     page.size(width, 900)
     page.open(report[1].as_uri())
     page.wait("document.querySelectorAll('figure.led svg').length === 4")
-    for look in drawn["looks"][::29]:
-        page.value(MOVE % (look["t"] + 0.01))
+    for k, look in list(enumerate(drawn["looks"]))[::29]:
+        page.value(MOVE % k)
         assert page.value("document.querySelector('figure.led .told').innerHTML").endswith(
             look["told"]
         )

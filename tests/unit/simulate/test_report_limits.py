@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import soter
 from soter.language.evaluate.topic_ranges import limits
 from soter.language.front_end import check_file, system_of
+from soter.report.run import signals
 from soter.report.run.page import headline
 from soter.simulate import run_report
 from soter.simulate.run_report import report_page
@@ -108,7 +109,7 @@ def test_elements_of_short_arrays_are_drawn_each_with_its_estimate_and_limits(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "p.soter"
-    for size, drawn in ((2, True), (run_report.ELEMENTS_MAX + 1, False)):
+    for size, drawn in ((2, True), (signals.ELEMENTS_MAX + 1, False)):
         path.write_text(ARM.format(size=size, rates=[1.0] * size))
         (chart,) = report_page(soter.load(path).simulate(), "", {}).charts
         panels: dict[str, list[str]] = {}

@@ -123,7 +123,7 @@ def test_extras_that_are_not_installed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("soter.report.mcap_reading.find_spec", lambda _: None)
-    monkeypatch.setattr("soter.simulate.run_report.find_spec", lambda _: None)
+    monkeypatch.setattr("soter.report.html.find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         write_log(run, tmp_path / "a.mcap", "1")
     assert "pip install 'soter-rta[logs]'" in caught.value.diagnostics[0].helps[0]

@@ -1,7 +1,7 @@
-"""`soter show FILE`: draws a system, and replays a log on the diagram.
+"""`soter show FILE`: draws a system.
 
 Purpose: writes nodes, topics, modules and plants with their periods as an SVG to a file or to
-standard output; with `--log` a page that animates the log.
+standard output.
 Non-goals: time lines (`soter run --report`).
 """
 
@@ -24,9 +24,12 @@ EXAMPLES = """\
   soter show cart.soter -o cart.svg
   soter show drone.soter --system Protected --set d.PERIOD=20ms
   soter show cart.soter -o - > cart.svg    on standard output
-  soter show cart.soter --log cart.mcap -o cart.html    replay a log of `soter run --log`
 """
 STANDARD_OUTPUT = "-"
+NO_REPLAY = (
+    "logs are not replayed on the diagram any more: `soter run --report` draws a run over time, "
+    "and log tools open what `soter run --log` writes"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,23 +44,15 @@ class Options:
         None,
         "the SVG; by default .soter/PROGRAM-SYSTEM.svg; - is standard output",
     )
-    log: str | None = option(
-        "--log LOG", None, "a page that replays it, in a file, instead of an SVG"
-    )
-    NEEDS = (("!output=-", "log"),)
+    GONE = (("--log", NO_REPLAY),)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Draws the system, and writes the SVG or the page."""
+    """Draws the system, and writes the SVG."""
     program = loaded(args, console)
     shown = program.diagram(args.system, dict(args.params))
-    ending = "svg" if args.log is None else "html"
-    default = str(Path(".soter") / f"{Path(args.file).stem}-{shown.system}.{ending}")
-    path = args.output or default
-    if args.log is not None:
-        shown.write_replay(args.log, path)
-        console.say(f"page  {path}")
-    elif path == STANDARD_OUTPUT:
+    path = args.output or str(Path(".soter") / f"{Path(args.file).stem}-{shown.system}.svg")
+    if path == STANDARD_OUTPUT:
         console.say(shown.svg.rstrip())
     else:
         shown.write(path)
@@ -65,8 +60,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     fields = {
         "program_sha256": program.sha256,
         "system": shown.system,
-        "diagram": None if path == STANDARD_OUTPUT or args.log is not None else path,
+        "diagram": None if path == STANDARD_OUTPUT else path,
         "svg": shown.svg if path == STANDARD_OUTPUT else None,
-        "page": None if args.log is None else path,
     }
     return CommandOutcome(fields=fields)

@@ -1,4 +1,4 @@
-// Draws where SC would lead from the last look of a decision module, at the moment of the player.
+// Draws where SC would lead from the look of a decision module that its slider is at.
 // Purpose: boxes in the plane of the first two states, and of each state over the time to come.
 // Non-goals: computing boxes; the page has them.
 "use strict";
@@ -48,10 +48,9 @@
     return drawn.join("");
   }
 
-  const player = document.querySelector(".player");
   for (const figure of document.querySelectorAll("figure.led")) {
     const { names, units, scale, looks } = JSON.parse(figure.querySelector("script").textContent);
-    const [told, place] = [figure.querySelector(".told"), figure.querySelector(".drawn")];
+    const [chosen, told, place] = ["input", ".told", ".drawn"].map((what) => figure.querySelector(what));
     figure.style.margin = 0;
     place.style.cssText = "display:flex;flex-wrap:wrap;align-items:flex-start;gap:0 1rem";
     const of = (k) => (b) => [b[3 + 2 * k] / scale[k], b[4 + 2 * k] / scale[k]];
@@ -75,15 +74,8 @@
       const centre = Math.min(Math.max((low + high) / 2, middle(look, k) - half), middle(look, k) + half);
       return [centre - room / 2, centre + room / 2];
     }
-    let last = -1;
-
     function draw() {
-      const at = Math.max(soterLatest(looks, Number(player.querySelector("input").value) + 5e-5, (l) => l.t), 0);
-      if (at === last) {
-        return;
-      }
-      last = at;
-      const look = looks[at];
+      const look = looks[Number(chosen.value)];
       told.innerHTML = `Look at ${look.t.toFixed(3)} s: ${look.told}`;
       const drawings = [];
       if (names.length > 1) {
@@ -99,7 +91,7 @@
       });
       place.innerHTML = `${drawings.join("")}<div style="flex:1 1 300px">${bands.join("")}</div>`;
     }
-    new MutationObserver(draw).observe(player.querySelector("output"), { childList: true });
+    chosen.addEventListener("input", draw);
     draw();
   }
 })();

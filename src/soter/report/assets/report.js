@@ -143,6 +143,11 @@
     drawAll();
   });
 
+  for (const row of document.querySelectorAll("tr.here")) {
+    const box = row.closest(".tall");
+    box.scrollTop = row.offsetTop + row.offsetHeight - box.clientHeight;
+  }
+
   let pending = 0;
   window.addEventListener("resize", () => {
     window.clearTimeout(pending);

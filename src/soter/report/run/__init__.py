@@ -1,1 +1,1 @@
-"""The report page of a run: its records, figures, texts and the replay on the diagram."""
+"""The report page of a run: its records, figures and texts."""

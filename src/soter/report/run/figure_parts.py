@@ -33,16 +33,6 @@ if TYPE_CHECKING:
 AC_COLOUR, SC_COLOUR = "@ac", "@sc"
 
 
-def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
-    """Map each signal to the (figure, trace) that draws it first: the trace has its name."""
-    trace_by_signal: dict[str, tuple[int, int]] = {}
-    for i, figure in enumerate(figures):
-        for k, trace in enumerate(figure.data):
-            if "name" in trace:
-                trace_by_signal.setdefault(str(trace["name"]), (i, k))
-    return trace_by_signal
-
-
 def digits_of(values: NDArray[np.float64]) -> int:
     """How many decimals a drawing of (N,) values needs: those of a 10,000th of their span."""
     finite = values[np.isfinite(values)]

@@ -1,15 +1,14 @@
 """The report's HTML, section by section, in the order people read: result, evidence, grounds.
 
 Purpose: turns records into HTML through the templates in this folder, with headline, verdict and
-figures in words. The program is shown as its diagram with a player: strips of who was in control, a
-slider with its buttons, and the SVG, whose boxes the page's script fills with values and lights up.
+figures in words.
 Non-goals: judging: the counts come from the caller; drawing (`timeline.py`, a `SceneView`,
-`soter.diagram`), what is shown of a run (`live_diagram.py`), style and behaviour (`assets/`).
+`soter.diagram`), style and behaviour (`assets/`).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,15 +18,14 @@ from soter.report.run.figure_parts import (
     mode_bar,
     place,
     predicates_text,
-    signals_drawn,
 )
-from soter.report.run.live_diagram import Control, led_json, live_json
 from soter.report.run.timeline import chart_timeline, flight_timeline
+from soter.report.run.where_sc_leads import led_json
 from soter.report.templates import filled, script_json
 from soter.report.wording import count_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from soter.report.run.record import (
         Chart,
@@ -126,53 +124,13 @@ def longest_s(arms: Sequence[Flight | Chart]) -> float:
     return max((float(arm.time_s[-1]) for arm in arms), default=0.0)
 
 
-def program_section(
-    picture: Picture | None, drawn: Mapping[str, tuple[int, int]] | None = None
-) -> str:
-    """The section with the diagram, "" without a picture; a player if something is live.
-
-    `drawn`: signals whose numbers are in figures of the page, as (figure, trace).
-    """
+def _program_section(picture: Picture | None) -> str:
+    """The section with the diagram, and where SC would lead; "" without a picture."""
     if picture is None:
         return ""
-    live = picture.live if picture.live and picture.live.end_s > 0 else None
-    data = live_json(live, drawn) if live else {}
     return filled(
-        "report/run/program.html.j2",
-        picture=picture,
-        live=live,
-        data=data,
-        kept=_kept(data, live.end_s, drawn) if live else "",
-        bar=_bar,
-        script_json=script_json,
-        led_json=led_json,
+        "report/run/program.html.j2", picture=picture, script_json=script_json, led_json=led_json
     )
-
-
-def _kept(
-    data: Mapping[str, Any], end_s: float, drawn: Mapping[str, tuple[int, int]] | None
-) -> str:
-    """The sentence on how exactly the page knows the values in between."""
-    sparse = [r for r in data["values"] if "drawn" not in r and "t" not in r]
-    told = "Numbers that a time line draws are those of its points" if drawn else ""
-    if sparse:
-        grid = data["grid"]
-        count = len(grid["d"] if isinstance(grid, dict) else grid)
-        often = f"every {end_s / max(count - 1, 1):.3g} s"
-        rest = (
-            f"others that change oftener are known {often}"
-            if drawn
-            else (f"Values that change oftener are known {often}")
-        )
-        told = f"{told}; {rest}" if drawn else rest
-    return f"{told}; in between the one before stands." if told else ""
-
-
-def _bar(control: Control, end_s: float) -> str:
-    times = [t for t, _ in control.modes]
-    modes = [ac for _, ac in control.modes]
-    ends = np.array([*times, end_s]), np.array([*modes, *modes[-1:]], dtype=np.bool_)
-    return mode_bar(*ends, end_s)
 
 
 def body(page: ReportPage) -> tuple[str, list[Figure]]:
@@ -192,7 +150,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         scene=scene,
         flown=[(f.title, figure) for f, figure in zip(page.flights, flown, strict=True)],
         charted=[(c.title, figure) for c, figure in zip(page.charts, charted, strict=True)],
-        program=program_section(page.picture, signals_drawn(drawn)),
+        program=_program_section(page.picture),
         where_text=_where,
         change_text=change_text,
         count_text=count_text,

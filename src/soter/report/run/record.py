@@ -17,7 +17,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.report.run.live_diagram import LedPicture, Live
+    from soter.report.run.where_sc_leads import LedPicture
+    from soter.report.templates import PageSection
 
 Vec3 = tuple[float, float, float]
 Summary = Mapping[str, "float | int | str"]
@@ -181,7 +182,8 @@ class Chart:
     """One arm of a program without geometry, such as the cart before the wall.
 
     `time_s` (N,) increasing; `series`, `modes` on that axis; `summary` as in `Flight`;
-    `properties`: the text of each that was watched, None where that is not known.
+    `properties`: the text of each that was watched, None where that is not known; `opens`: of a
+    counterexample the part of the time (s) that is shown first, at whose end it is violated.
     """
 
     name: str
@@ -193,6 +195,7 @@ class Chart:
     violations: tuple[Violation, ...] = ()
     summary: Summary = field(default_factory=dict)
     properties: tuple[str, ...] | None = None
+    opens: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         count = _sample_count(self.time_s)
@@ -232,14 +235,9 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing of the program, and what is replayed on it.
-
-    Elements of the SVG with a component's name in `data-component` are lit up, those with the key
-    of a row in `data-value` are filled. `led`: where the SC of each module would lead.
-    """
+    """A drawing of the program; `led`: where the SC of each module would lead."""
 
     svg: str
-    live: Live | None = None
     led: tuple[LedPicture, ...] = ()
 
 
@@ -250,7 +248,8 @@ class ReportPage:
     `headline` is the result in a sentence; where empty it is composed from the summaries.
     `notes`: what a reader should know about it. `assumptions`: what it rests on, one text each.
     `provenance`: program hash, seed,
-    tool versions, command line ..., shown in this order. `picture`: the program.
+    tool versions, command line ..., shown in this order. `picture`: the program; `sections`: what
+    a command tells below it in sentences and tables.
     """
 
     title: str
@@ -264,6 +263,7 @@ class ReportPage:
     provenance: Mapping[str, str] = field(default_factory=dict)
     picture: Picture | None = None
     notes: tuple[str, ...] = ()
+    sections: tuple[PageSection, ...] = ()
 
     def __post_init__(self) -> None:
         if self.flights and self.scene is None:

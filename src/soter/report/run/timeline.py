@@ -72,7 +72,7 @@ DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
 class _Stack:
     """Rows of a figure from top to bottom, their y axes numbered as the library wants it."""
 
-    def __init__(self, heights_px: Sequence[int], end_s: float) -> None:
+    def __init__(self, heights_px: Sequence[int], shown_s: tuple[float, float]) -> None:
         self.height_px = sum(heights_px) + GAP_PX * (len(heights_px) - 1) + MARGIN_PX
         inner = self.height_px - MARGIN_PX
         tops = [sum(heights_px[:row]) + GAP_PX * row for row in range(len(heights_px))]
@@ -83,7 +83,7 @@ class _Stack:
         self.axes: Json = {
             "xaxis": axis(
                 "time / s",
-                range=[0, end_s],
+                range=list(shown_s),
                 anchor=self.name(len(heights_px) - 1),
                 showgrid=False,
             )
@@ -109,7 +109,7 @@ def flight_timeline(
     `clearance_range_m`: least and greatest clearance of all arms, so that they can be compared.
     """
     dense = [DENSITY_PX] if len(flight.decisions) > MARKS_MAX else []
-    stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3, *dense], end_s)
+    stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3, *dense], (0, end_s))
     data: list[Json] = []
     shapes = _band(stack, 0, flight.time_s, flight.in_control)
     stack.add_axis(0, visible=False, range=[0, 1], fixedrange=True)
@@ -156,7 +156,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     marked = bool(chart.violations)
     first = bands + len(dense) + marked
     heights = [BAND_PX] * bands + [DENSITY_PX] * len(dense) + [BAND_PX] * marked
-    stack = _Stack([*heights, *[PANEL_PX] * len(panels)], end_s)
+    stack = _Stack([*heights, *[PANEL_PX] * len(panels)], chart.opens or (0, end_s))
     chosen = _chart_indices(chart)
     data: list[Json] = []
     shapes: list[Json] = []
@@ -177,7 +177,11 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         data.append(_crosses(stack, row, chart.violations))
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         shapes += [_instant(violation.time_s) for violation in chart.violations]
-        notes.append(_panel_name(stack, row, violations_title(chart.violations)))
+        first_s = chart.violations[0].time_s
+        title = (
+            f"violated at {first_s:.6g} s" if chart.opens else violations_title(chart.violations)
+        )
+        notes.append(_panel_name(stack, row, title))
     for row, (title, series) in enumerate(panels, first):
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
@@ -185,6 +189,8 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         span, levels = levels_range(series), levels_of(series)
         ticks: Json = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
         notes.append(_panel_name(stack, row, title))
+        if chart.opens and chart.violations:
+            data.append(_violated_values(stack, row, chart, series))
         shapes += [_level(stack, row, value) for value in levels]
         if span:
             ticks["range"] = list(span)
@@ -450,6 +456,19 @@ def _crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
     """Cross out violations in a row of their own: a property is of no one signal."""
     told = [(violation.time_s, violation_hover(violation)) for violation in violations]
     return _markers(stack, row, violation_cross(10), told)
+
+
+def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Series]) -> Json:
+    """Cross each curve of a panel where the property is violated, with its value there."""
+    at_s = chart.violations[0].time_s
+    [index] = nearest_indices(chart.time_s, [at_s])
+    values = [float(each.values[index]) for each in series]
+    texts = [
+        f"{violation_hover(chart.violations[0])}<br>{escape(each.name)} = {value:.4g}"
+        for each, value in zip(series, values, strict=True)
+    ]
+    marks = _markers(stack, row, violation_cross(9), [(at_s, text) for text in texts])
+    return {**marks, "y": numbers(np.array(values), digits_of(np.array(values)))}
 
 
 def _markers(stack: _Stack, row: int, marker: Json, told: Sequence[tuple[float, str]]) -> Json:

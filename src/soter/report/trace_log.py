@@ -1,12 +1,10 @@
-"""Writes a replayed trace as an MCAP log, and as a page on which it can be read step by step.
+"""Writes a replayed trace as an MCAP log.
 
 Purpose: the log has every step as a message of `soter/steps`, every value that reached its topic
-under the topic's name, modes and decisions as in the log of a run; the same tools read both. The
-page says what failed and where in a sentence, and has the drawing with its legend, the same steps
-as a table, which serves readers without a script or without eyes, and what it rests on.
-Non-goals: structured values in the log (a topic whose values are all numbers, or all truth values,
-is logged as such, so that viewers plot it, any other as text), laying the drawing out
-(`sequence_drawing.py`), replaying.
+under the topic's name, modes and decisions as in the log of a run; the same tools read both.
+Non-goals: structured values (a topic whose values are all numbers, or all truth values, is logged
+as such, so that viewers plot it, any other as text); the page (`run/counterexample_page.py`),
+replaying.
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.report.html import document, write_text
 from soter.report.mcap_log import (
     BOOLEAN,
     INTEGER,
@@ -31,31 +28,8 @@ from soter.report.mcap_log import (
     object_schema,
     write_mcap,
 )
-from soter.report.sequence_drawing import (
-    GUTTER_PX,
-    MARKS,
-    body_svg,
-    gutter_svg,
-    head_groups,
-    plan,
-    unread,
-)
-from soter.report.sequence_view import (
-    Lane,
-    Mode,
-    SequenceStep,
-    SequenceView,
-    does,
-    duration_text,
-    explanation,
-    late_ns,
-    late_text,
-    published_text,
-    reached,
-    violating,
-)
-from soter.report.templates import filled
-from soter.report.wording import prose, visible
+from soter.report.sequence_view import Mode, SequenceStep, SequenceView, late_ns, reached
+from soter.report.wording import visible
 
 if TYPE_CHECKING:
     import os
@@ -137,7 +111,7 @@ def _step_message(step: SequenceStep) -> Message:
 
 def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
     """Return a channel for each topic that is named or got a value, in that order."""
-    values: dict[str, list[tuple[SequenceStep, str]]] = {topic.name: [] for topic in view.topics}
+    values: dict[str, list[tuple[SequenceStep, str]]] = {name: [] for name in view.topics}
     for step in view.steps:
         for published in reached(step):
             values.setdefault(published.topic, []).append((step, published.value))
@@ -193,73 +167,3 @@ def modes_around(
     modes = next((each.modes for each in view.modes if each.module == module), ())
     mode = next((mode for number, mode in reversed(modes) if number <= step.number), None)
     return mode, mode
-
-
-ROLES = {
-    "plant": "plant",
-    "dm": "DM",
-    "ac": "AC",
-    "sc": "SC",
-    "node": "node",
-    "input": "input",
-}
-PAPER_PX = 690
-"""Width of the page in print, as in `assets/report.css`."""
-TIME = re.compile(r"(\d) (ns|us|µs|ms|s)\b")
-
-
-def write_page(view: SequenceView, path: str | os.PathLike[str]) -> Path:
-    """Write the page to `path` and return it; it needs no network. `SoterError` D006."""
-    return write_text(page(view), path)
-
-
-def page(view: SequenceView) -> str:
-    """Return the whole file as text; the same view gives the same text."""
-    laid, steps = plan(view), view.steps
-    width = GUTTER_PX + laid.width
-    facts = {
-        "program": view.program,
-        "program sha256": view.program_sha256,
-        "system": view.system,
-        "test": view.test,
-        "seed": str(view.seed),
-        "soter": view.tool_version,
-        **view.provenance,
-    }
-    main = filled(
-        "report/sequence_page.html.j2",
-        view=view,
-        failing=violating(view),
-        explanation=explanation(view),
-        unbroken=_unbroken,
-        marks=MARKS,
-        roles=ROLES,
-        unread=any(unread(view, step) for step in steps),
-        late=any(late_text(step) for step in steps),
-        told=dict.fromkeys((lane.name, ROLES[lane.role]) for lane in view.lanes),
-        laid=laid,
-        width=width,
-        share=min(PAPER_PX / width, 1.0),
-        gutter_px=GUTTER_PX,
-        groups=head_groups(view.lanes),
-        short=_short,
-        drawn=gutter_svg(laid) + body_svg(laid),
-        late_text=late_text,
-        duration_text=duration_text,
-        does=does,
-        published_text=published_text,
-        facts={visible(name): visible(value) for name, value in facts.items() if value},
-    )
-    return document(f"{visible(view.test)}: a sequence", main, "sequence")
-
-
-def _unbroken(text: str) -> str:
-    """Escape a text for HTML, and keep a number and its unit on one line."""
-    return TIME.sub(r"\1&nbsp;\2", prose(visible(text)))
-
-
-def _short(lane: Lane) -> str:
-    """The name of a lane within its module; "" where it only repeats its role."""
-    inside = lane.module is not None and lane.name.startswith(f"{lane.module}.")
-    name = lane.name[len(lane.module or "") + 1 :] if inside else lane.name
-    return "" if name.lower() == ROLES[lane.role].lower() else name
