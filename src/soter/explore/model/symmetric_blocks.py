@@ -172,8 +172,6 @@ class _Swap:
         m, n = self.system.modules[a], self.system.modules[b]
         for i, j in ((m.dm, n.dm), (m.ac, n.ac), (m.sc, n.sc)):
             self.add("component", i, j)
-        if m.over is not None and n.over is not None:
-            self.add("module", m.over, n.over)
 
     def _swap_namers(self, a: int, b: int) -> None:
         """Swaps the components that name one of two topics; a component that names both stays."""

@@ -222,7 +222,6 @@ class RenamingCheck:
             frozenset([r.topic(t) for t in m.inputs]),
             frozenset([r.topic(t) for t in m.outputs]),
             m.forced,
-            r.module(m.over),
             *(None if t is None else r.topic(t) for t in (m.latch, m.acknowledgement)),
         )
 
