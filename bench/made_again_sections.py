@@ -118,8 +118,6 @@ SMALL = {
     "A closed-loop adversary against shields": Small("--runs 20"),
     "Topics that fall silent one by one": Small(apart=MINUTES),
     "Shields that are wrong": Small("--steps 100000"),
-    "Towers flown against": Small("--towers 1 --flights 2"),
-    "The drone's tower under faults": Small("--hours 0.1", flights=6),
     "Holes put back into the prover": Small(apart=MINUTES),
     "The same adversaries against an engine that is not told everything": Small("--problems 1"),
     "Verify, recheck and run against each other": Small("--modules 4 --stiff 1"),

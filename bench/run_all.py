@@ -217,14 +217,6 @@ BENCHMARKS = (
         last="^flights|^programs",
     ),
     Benchmark("Shields that are wrong", "bench/adversary/against_shields.py --wrong"),
-    Benchmark(
-        "Towers flown against", "bench/adversary/towers.py --towers 14 --flights 12", last="proved"
-    ),
-    Benchmark(
-        "The drone's tower under faults",
-        "-m soter campaign examples/drone/tower.soter --system Faulty --hours 10",
-        last="violations;",
-    ),
     Benchmark("Holes put back into the prover", "bench/adversary/against_proofs.py --holes"),
     Benchmark(
         "The same adversaries against an engine that is not told everything",

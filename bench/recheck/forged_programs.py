@@ -16,7 +16,6 @@ from unit.certificate.test_nodes_that_take_time import SAID, TAKES
 from unit.certificate.test_polytope_certificates import program as polytope_program
 from unit.certificate.test_recheck_induction import PLANNER
 from unit.verify.test_composition import COUPLED
-from unit.verify.towers import TOWER
 
 OTHERS = SYSTEM + FORCED + "system T { set GAIN = 8.9; p: P; module M; until 10s; }\n"
 OUTSIDE = (
@@ -47,7 +46,6 @@ PROGRAMS: dict[str, tuple[str, str]] = {
     "inherited": ("inherited", SMALL["computed"] + OUTSIDE),
     "taking": ("inherited", SMALL["flying"].replace(*SAID).replace(*TAKES)),
     "composed": ("composed", COUPLED),
-    "tower": ("composed", TOWER),
 }  # fmt: skip
 """By name the family, and the text."""
 OPEN = ("in part", "untold")
@@ -93,15 +91,10 @@ FACTS: tuple[tuple[str, str, str], ...] = (
     ("slower node", r"node Driver period 5ms", "node Driver period 25ms"),
     ("older topic", r"topic force: float", "topic force: float max_age 500ms"),
     ("another world", r"p: world\.truth\.q", "p: 0.5 * world.truth.q"),
-    ("above lets go later", r"safer abs\(x\) < 1\.6", "safer abs(x) < 2.5"),
-    ("above takes over later", r"ttf abs\(x\) > 1\.7", "ttf abs(x) > 2.9"),
-    ("above is slower", r"sc Back;\n  period 50ms", "sc Back;\n  period 200ms"),
-    ("below keeps less", r"safe abs\(x\) < 2\.0", "safe abs(x) < 1.7"),
-    ("below wakes late", r"ttf abs\(x\) > 1\.8", "ttf abs(x) > 1.99"),
     ("more cells of commands", r"shield 4", "shield 5"),
     ("fewer cells of commands", r"shield 4", "shield 2"),
     ("no shield", r"shield 4;", ""),
     ("toward sc", r"shield 4;", "shield 4 toward sc;"),
     ("a stronger command", r"u: float in \[-1\.0, 1\.0\]", "u: float in [-2.0, 2.0]"),
 )
-"""Edits of programs about nodes that take time, towers and shields."""
+"""Edits of programs about nodes that take time and shields."""

@@ -292,4 +292,4 @@ def fits(kind: str, base: Base) -> bool:
         return "shield" in base.text
     if kind == "duals":
         return base.family == "polytope"
-    return kind != "facts" or any(name in base.name for name in ("shielded", "taking", "tower"))
+    return kind != "facts" or any(name in base.name for name in ("shielded", "taking"))

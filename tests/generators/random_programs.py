@@ -429,36 +429,13 @@ class ProgramMaker:
         ttf, safer = self._predicates(sight)
         lines = [f"rta {name} {{", f"  ac {ac};", f"  sc {sc};", f"  period {period}us;"]
         lines.append(f"  safe {self.expressions.make(BOOL, sight, 1)};")
-        trusts = not choose.chance(4)  # without them the module never trusts its AC
-        if trusts:
+        if not choose.chance(4):  # without them the module never trusts its AC
             lines += [f"  ttf {ttf};", f"  safer {safer};"]
         if choose.chance(60):
             lines.append(f"  clean {choose.pick((1, 2, 5))};")
         self.text.append([*lines, "}"])
         self.latchable.append(self.text[-1])
-        top = self._above(name, period, outputs) if trusts else name  # (M019)
-        self.parts.append(Part("module", top, outputs))
-
-    def _above(self, name: str, period: int, outputs: list[Topic]) -> str:
-        """The name of what the system has: the module, or one above it, or one above that."""
-        choose = self.choose
-        while choose.chance(30):
-            top, sc = self.names.fresh("module"), self.names.fresh("node")
-            period += choose.pick((0, 0, 10_000))
-            small = [p for p in PERIODS_US if p <= period]
-            self._node(sc, choose.pick(small), outputs, role="sc")
-            sight = self._sight(
-                topics=[t.seen for t in self.topics], modules=self._modes(), fuel=40
-            )
-            ttf, safer = self._predicates(sight)
-            lines = [f"rta {top} {{", f"  ac module {name};", f"  sc {sc};"]
-            lines += [f"  period {period}us;", f"  ttf {ttf};", f"  safer {safer};"]
-            lines += [f"  safe {self.expressions.make(BOOL, sight, 1)};", "}"]
-            self.text.append(lines)
-            self.latchable.append(lines)
-            self.module_names.append(top)
-            name = top
-        return name
+        self.parts.append(Part("module", name, outputs))
 
     def _predicates(self, sight: Sight) -> tuple[str, str]:
         """`ttf` and `safer`: mostly a threshold with hysteresis on something that moves."""

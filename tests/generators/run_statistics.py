@@ -34,7 +34,6 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "any fault": bool(kinds),
         "any latched": bool(latched),
         "module": len(s.system.modules) > 0,
-        "module above a module": any(m.over is not None for m in s.system.modules),
         "two modules": len(s.system.modules) > 1,
         "switch to AC": bool((last["modules"]["to_ac"] > 0).any()),
         "switch to SC": bool((last["modules"]["to_sc"] > 0).any()),

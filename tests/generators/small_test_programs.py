@@ -64,7 +64,6 @@ class Program:
     replaced: list[str] = field(default_factory=list)
     """Items of the test."""
     modules: list[str] = field(default_factory=list)
-    tops: list[str] = field(default_factory=list)
     """The modules that stand below none."""
     truths: list[Seen] = field(default_factory=list)
     actors: int = 0
@@ -328,29 +327,10 @@ class Maker:
             f"{clean}}}"
         )
         self.p.actors += 1
-        top = self._above(name, period, outputs) if self.more.random() < 0.35 else name
-        self.p.items.append(f"module {top};")
-        full = name if top == name else f"{top}.{name}"
-        self.p.nodes |= {f"{full}.{name}Ac": outputs, f"{full}.{name}Sc": outputs}
-        self.p.nodes[f"{full}.dm"] = []
+        self.p.items.append(f"module {name};")
+        self.p.nodes |= {f"{name}.{name}Ac": outputs, f"{name}.{name}Sc": outputs}
+        self.p.nodes[f"{name}.dm"] = []
         self.p.modules.append(name)
-        self.p.tops.append(top)
-
-    def _above(self, name: str, period: int, outputs: list[Topic]) -> str:
-        """A module above this one, whose AC it is; gives its name."""
-        top, most = f"{name}Top", self.more.choice((period, period + TICK))
-        own = self.more.choice(range(TICK, most + 1, TICK))
-        self._body(f"{top}Sc", own, 0, outputs, "sc")
-        sees = [Seen(t.name, t.type) for t in self._seen_by_a_module(outputs)]
-        self.p.text.append(
-            f"rta {top} {{\n  ac module {name};\n  sc {top}Sc;\n  period {most}ms;\n"
-            f"  safe {self._likely(sees)};\n  ttf {self._bool(sees, 1)};\n"
-            f"  safer {self._likely(sees)};\n}}"
-        )
-        self.p.nodes |= {f"{top}.{top}Sc": outputs, f"{top}.dm": []}
-        self.p.modules.append(top)
-        self.p.actors += 1
-        return top
 
     def _advanced(self, name: str, outputs: list[Topic]) -> str:
         """The name of the node that is tested as AC: perhaps in place of code nobody has."""
@@ -488,7 +468,7 @@ class Maker:
             return f"{self._bool(sees, 1)} leadsto {self._likely(sees)} within {d};"
         if self.chance(0.5):
             return "always invariants;"
-        return f"always invariant({self.pick(self.p.tops)});"
+        return f"always invariant({self.pick(self.p.modules)});"
 
     def _mostly(self, sees: list[Seen]) -> str:
         """A condition that fails in few configurations, or in none."""

@@ -383,7 +383,7 @@ def system_report(system: System, *, default: bool) -> SystemReport:
             ModuleReport(
                 m.name,
                 m.period_ns / 1e9,
-                system.components[m.ac].name if m.over is None else system.modules[m.over].name,
+                system.components[m.ac].name,
                 system.components[m.sc].name,
                 m.forced,
                 result_assumptions.verdicts(m),

@@ -156,8 +156,8 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
             if m.problem is not None:
                 sets.built(m.problem, None)
     entries = [_inheritance_entry(m, confirmed.get(m.module), seal) for m in modules]
-    whilst = {m: f"`{there.name}`{of[0].whilst}" for m, of in confirmed.items()}
-    lines = [x for e in entries for x in _entry_lines(e, whilst.get(e["module"], ""), seal)]
+    proved = dict.fromkeys(confirmed, f"`{there.name}`")
+    lines = [x for e in entries for x in _entry_lines(e, proved.get(e["module"], ""), seal)]
     document: dict[str, object] = {
         "schema": SCHEMA,
         "system": here.name,

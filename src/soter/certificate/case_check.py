@@ -30,7 +30,6 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.cell_predicates import cells_published_in_set, certain_cells
 from soter.certificate.folder import FREE, OF_SETS
-from soter.certificate.handovers import require_entered
 from soter.certificate.reading.case_model import (
     CaseModel,
     command_term,
@@ -91,8 +90,7 @@ def check_module_claims(system: System, module: Module, given: dict[str, str]) -
     latch = module.symbol.latch
     if given.get("P2b") == PROVED and latch is not None and latch.topic is None:
         raise RejectedError("P2b: the DM never gives control back (`returns never`)")
-    below = 0 if module.over is None else _slowest_below(system, module)
-    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns, below) > module.period_ns:
+    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     outputs = [{*c.writes} for c in (ac, sc) if c.node]
     same = module.outputs and all(of == set(module.outputs) for of in outputs)
@@ -104,28 +102,12 @@ def p1c_of(facts: Facts) -> str:
     """Say "proved" if P1c rests on declared times, else "assumed"; H >= H* is checked elsewhere."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
-    declared = declared and (facts.above is None or facts.above.declared)
     return "proved" if declared and not facts.ways.undeclared else "assumed"
-
-
-def _slowest_below(system: System, module: Module) -> int:
-    """The longest period in ns of its SC and of all that stands in the place of its AC."""
-    parts = {system.components[module.sc].period_ns, system.components[module.ac].period_ns}
-    below = module.over
-    while below is not None:
-        m = system.modules[below]
-        parts |= {system.components[i].period_ns for i in (m.dm, m.sc, m.ac)}
-        below = m.over
-    return max(parts)
 
 
 def check_static_claims(facts: Facts, given: dict[str, str]) -> None:
     """Compare P1a, P1b and P1c with the program; `RejectedError` where they overstate."""
     check_module_claims(facts.flying, facts.flying_module, given)
-    if given.get("failsafe") == PROVED and len(facts.tower) > 1:
-        raise RejectedError("failsafe: other modules of a tower command the same actuators")
-    if given.get("P2b") == PROVED and facts.above is not None:
-        raise RejectedError(f"P2b: SC has control only while {facts.above.name} is in AC")
     if given.get("P1c") not in (PROVED, "assumed"):
         return
     if facts.times["H_ns"] < facts.times["H_star_ns"]:
@@ -311,9 +293,6 @@ class CaseCheck:
     def _ask_start(self) -> None:
         """Ask that the declared initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
-        if facts.above is not None:
-            require_entered(self.model, self.groups, self.claims)
-            return
         pairs = zip(facts.parameters, self.model.parameter, strict=True)
         if not all(v in p.begins for p, v in pairs):
             return  # no run starts with these values
@@ -381,20 +360,7 @@ def narrowed_extents(extents: Extents, parts: Iterable[Axes]) -> Extents:
     return tuple(ends)
 
 
-READ_EARLY = "what was published before all that it reads shows a state"
-READ_ELSEWHERE = "what is published while it has no control"
-
-
 def survives_the_start(facts: Facts) -> None:
-    """`NotRecheckedError` where steps before all shows a state, or without control, may do harm."""
-    setting = facts.setting
-    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
-        _harmless_before(facts)
-    if facts.above is not None:
-        _require_total_answer(facts)
-
-
-def _harmless_before(facts: Facts) -> None:
     """NotRecheckedError unless SC surely answers all that it may read before there are states.
 
     SC reads only defaults while no topic shows a state, where one publisher says all of them each
@@ -415,28 +381,11 @@ def _harmless_before(facts: Facts) -> None:
         topic = facts.system.topics[sc.scope.topics[symbol]]
         running = facts.flying.topics[facts.running[topic.index]].name
         only_default = at_once and running in paths
-        known[symbol] = _any_value(terms, topic, READ_EARLY, default=only_default)
+        known[symbol] = _any_value(terms, topic, default=only_default)
     if not is_step_harmless(facts, terms, known):
         raise NotRecheckedError(
             "SC may step before anything was published, and fault on what it then reads"
         )
-
-
-def _require_total_answer(facts: Facts) -> None:
-    """Below another module SC steps wherever that one leads the state, too, and must not fault.
-
-    `NotRecheckedError` where that is not certain for all that may be published.
-    """
-    sc = facts.sc
-    assert sc.node is not None
-    if sc.node.locals:
-        raise NotRecheckedError("an SC with locals below another module")
-    terms, known = Terms(), {}
-    for symbol in topics_read_by_sc(sc):
-        topic = facts.system.topics[sc.scope.topics[symbol]]
-        known[symbol] = _any_value(terms, topic, READ_ELSEWHERE, default=False)
-    if not is_step_harmless(facts, terms, known):
-        raise NotRecheckedError("SC may fault on what is published while it has no control")
 
 
 def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
@@ -449,7 +398,7 @@ def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, 
     return all_certain(terms, terms.obligations)
 
 
-def _any_value(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+def _any_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
     """Any value of the set of a topic; just its default where that is all there may be."""
     bounded = all(
         b is not None and isinstance(of, FloatType)
@@ -457,7 +406,8 @@ def _any_value(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  
     )
     if default or not bounded:
         if not default:
-            raise NotRecheckedError(f"SC may read of `{topic.name}` {why}, and it has no set")
+            early = "what was published before all that it reads shows a state"
+            raise NotRecheckedError(f"SC may read of `{topic.name}` {early}, and it has no set")
         return topic.default
     parts = [
         terms.add_input("box", topic.name, exact(b.low), exact(b.high))

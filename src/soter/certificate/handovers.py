@@ -1,13 +1,12 @@
-"""Whether a predicate holds only in R(H): hand-overs (`enters`), and starts below another module.
+"""Whether `enters`, the predicate of a hand-over, holds only in R(H).
 
 Purpose: a module with views is handed over where a node changes what the state of a view rests on.
 `jumps_of` says, for each topic that the map of a view reads, whether that is confirmed
 (docs/proof-sets.md, "Hand-over"): that its node changes it only where `enters` holds, and that the
-state lies in R(H) wherever that holds of an estimate (`why_not_entered`). `require_entered` asks
-the same of `safer` of the module above in a tower, on which that one gives control back.
+state lies in R(H) wherever that holds of an estimate (`why_not_entered`).
 Non-goals: rejecting hand-overs: what is not confirmed is an assumption, and the report says why.
-That a node changes a view in no other step (`induction/handover_jumps.py`); times of a tower
-(`reading/problem.py`); sharing code with `verify/problem/`, which the prover goes by.
+That a node changes a view in no other step (`induction/handover_jumps.py`); sharing code with
+`verify/problem/`, which the prover goes by.
 
 `enters` is judged on what a step publishes, which is the state after the jump up to the declared
 errors. Nothing is known yet of that state: not that `safe` holds there, nor that it lies in a grid.
@@ -25,7 +24,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import driven_topics, topics_read
 from soter.certificate.reading.problem import state_published
 from soter.certificate.reading.view_predicates import shown_part_of_enters
-from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
     HALF,
     TINIEST,
@@ -165,16 +164,6 @@ def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
 # ---------------------------------------------------------------- where `enters` holds
 
 
-def require_entered(model: CaseModel, groups: Sequence[Group], claims: set[str]) -> None:
-    """RejectedError of a start below another module, which may give control back outside R(H)."""
-    above = model.facts.above
-    assert above is not None
-    if not claims & FREE or any(g.why_no_entry for g in groups):
-        raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
-    if why := why_not_entered(model, groups, above.safer):
-        raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
-
-
 def why_not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
     """Why it is not shown that `expr` holds only in R(H), in one case; "" where it is.
 
@@ -210,8 +199,7 @@ def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, flo
     driven = driven_topics(facts)
     scope = facts.module.scope.topics
     read = [scope[t] for t in topic_reads(expr)]
-    # below another module whatever is published anywhere lies in its set: else the plant stops
-    for index in read if facts.above is None else driven:
+    for index in read:
         c, value = driven[index]
         topic = facts.system.topics[index]
         for leaf, ((path, _), bound) in enumerate(

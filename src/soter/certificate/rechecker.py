@@ -58,7 +58,7 @@ from soter.certificate.reading.left_out_states import (
 )
 from soter.certificate.reading.module_facts import Facts, Input, bounded_topics
 from soter.certificate.reading.module_times import compare_times
-from soter.certificate.reading.problem import read_above, read_facts
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import why_views_leave_out
 from soter.certificate.report import (
@@ -77,7 +77,7 @@ from soter.certificate.scope import (
     other_values_in_program,
     parameters_of,
 )
-from soter.certificate.vacuous_proofs import enter_vacuous_above, why_vacuous
+from soter.certificate.vacuous_proofs import why_vacuous
 from soter.diagnostics.current_phase import between, phase, telling
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
@@ -170,7 +170,6 @@ def _check_certificate(certificate: Certificate, report: Report, workers: int) -
             module = RecheckedModule(name, {}, system=system, not_rechecked=failure_reason(error))
         if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
             report.modules.append(module)
-    enter_vacuous_above(report.modules)
     report.not_covered = open_questions(checked, overrides, covered)
     if any(m.not_rechecked for m in report.modules):
         return  # some tables were not read, and some views not looked at
@@ -252,11 +251,9 @@ def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
     """
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     _read_levels(facts, entry.get("levels", facts.levels))
-    if len(facts.tower) > 1:
-        read_above(facts)
     check_supported(facts)
     setting = facts.setting
-    if facts.above is not None or setting.first_available(0, setting.by_sc) != setting.sc.phase:
+    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)  # else every read of SC shows a state
     return facts
 
@@ -338,7 +335,7 @@ def _check_module(
     report.confirmed = [c for c in CLAIMS if c in claimed.claims]
     jumps = jumps_of(facts, groups, claimed.claims) if facts.view else {}
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_facts(facts, jumps)
-    report.stays, report.above = bool(facts.symbol.stays), getattr(facts.above, "name", "")
+    report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.vacuous, report.unseen = why_vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}

@@ -114,12 +114,11 @@ class RecheckedModule:
     `not_rechecked`: why its claims were not checked, none of which is confirmed then; `vacuous`:
     why that says next to nothing, as AC never has, or keeps, control; `unseen`: why that was not
     looked at. `stays`: `recover never`; `in_flight`: its DM decides by a check of its own, of
-    which what it rests on is confirmed; `safe`: as the program writes it; `above`: the module
-    while which is in AC it is kept; `half_spaces`: of K, of all groups. `parameters`: each of the
-    program with the value that was checked; `otherwise`: those to which the program gives another
-    value in that system, with that one; `contradicted`: a `set` does. `times`: in ns, by their
-    names in a manifest, what the claims were held to; `shown`: what was confirmed beside the
-    claims.
+    which what it rests on is confirmed; `safe`: as the program writes it; `half_spaces`: of K, of
+    all groups. `parameters`: each of the program with the value that was checked; `otherwise`:
+    those to which the program gives another value in that system, with that one; `contradicted`: a
+    `set` does. `times`: in ns, by their names in a manifest, what the claims were held to; `shown`:
+    what was confirmed beside the claims.
     """
 
     name: str
@@ -134,7 +133,6 @@ class RecheckedModule:
     in_flight: bool = False
     system: str = ""
     safe: str = ""
-    above: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     otherwise: dict[str, str] = field(default_factory=dict)
     contradicted: bool = False
@@ -146,11 +144,6 @@ class RecheckedModule:
     def verdict(self) -> str:
         """ACCEPTED or NOT_RECHECKED: where something is false, that is said of the whole."""
         return NOT_RECHECKED if self.not_rechecked else ACCEPTED
-
-    @property
-    def whilst(self) -> str:
-        """The times, in words, at which a module below another keeps `safe`; "": at all times."""
-        return f" while {self.above} is in AC" if self.above else ""
 
     @property
     def other(self) -> list[str]:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.certificate.handovers import Jumps
-    from soter.certificate.reading.module_facts import Input, ModuleAbove
+    from soter.certificate.reading.module_facts import Input
     from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
     from soter.language.model import typed
@@ -127,7 +127,7 @@ def _uncovered_modules(
 
 
 def _modelled_plants_in(system: System, covered: Sequence[Covered]) -> set[str]:
-    own = (f for f in covered if f.flying is system and not (isinstance(f, Facts) and f.above))
+    own = (f for f in covered if f.flying is system)
     return {name for f in own for name in _modelled_plants(f)}
 
 
@@ -148,7 +148,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
 
 def _modelled_plants(facts: Covered) -> set[str]:
     """Names, in the system that flies, of the plants that claims are about, abstracted or not."""
-    around = holder_of(facts.flying, facts.flying_module)
+    around = holder_of(facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
         names |= {c.name for c in facts.plants}
@@ -198,7 +198,6 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         _open_ends(facts),
         _left_out_states(facts),
         _turning_axes(facts),
-        _below_another(facts.above) if facts.above is not None else (),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
 
@@ -257,17 +256,6 @@ def _judged_as_driven(facts: Facts) -> Said:
             name, plant = facts.system.topics[index].name, driven[index][0].name
             text = f"what `safe` says of {name} is judged on what {plant} drives: what is published"
             yield f"judged {name} {plant}", f"{text} there is not looked at"
-
-
-def _below_another(above: ModuleAbove) -> Said:
-    """The times that claims of a module below another one speak of, and what these rest on."""
-    name = above.name
-    text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
-    yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
-    text = f"a verdict of {name} by which it gives control back is in force at most"
-    yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
-    text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
-    yield f"sets while {name}", f"{text} (else they stop)"
 
 
 def _open_ends(facts: Facts) -> Said:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
-    from soter.certificate.report import RecheckedModule
     from soter.language.model import typed
 
     Groups = Sequence[Sequence[Group]]
@@ -155,21 +154,6 @@ def _vacuous_conditions(
         where = "where `safer` holds `ttf` does, too: not so"
         return f"{rarity(both)} keeps control ({where} {on_drawn(both, drawn)})", ""
     return "", ""
-
-
-def enter_vacuous_above(modules: Sequence[RecheckedModule]) -> None:
-    """Enter as `vacuous` modules whose claims are about times when one above is hardly in AC."""
-    by_name = {(m.system, m.name): m for m in modules}
-
-    def enter(m: RecheckedModule) -> str:
-        above = by_name.get((m.system, m.above))
-        why = "" if above is None else enter(above)
-        if above is not None and not m.vacuous and why not in {"", READS_NOTHING, HOLDS_ANYWAY}:
-            m.vacuous = why if why.startswith("of ") else f"of {above.name}: {why}"
-        return m.vacuous
-
-    for m in modules:
-        enter(m)
 
 
 def rarity(count: int) -> str:

@@ -194,7 +194,7 @@ def _module_section(m: RecheckedModule, report: Report) -> PageSection:
     safe = report.verdict != REJECTED and not m.missing
     keeps = "Keeps" if safe else "Not shown: that it keeps"
     values = ", ".join(_parameter_text(m, name) for name in m.parameters)
-    says = [f"{keeps} `{m.safe}`{m.whilst}."]
+    says = [f"{keeps} `{m.safe}`."]
     says += [f"{IN_FLIGHT[0].upper()}{IN_FLIGHT[1:]}."] if m.in_flight else []
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
     says += [f"With {values}."] if values else []
@@ -257,7 +257,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
-        where = f"{module.name} of system {module.system} in {report.program}{module.whilst}"
+        where = f"{module.name} of system {module.system} in {report.program}"
         console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {_size_of_sets(module)}")
         for colour, text in _remarks(module):
             console.say(console.paint(colour, f"    {visible(text)}"))

@@ -194,7 +194,6 @@ class TableEmitter:
                     ("dm", c.Number(f"{m.dm}U")),
                     ("ac", c.Number(f"{m.ac}U")),
                     ("sc", c.Number(f"{m.sc}U")),
-                    ("over", c.Number(str(-1 if m.over is None else m.over))),
                     ("clean", c.Number(f"{m.clean}U")),
                     ("forced", c.Name("true" if m.forced else "false")),
                     ("start", c.Name("SOTER_AC" if m.forced == "ac" else "SOTER_SC")),

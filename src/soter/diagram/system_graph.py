@@ -41,7 +41,7 @@ class ModuleFrame:
 
     key: str
     title: str
-    inside: tuple[Part, ...]
+    inside: tuple[DiagramBox, ...]
 
 
 Part = DiagramBox | ModuleFrame
@@ -67,9 +67,7 @@ class DiagramGraph:
 
 def cells(part: Part) -> tuple[DiagramBox, ...]:
     """The boxes of a part, from left to right."""
-    if isinstance(part, DiagramBox):
-        return (part,)
-    return tuple(cell for inner in part.inside for cell in cells(inner))
+    return (part,) if isinstance(part, DiagramBox) else part.inside
 
 
 ROLES = {"ac": "AC", "sc": "SC", "dm": "DM"}
@@ -121,37 +119,25 @@ def _short(name: str) -> str:
 
 
 def _frames(system: System) -> list[ModuleFrame]:
-    """Frames of the modules that are no AC of another, with the other modules inside."""
-    above = {m.over for m in system.modules if m.over is not None}
-    return [_frame(system, m) for m in system.modules if m.index not in above]
+    """Frames of the modules."""
+    return [_frame(system, m) for m in system.modules]
 
 
 def _frame(system: System, m: Module) -> ModuleFrame:
-    ac: Part = _component(system.components[m.ac])
-    if m.over is not None:
-        ac = _frame(system, system.modules[m.over])
-    dm, sc = (_component(system.components[i]) for i in (m.dm, m.sc))
+    inside = tuple(_component(system.components[i]) for i in (m.ac, m.dm, m.sc))
     held = "" if m.forced is None else f" (always {m.forced.upper()})"
-    return ModuleFrame(f"m:{m.name}", f"{m.name}{held}", (ac, dm, sc))
+    return ModuleFrame(f"m:{m.name}", f"{m.name}{held}", inside)
 
 
 def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
     """Where arrows to these readers end: at a frame where all inside it read."""
     left, ends = set(readers), []
-    for frame in _all_frames(frames):
-        inside = {cell.key for cell in cells(frame)}
+    for frame in frames:
+        inside = {cell.key for cell in frame.inside}
         if inside <= left:
             ends.append(frame.key)
             left -= inside
     return [*ends, *sorted(left)]
-
-
-def _all_frames(frames: Iterable[Part]) -> Iterable[ModuleFrame]:
-    """Frames, the outer ones first."""
-    for part in frames:
-        if isinstance(part, ModuleFrame):
-            yield part
-            yield from _all_frames(part.inside)
 
 
 # ---------------------------------------------------------------- topics
@@ -165,8 +151,7 @@ def _program_topics(system: System) -> list[int]:
 def _writers(system: System) -> dict[int, frozenset[str]]:
     """Topic -> keys of what writes it; the outputs of a module come from its frame."""
     writers_by_topic: dict[int, set[str]] = {i: set() for i in _program_topics(system)}
-    above = {m.over for m in system.modules if m.over is not None}
-    gated = {i: f"m:{m.name}" for m in system.modules if m.index not in above for i in m.outputs}
+    gated = {i: f"m:{m.name}" for m in system.modules for i in m.outputs}
     for c in system.components:
         for i in c.writes:
             if i in writers_by_topic and not (c.module is not None and i in gated):

@@ -222,20 +222,10 @@ class Expressions:
         return None
 
     def controller(self, of: tree.RtaDecl, name: str, file: LoadedFile) -> Definition | None:
-        """`M.Fast`: a node of a module, or the module that stands in the place of its AC."""
-        for part in (of.ac, of.sc):
-            ref = part.module if isinstance(part, tree.ModuleAsAc) else part
-            if not isinstance(ref, tree.Ref):
-                continue
-            definition = self.find(ref, NameContext(file))
-            if ref.name.text == name:
-                return definition
-            if definition is None or definition.node is of:
-                continue
-            if isinstance(definition.node, tree.RtaDecl):
-                below = self.controller(definition.node, name, definition.file)
-                if below is not None:
-                    return below
+        """`M.Fast`: a node of a module."""
+        for ref in (of.ac, of.sc):
+            if isinstance(ref, tree.Ref) and ref.name.text == name:
+                return self.find(ref, NameContext(file))
         return None
 
     def component(self, name: str, place: NameContext) -> Definition | None:

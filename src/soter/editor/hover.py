@@ -382,7 +382,7 @@ WORDS: dict[str, str] = {
     "external": "`external topic`: published by the world, with what is promised of it.",
     "every": "How often.",
     "delayed": "How old a value is at most when it arrives.",
-    "module": "An instance of an `rta` in a system; `ac module M`: a module in the place of AC.",
+    "module": "An instance of an `rta` in a system.",
     "until": "How long a run of the system lasts, if nothing else is said.",
     "always": "A property: at every time.",
     "eventually": "A property: at some time, within a bound.",

@@ -85,8 +85,7 @@ class Members:
             for name, (d, _) in self._walker.instances_of(of, file).items():
                 yield name, d.kind, "field"
         elif isinstance(of, tree.RtaDecl):
-            for part in (of.ac, of.sc):
-                ref = part.module if isinstance(part, tree.ModuleAsAc) else part
+            for ref in (of.ac, of.sc):
                 if isinstance(ref, tree.Ref):
                     yield ref.name.text, "controller", "field"
 

@@ -156,8 +156,6 @@ def _replaced_paths(
 ) -> set[str]:
     """The paths in a module or node that a test replaces; `instance` is the one of all of it."""
     inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
-    for m in what.below if isinstance(what, typed.ModuleSymbol) else ():
-        inside = (*inside, *m.own)
     paths: set[str] = set()
     for path, _, _ in test.replaces:
         if path in {instance, what.name} or instance.startswith(f"{path}."):

@@ -300,7 +300,7 @@ def _placed(systems: list[SystemSymbol]) -> set[object]:
             todo += [i.what for i in what.instances]
             todo += [by for _, by, _ in what.replaces]
         elif isinstance(what, ModuleSymbol):
-            todo += [what.ac, what.sc, *what.below]
+            todo += what.own
     return placed
 
 
@@ -314,8 +314,7 @@ def _unplaced(
         for n, s in table.items()
         if "." not in n and s not in placed
     ]
-    modules = [s for s in rest if isinstance(s, ModuleSymbol)]
-    used = {n for s in modules for n in (s.ac, s.sc, *s.below)}
+    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in s.own}
     return (s for s in rest if s not in used)
 
 

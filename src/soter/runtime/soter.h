@@ -202,7 +202,6 @@ typedef struct {
   const char* name;
   int64_t period_ns;
   uint32_t dm, ac, sc; /* component indices */
-  int32_t over;        /* the module in the place of AC, whose AC `ac` is; -1: a node is AC */
   uint32_t clean;      /* clean outputs AC needs after a gate fault */
   bool forced;
   soter_mode start;

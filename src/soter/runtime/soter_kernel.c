@@ -29,24 +29,13 @@ int64_t* soter_stamps_of(const soter_program* p, void* state) {
 
 /* ------------------------------------------------------------------ start */
 
-/* OE of the controllers of a module, and of those of a module in the place of its AC. */
+/* OE of the controllers of a module. */
 static void give_control(const soter_program* p, void* state, uint32_t module) {
-  const soter_module* const m = soter_modules_of(p, state);
   soter_component* const c = soter_components_of(state);
-  const soter_module_info* info = &p->module[module];
-  bool on = c[info->dm].oe != 0U;
-  for (;;) {
-    const soter_mode mode = (soter_mode)m[module].mode;
-    c[info->sc].oe = on && mode == SOTER_SC;
-    on = on && mode == SOTER_AC;
-    if (info->over < 0) {
-      break;
-    }
-    module = (uint32_t)info->over;
-    info = &p->module[module];
-    c[info->dm].oe = on;
-  }
-  c[info->ac].oe = on;
+  const soter_module_info* const info = &p->module[module];
+  const soter_mode mode = (soter_mode)soter_modules_of(p, state)[module].mode;
+  c[info->sc].oe = mode == SOTER_SC;
+  c[info->ac].oe = mode == SOTER_AC;
 }
 
 /* The first release of a component after ct, from number `release` on. */
@@ -83,8 +72,6 @@ void soter_start_with(const soter_program* p, void* state, uint64_t seed, const 
   soter_module* const m = soter_modules_of(p, state);
   for (uint32_t i = 0; i < p->modules; i++) {
     m[i].mode = (uint8_t)p->module[i].start;
-  }
-  for (uint32_t i = 0; i < p->modules; i++) {
     give_control(p, state, i);
   }
   soter_property* const q = soter_properties_of(p, state);

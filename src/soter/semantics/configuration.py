@@ -1,9 +1,9 @@
 """A configuration: the paper's (L, OE, ct, FN, Topics), who has control, and records beside it.
 
 Purpose: the whole state of a system is one immutable value: a rule makes a new one, so that a
-search keeps the old one. OE of every controller follows from the modes of the modules (dm1 and
-dm2 of the paper's DM-Step, and modules above modules); latches are moved here. Observers get what
-each transition reports, and the sums over a run (`Record`): no rule reads any of this.
+search keeps the old one. OE of every controller follows from the mode of its module (dm1 and dm2
+of the paper's DM-Step); latches are moved here. Observers get what each transition reports, and the
+sums over a run (`Record`): no rule reads any of this.
 Non-goals: deciding a mode (`rules.py`), the bytes of a state (`core/layout.py`), the hidden state
 of externs, which lives with them.
 """
@@ -223,32 +223,19 @@ WAITS, READY, ACKNOWLEDGED = 0, 1, 2
 OPEN, CLOSED = 0, 1
 
 
-def enabled_outputs(
-    system: System, oe: Sequence[bool], modes: Sequence[int], module: Module
-) -> tuple[bool, ...]:
-    """OE after the mode of a module was decided; `modes` by module.
-
-    OE of a DM says whether its module is to have control at all: always, but for one in the place
-    of AC.
-    """
+def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool, ...]:
+    """OE after the mode of a module was decided."""
     flags = list(oe)
-    on, m = flags[module.dm], module
-    while True:
-        flags[m.sc] = on and modes[m.index] == SC
-        on = on and modes[m.index] == AC
-        if m.over is None:
-            break
-        m = system.modules[m.over]
-        flags[m.dm] = on
-    flags[m.ac] = on
+    flags[module.sc] = mode == SC
+    flags[module.ac] = mode == AC
     return tuple(flags)
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
     """OE at the start; what is no controller always has it."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
-    for module in system.modules:
-        oe = enabled_outputs(system, oe, modes, module)
+    for module, mode in zip(system.modules, modes, strict=True):
+        oe = enabled_outputs(oe, module, mode)
     return oe
 
 

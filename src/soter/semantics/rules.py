@@ -239,12 +239,10 @@ def dm_step(
     if module.looked is not None:  # what `margin` counts from
         looks = module.looks_left(unsafe=unsafe, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})
-    locals_ = put(c.L, dm, after)
-    modes = [locals_[m.dm] for m in machine.system.modules]
     c = replace(
         c,
-        L=locals_,
-        OE=enabled_outputs(machine.system, c.OE, modes, module),  # dm1, dm2
+        L=put(c.L, dm, after),
+        OE=enabled_outputs(c.OE, module, after),  # dm1, dm2
         FN=_without(c.FN, dm),
         gate_fault=put(c.gate_fault, module.index, False),
     )

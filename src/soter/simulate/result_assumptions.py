@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, IntType, leaf_name, leaves, show_ns
 
@@ -72,17 +71,13 @@ def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) 
 def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
     """Sentences on what is proved of modules, not claimed, or assumed."""
     assumptions = [
-        _proof_sentence(m.name, proofs[m.name], _modes_above(system, m)) + _unproved_code(system)
+        _proof_sentence(m.name, proofs[m.name]) + _unproved_code(system)
         for m in free
         if m.name in proofs
     ]
-    for m in free:
-        if claims_nothing(system, m) and m.name not in proofs:
-            above = modules_above(system, m.index)[0].name
-            assumptions.append(f"{m.name}: nothing is claimed of it; {above} is above it")
-    rest = [m for m in free if m.name not in proofs and not claims_nothing(system, m)]
+    rest = [m.name for m in free if m.name not in proofs]
     if rest:
-        which = ", ".join(m.name + _modes_above(system, m) for m in rest)
+        which = ", ".join(rest)
         said = f"{which}: {' '.join(ASSUMED)} assumed, not checked {_checker_of_runs(system)}"
         assumptions.append(said)
     return assumptions
@@ -111,13 +106,7 @@ def _at_once_note(m: Module) -> str:
     return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
 
 
-def _modes_above(system: System, m: Module) -> str:
-    """Words on when a claim about a module below others holds; "": always."""
-    names = " and ".join(x.name for x in modules_above(system, m.index))
-    return f" (while {names} is in AC)" if names else ""
-
-
-def _proof_sentence(name: str, proof: Proof, whilst: str) -> str:
+def _proof_sentence(name: str, proof: Proof) -> str:
     """A sentence on what is proved of a module, and what is still assumed."""
     count = len(proof.assumptions)
     parts = []
@@ -129,7 +118,7 @@ def _proof_sentence(name: str, proof: Proof, whilst: str) -> str:
     open_ = [(verdict, proof.of(verdict)) for verdict in ("undecided", "refuted")]
     parts += [f"{' '.join(missing)} {verdict}" for verdict, missing in open_ if missing]
     safe = ": not a proof of safety" if proof.open else ""
-    return f"{name}{whilst}: {', '.join(parts)}{safe}"
+    return f"{name}: {', '.join(parts)}{safe}"
 
 
 def _unproved_code(system: System) -> str:

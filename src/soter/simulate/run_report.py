@@ -2,10 +2,9 @@
 
 Purpose: `report_page` collects signals of topics and plants, modes, decisions with reasons,
 violations and assumptions, for any program; `report/html.py` writes one HTML file of them. For a
-tower it shows which controller has control in every state, and how long each had it; for a module
-with `rest`, the picture of where SC would lead.
+module with `rest` it shows the picture of where SC would lead.
 Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
-that picture (`decisions.py`); what a module decides below one that is in SC.
+that picture (`decisions.py`).
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 
 from soter.core.layout import group_field
 from soter.diagram.svg import picture as draw
-from soter.language.model.system import modules_above, tower_of
 from soter.report.html import inline_document, require_report_package, write_html
 from soter.report.run.record import (
     Chart,
@@ -42,55 +40,12 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Module
     from soter.simulate.decisions import TubeLooks
     from soter.simulate.result import Run
 
 
 TIMES = "\N{MULTIPLICATION SIGN}"
-
-
-def towers(system: System) -> list[tuple[Module, ...]]:
-    """Every tower of a system, its topmost module first."""
-    return [
-        tower_of(system, m.index)
-        for m in system.modules
-        if m.over is not None and not modules_above(system, m.index)
-    ]
-
-
-def controllers(system: System, tower: tuple[Module, ...]) -> list[str]:
-    """The names of who may have control, from the topmost module's SC to the lowest one's AC."""
-    return [system.components[i].name for i in (*(m.sc for m in tower), tower[-1].ac)]
-
-
-def controller_levels(
-    tower: tuple[Module, ...], trace: npt.NDArray[np.void]
-) -> npt.NDArray[np.intp]:
-    """For each state, (states,), the number of the one in `controllers` that has control."""
-    modes = trace["modules"]["mode"][:, [m.index for m in tower]] == 1
-    held: npt.NDArray[np.intp] = np.cumprod(modes, axis=1).sum(axis=1)
-    return held
-
-
-def control_shares(run: Run) -> list[str]:
-    """A line for each tower: shares of the time, and how often each took or got control."""
-    trace = run.require_trace()
-    time_ns = trace["header"]["ct"].astype(np.float64)
-    lasts = np.diff(time_ns, append=run.reached_s * 1e9)
-    lines = []
-    for tower in towers(run.system):
-        held = controller_levels(tower, trace)
-        begins = np.flatnonzero(np.diff(held, prepend=-1))
-        parts = [
-            f"{name} {lasts[held == number].sum() / max(lasts.sum(), 1.0):.1%} of the time, "
-            f"{int((held[begins] == number).sum())} {TIMES}"
-            for number, name in enumerate(controllers(run.system, tower))
-        ]
-        lines.append(f"Who had control in {tower[0].name}: {'; '.join(parts)}.")
-    return lines
-
-
 LOOKS_MAX = 120
 """The most looks of a module on one page; those that took control are among them."""
 JUDGED = " (after the commands that might act at this look)"
@@ -164,7 +119,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes, *control_shares(run), *_signal_notes(run)),
+        notes=(*run.failures, *run.notes, *_signal_notes(run)),
         assumptions=tuple(run_assumptions(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -221,7 +176,6 @@ def run_chart(run: Run) -> Chart:
 
 def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
     return (
-        *_control_series(run, trace),
         *_margin_series(run, thin),
         *_latch_series(run, trace),
         *_value_series(run, trace),
@@ -262,16 +216,6 @@ def _summary(run: Run) -> dict[str, float | int | str]:
         summary["switches_to_sc"] = modules[0].switches_to_sc
         summary["switches_to_ac"] = modules[0].switches_to_ac
     return summary
-
-
-def _control_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """The signal of who has control in each tower, by number: 0 is the topmost module's SC."""
-    for tower in towers(run.system):
-        names = controllers(run.system, tower)
-        who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
-        held = controller_levels(tower, trace).astype(float)
-        name = f"control({tower[0].name})"
-        yield Series(name, "", held, panel=f"who has control ({who})", held=True)
 
 
 def _margin_series(run: Run, thin: int) -> Iterator[Series]:

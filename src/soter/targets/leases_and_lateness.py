@@ -107,9 +107,8 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
 
 
 def leased(system: System) -> list[Module]:
-    """Modules whose outputs have a law, and no module above or below that shares them."""
-    below = {m.over for m in system.modules}
-    return [m for m in system.modules if m.law and m.over is None and m.index not in below]
+    """Modules whose outputs have a law."""
+    return [m for m in system.modules if m.law]
 
 
 def lease_names(system: System, prefix: str) -> dict[int, str]:

@@ -300,10 +300,7 @@ def _why_times_uncovered(problem: Problem) -> str:
         return ""
     if schedule.published > sc.period:
         return f"R015: SC may take {show_ns(schedule.published)}, longer than its period"
-    stacked = bool(problem.above or problem.below)
-    if not schedule.ordered and why_late_commands_uncovered(
-        problem.module.symbol, schedule, stacked=stacked
-    ):
+    if not schedule.ordered and why_late_commands_uncovered(problem.module.symbol, schedule):
         return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
     for path in schedule.read_by_sc:
         oldest = schedule.stamp_age_sc(path)

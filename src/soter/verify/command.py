@@ -25,13 +25,11 @@ from soter.diagnostics.current_phase import between
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, reason
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
-from soter.language.model.system import claims_nothing
 from soter.native.compiler import end_compilers
 from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import cache_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
-from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Assumption
 from soter.verify.proof_cache import store_verdicts
@@ -83,7 +81,6 @@ def verify(
     problems = [_without_faults(checked.program, flat, problem) for problem, (flat, _) in pairs]
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = _verify_problems(problems, refute, explain, search)
-    of_those_above(results)
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
             if result.problem.computed:
@@ -187,10 +184,9 @@ def _say_what_is_settled(
 def _may_be_attacked(problem: Problem) -> bool:
     """Whether a run of the problem's system that leaves C would be a run of the vehicle.
 
-    It would not in a view, nor where others move the plant arbitrarily, nor in a tower, which has
-    another AC, or an SC that control is taken from.
+    It would not in a view, nor where others move the plant arbitrarily.
     """
-    return not (problem.view or problem.influences or problem.above or problem.below)
+    return not (problem.view or problem.influences)
 
 
 def _page(report: VerifyReport) -> str:
@@ -250,8 +246,6 @@ def modules_of(
         here: set[object] = set()
         for m in flat.modules:
             known.append(m.name)
-            if module is None and claims_nothing(flat, m):
-                continue
             here.add(m.symbol)
             if m.symbol not in seen and (module is None or module in (m.name, m.symbol.name)):
                 modules.append((flat, m))

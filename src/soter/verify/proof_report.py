@@ -156,8 +156,7 @@ MEANINGS = {
     "P3": "when AC has control, the state stays in K for H, whatever is published",
     "ttf": "whenever `ttf` may be false, the state lies in R(H)",
     "safer": "whenever `safer` may be true, the state lies in R(H)",
-    "start": "the declared initial states, of a module below another one the states at which that "
-    "one gives control back, are among those for which all this holds",
+    "start": "the declared initial states are among those for which all this holds",
     "failsafe": "once the lease has ended the fail-safe law keeps the constraint C for ever",
     "DM": "the generated C of the decision module switches as docs/semantics.md says: "
     "checked for all facts, tried on inputs",

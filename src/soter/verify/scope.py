@@ -18,7 +18,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_to_prove
 from soter.language.model import typed
-from soter.language.model.system import claims_nothing, holder_of, modules_above
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import conjuncts, topic_reads
 from soter.language.model.types import RecordType, leaf_count
 from soter.verify.problem.extract import extract
@@ -46,16 +46,11 @@ def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: flo
     error = sum(
         m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
     )
-    for module in modules_without_one_above(flat):
+    for module in flat.modules:
         least, most = _kept_range(module, topic, leaf)
         if least - error >= low and most + error <= high:
             return module.name
     return ""
-
-
-def modules_without_one_above(flat: System) -> list[Module]:
-    """The modules whose claims hold at all times, that is, those not below another module."""
-    return [m for m in flat.modules if not modules_above(flat, m.index)]
 
 
 def publisher_of(flat: System, plant: Component) -> str:
@@ -63,7 +58,7 @@ def publisher_of(flat: System, plant: Component) -> str:
 
     Where that proof holds the plant publishes within its sets, as that is part of C.
     """
-    for module in modules_without_one_above(flat):
+    for module in flat.modules:
         verify = module.symbol.verify
         if module.forced is not None or verify.induction is not None or verify.abstracts:
             continue
@@ -167,9 +162,6 @@ def _is_covered(
 ) -> tuple[bool, str]:
     """Whether a chosen module poses the same problem as this one; if not, why not."""
     symbols = {p.module.symbol.name for p in problems}
-    if claims_nothing(flat, module):
-        above = modules_above(flat, module.index)[0].name
-        return False, f"no `verify` block: {above}, above it, is proved whatever it does"
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:
@@ -293,7 +285,7 @@ def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[Scop
     for index in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[index]
         there = [t for t in flat.topics if t.symbol is topic.symbol]
-        there.sort(key=lambda t: not t.name.startswith(holder_of(flat, module)))
+        there.sort(key=lambda t: not t.name.startswith(holder_of(module)))
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         guarantees.append(ScopeGuarantee(problem.name, what, by, "enforced"))
@@ -318,7 +310,6 @@ def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[Scope
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
         moved = " and what is said of others" if problem.influences else ""
-        moved += f" while {problem.above} is in AC" * bool(problem.above)
         what = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
         guarantees.append(ScopeGuarantee(problem.name, what, "the equations", "enforced"))
     if problem.quantities.disturbances:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.types import show_ns
-from soter.verify.claims import claims, start
+from soter.verify.claims import claims
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
 from soter.verify.claims.choice import choose, given_up_note, shrink_core, with_way_back
 from soter.verify.claims.claims import (
@@ -145,7 +145,7 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
     """The result with findings on all but DM; `prelude`: the prelude's functions in the proof."""
     problem, done = chosen.problem, chosen.done or []
     entered, why_unentered = _hand_over_assumptions(problem, done)
-    ages = (*note_on_ages(problem.module.symbol.ttf), *start.notes_on_module_below(problem))
+    ages = note_on_ages(problem.module.symbol.ttf)
     scheme, solutions = shown_scheme(problem, done), solution_assumptions(problem, done)
     notes = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
@@ -269,7 +269,6 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
     for claim in ("P2a", "P3") if unentered else ():
         _weaken_if_proved(findings[claim], unentered, NOT_ENTERED)
     weaken_if_waiting(problem, findings["P2b"])
-    start.weaken_if_below(problem, findings["P2b"])
     findings["failsafe"] = _failsafe_finding(problem, result, done)
     if findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
@@ -397,8 +396,6 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
         if problem.times.acts > problem.module.period_ns:
             many = f" after a command of it acts first{many}"
         return f"SC gives control back within {show_ns(seconds)}{many}"
-    if problem.above:
-        return start.hand_back_in_words(problem)
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 

@@ -11,7 +11,6 @@ import soter
 from soter.api.deploying import FILE
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
-from unit.verify.towers import TOWER
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -268,25 +267,3 @@ def test_an_induction_about_other_parts_is_not_carried(
     with pytest.raises(SoterError) as caught:
         soter.load(tmp_path / "robot.soter").build("c", tmp_path / "out")
     assert says in render_all(caught.value.diagnostics)
-
-
-# ---------------------------------------------------------------- towers
-
-
-@pytest.mark.long
-def test_of_a_module_below_another_it_is_said_when_it_keeps_safe(tmp_path: Path) -> None:
-    here = """soter 1;
-    import "proved.soter" as p;
-    system Robot deploys p.Lane {
-      external topic p.x every 5ms measured p.x within 0.02;
-      external topic p.u;
-      module p.Outer;
-    }
-    """
-    placed(tmp_path, TOWER, here)
-    soter.load(tmp_path / "proved.soter").verify(cert=tmp_path / "cert", refute=False)
-    robot = soter.load(tmp_path / "robot.soter")
-    lines = robot.build("c", tmp_path / "out", cert=tmp_path / "cert").inherits
-    outer, inner = (x for x in lines if "checked again" in x)
-    assert "of `p.Lane`, certificate" in outer
-    assert "of `p.Lane` while Outer is in AC, certificate" in inner

@@ -18,7 +18,6 @@ from soter.cli.main import main
 from unit.api.test_deployed_kinds import BELT, PLANNER, POINT
 from unit.api.test_deploying import PROVED
 from unit.certificate.tubes.test_forged_rest import PLAIN
-from unit.verify.towers import TOWER
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,8 +62,6 @@ OPEN: dict[str, tuple[str, list[tuple[str, str]], str]] = {
     "shield, a short time": (SMALL, [("late dm", "recover within 1ms; late dm")], "P2b"),
     "induction, too early": (PLANNER, [("seconds(SETTLED)", "seconds(5ms)")], ALL),
     "induction, no way back": (PLANNER, [("safer Fine", "safer false && Fine")], "P2b"),
-    "tower, SC drives away": (TOWER, [("clamp(-x, -0.5", "clamp(x, -0.5")], ALL),
-    "tower, given back outside": (TOWER, [("safer abs(x) < 1.6", "safer abs(x) < 1.97")], "start"),
     "views, nobody keeps `enters`": (
         of_walls(), [("asked && May(other, motion)", "asked")], "P2a P3",
     ),

@@ -54,20 +54,13 @@ NOT_UNDERSTOOD = {
         + SYSTEM.replace("until", "door: Door; until"),
         "`door` chooses",
     ),
-    "a module above it": (
-        SYSTEM,
-        "node Brake period 50ms { publishes accel; step { publish accel = 0.0; } }\n"
-        "rta Above { ac module SafeCart; sc Brake; period 500ms; safe true; ttf false; "
-        "safer true; }\n" + SYSTEM.replace("module SafeCart", "module Above"),
-        "has no module `SafeCart`",
-    ),
     "mode": (CAREFUL, f"{CAREFUL} assert mode(SafeCart) == Mode.SC;", "mode"),
     "time": (CAREFUL, f"{CAREFUL} assert time < 5.0;", "time"),
     "age": (CAREFUL, f"{CAREFUL} assert age(motion) < 5.0;", "age"),
 }
 
 
-FALSE = ("a sensor that is too slow", "a module above it")
+FALSE = ("a sensor that is too slow",)
 """The program says something else than the certificate."""
 
 

@@ -431,11 +431,7 @@ def test_times_that_are_declared_are_said(tmp_path: Path) -> None:
 
 def test_only_all_times_make_p1c_proved(tmp_path: Path) -> None:
     facts = facts_with(tmp_path, DECLARED)
-    for above, declared in ((None, True), (SimpleNamespace(declared=True), True),
-                            (SimpleNamespace(declared=False), False)):  # fmt: skip
-        facts.above = above  # type: ignore[assignment]
-        assert p1c_of(facts) == ("proved" if declared else "assumed")
-    facts.above = None
+    assert p1c_of(facts) == "proved"
     facts.ways.undeclared = {"N": None}
     assert p1c_of(facts) == "assumed"
     assert "undeclared N" in keys(facts)

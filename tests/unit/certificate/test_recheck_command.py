@@ -30,7 +30,7 @@ from soter.certificate.report import (
     Report,
 )
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.vacuous_proofs import _vacuous_tables, enter_vacuous_above
+from soter.certificate.vacuous_proofs import _vacuous_tables
 from soter.cli.main import main
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.front_end import check_file
@@ -381,17 +381,6 @@ def test_half_spaces_are_looked_at(core: HalfSpaces) -> None:
 
 def test_where_no_state_of_k_is_known_nothing_is_said() -> None:
     assert looked_at(THIN, ALL, ALL, start=0.9) == ("", "no state of K was drawn")
-
-
-def test_what_is_claimed_while_one_is_in_ac_that_never_is() -> None:
-    outer = RecheckedModule("Outer", {}, vacuous="AC never has control")
-    inner = RecheckedModule("Inner", {}, above="Outer")
-    lowest = RecheckedModule("Lowest", {}, above="Inner")
-    other = RecheckedModule("Other", {}, above="Outer", system="Another")
-    enter_vacuous_above([lowest, inner, outer, other])
-    assert inner.vacuous == "of Outer: AC never has control"
-    assert lowest.vacuous == "of Outer: AC never has control"
-    assert other.vacuous == ""
 
 
 ROTATION = """soter 1;

@@ -105,7 +105,6 @@ def claimed(
     p1c: str,
     horizon: int,
     least: int,
-    tower: int = 1,
     start: int = 0,
     seen: str = "",
     **more: str,
@@ -118,8 +117,6 @@ def claimed(
     facts: Any = SimpleNamespace(
         times=times,
         setting=setting,
-        tower=(None,) * tower,
-        above=None,
         start_ns=start,
         flying=None,
         flying_module=None,
@@ -136,7 +133,7 @@ def controllers(
         for names, period in zip((ac, sc), periods, strict=True)
     ]
     symbol, topics = SimpleNamespace(latch=None), [ord(n) for n in outputs]
-    module = SimpleNamespace(ac=0, sc=1, over=None, period_ns=5, outputs=topics, symbol=symbol)
+    module = SimpleNamespace(ac=0, sc=1, period_ns=5, outputs=topics, symbol=symbol)
     return SimpleNamespace(components=components), module
 
 
@@ -178,13 +175,6 @@ def test_what_sc_alone_reads_is_there_within_the_horizon(monkeypatch: pytest.Mon
         claimed(monkeypatch, "assumed", 5, 5, start=start, seen=seen)
     with pytest.raises(RejectedError, match="`y`, which the DM does not read"):
         claimed(monkeypatch, "assumed", 5, 5, start=6, seen="x")
-
-
-def test_a_law_of_a_tower_is_not_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
-    claimed(monkeypatch, "assumed", 5, 5, tower=1, failsafe="proved")
-    claimed(monkeypatch, "assumed", 5, 5, tower=2, failsafe="assumed")
-    with pytest.raises(RejectedError, match="tower"):
-        claimed(monkeypatch, "assumed", 5, 5, tower=2, failsafe="proved")
 
 
 def test_a_horizon_is_long_enough_from_h_star_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,7 +221,7 @@ def test_a_start_is_asked_with_the_values_with_which_runs_start(
     begins: tuple[float, ...], asked: bool
 ) -> None:
     facts = SimpleNamespace(
-        above=None, parameters=[SimpleNamespace(begins=begins)], controls=[], start_ns=7
+        parameters=[SimpleNamespace(begins=begins)], controls=[], start_ns=7
     )
     starts: list[int] = []
     case: Any = SimpleNamespace(

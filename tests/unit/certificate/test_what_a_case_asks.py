@@ -176,7 +176,6 @@ def test_the_default_of_a_command_lies_in_its_set(default: float) -> None:
     topics = [SimpleNamespace(default=(9.0, default))]
     control = SimpleNamespace(low=-1.0, high=2.0, owner=0, leaf=1, name="u")
     facts = SimpleNamespace(
-        above=None,
         parameters=[],
         controls=[control],
         start_ns=7,
@@ -190,15 +189,6 @@ def test_the_default_of_a_command_lies_in_its_set(default: float) -> None:
     else:
         with pytest.raises(RejectedError, match="the default of `u`"):
             CaseCheck._ask_start(made)
-
-
-def test_below_a_module_the_start_is_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(case_check, "require_entered", lambda *of: asked.append(of))
-    facts = SimpleNamespace(above="a module")
-    made: Any = SimpleNamespace(model=SimpleNamespace(facts=facts), groups=["g"], claims={"P3"})
-    CaseCheck._ask_start(made)
-    assert asked == [(made.model, ["g"], {"P3"})]
 
 
 @pytest.mark.parametrize("fork", [False, True])
@@ -248,11 +238,9 @@ def test_every_task_has_to_say_nothing(
         show("wrong", named=False)
 
 
-@all_rows("above", [None, "a module"])
 @all_rows(("first", "phase"), [(0, 0), (5, 0), (3, 3), (3, 4)])
-@all_rows("tower", [1, 2])
 def test_when_the_start_of_sc_is_asked_about(
-    monkeypatch: pytest.MonkeyPatch, above: str | None, first: int, phase: int, tower: int
+    monkeypatch: pytest.MonkeyPatch, first: int, phase: int
 ) -> None:
     done: list[str] = []
     reads = [SimpleNamespace()]
@@ -261,12 +249,11 @@ def test_when_the_start_of_sc_is_asked_about(
         sc=SimpleNamespace(phase=phase),
         first_available=lambda after, of: first if (after, of) == (0, reads) else -1,
     )
-    facts = SimpleNamespace(tower=(None,) * tower, above=above, setting=setting, levels=3)
+    facts = SimpleNamespace(setting=setting, levels=3)
     monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)
-    for name in ("read_above", "check_supported", "survives_the_start"):
+    for name in ("check_supported", "survives_the_start"):
         monkeypatch.setattr(rechecker, name, lambda _, name=name: done.append(name))
     none: Any = None
     found: Any = rechecker.read_problem(none, {"module": "M"})
     assert found is facts
-    wanted = ["read_above"] * (tower > 1) + ["check_supported"]
-    assert done == wanted + ["survives_the_start"] * (above is not None or first != phase)
+    assert done == ["check_supported"] + ["survives_the_start"] * (first != phase)

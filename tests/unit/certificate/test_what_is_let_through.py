@@ -73,40 +73,20 @@ def test_a_dm_that_never_gives_back_does_not_return(latch: str | None) -> None:
         check_module_claims(system, module, {"P2b": "proved"})
 
 
-def test_what_stands_below_is_no_slower_than_the_dm(monkeypatch: pytest.MonkeyPatch) -> None:
-    for below, over in itertools.product((4, 5, 6), (None, "a module")):
-        monkeypatch.setattr(case_check, "_slowest_below", lambda *_, below=below: below)
-        system, module = controllers()
-        module.over = over
-        if below > 5 and over is not None:
-            with pytest.raises(RejectedError, match="P1a"):
-                check_module_claims(system, module, {"P1a": "proved"})
-        else:
-            check_module_claims(system, module, {"P1a": "proved"})
-
-
-@pytest.mark.parametrize("above", [None, "Above"])
 @pytest.mark.parametrize("rests", ["proved", "assumed"])
-def test_p1c_is_what_its_times_are(
-    monkeypatch: pytest.MonkeyPatch, rests: str, above: str | None
-) -> None:
+def test_p1c_is_what_its_times_are(monkeypatch: pytest.MonkeyPatch, rests: str) -> None:
     monkeypatch.setattr(case_check, "check_module_claims", lambda *_: None)
     monkeypatch.setattr(case_check, "p1c_of", lambda _: rests)
     facts: Any = SimpleNamespace(
         times={"H_ns": 5, "H_star_ns": 5},
         setting=SimpleNamespace(by_dm=[], by_sc=[]),
-        tower=(None,),
-        above=None if above is None else SimpleNamespace(name=above),
         start_ns=9,
         flying=None,
         flying_module=None,
     )
     for given, back in itertools.product(VERDICTS, VERDICTS):
         said = {"P1c": given, "P2b": back}
-        if back == "proved" and above is not None:
-            with pytest.raises(RejectedError, match="only while Above is in AC"):
-                case_check.check_static_claims(facts, said)
-        elif given == "proved" and rests == "assumed":
+        if given == "proved" and rests == "assumed":
             with pytest.raises(RejectedError, match="it is assumed"):
                 case_check.check_static_claims(facts, said)
         else:
@@ -382,11 +362,11 @@ def test_what_is_read_is_told_apart_by_who_reads_it(tmp_path: Path) -> None:
     assert bounded == ["y"]
 
 
-def test_controllers_that_command_are_those_of_the_tower() -> None:
+def test_controllers_that_command_are_those_of_the_module() -> None:
     roles = ["ac", "sc", "dm", "node"]
     components = [SimpleNamespace(module=m, role=r) for m in (0, 1, None) for r in roles]
     own = SimpleNamespace(
-        tower=[SimpleNamespace(index=1)], flying=SimpleNamespace(components=components)
+        flying_module=SimpleNamespace(index=1), flying=SimpleNamespace(components=components)
     )
     commanding: Any = module_facts.Facts.commanding
     assert [(c.module, c.role) for c in commanding.fget(own)] == [(1, "ac"), (1, "sc")]

@@ -155,24 +155,6 @@ def test_a_controller_may_be_replaced_by_its_contract() -> None:
     assert verdict(text, "Replaced") == "exhausted"
 
 
-def test_a_tower_is_replaced_as_one() -> None:
-    tower = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % "u < 3"
-    tower = tower.replace(
-        "system S {",
-        "node Top period 10ms { publishes u, v; step { publish u = 1; publish v = true; } }\n"
-        "rta Above { ac module M; sc Top; period 10ms; safe u < 4; ttf w > 1; safer w < 1; "
-        "guarantees mine: u != 2; }\nsystem S {",
-    ).replace("module M; }", "module Above; }")
-    tower = tower.replace("replace M by", "replace Above by")
-    test_result = explored(tower, "AsItIs")
-    assert test_result.broken is not None
-    assert "mine of Above: u != 2 in Above.M.Fast" in test_result.broken.text
-    tower = tower.replace("min(w, 2)", "min(w, 1)")
-    assert verdict(tower, "AsItIs") == "exhausted"
-    assert verdict(tower, "Replaced") == "violated"  # Top has no word on u < 3
-    assert verdict(tower.replace("always u < 3", "always u != 2"), "Replaced") == "exhausted"
-
-
 def test_the_deployed_order_is_told_and_excludes_a_skew(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -123,7 +123,7 @@ def test_a_safe_that_asks_an_extern_function_is_left_to_the_run(tmp_path: Path) 
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("number", [105, 110, 123, 126])
+@pytest.mark.parametrize("number", [100, 102, 103, 105])
 def test_random_programs_are_judged_alike_by_both_engines(number: int) -> None:
     system = system_of(check_file("random.soter", program(number)), None)
     until_ns = 40 * max(m.period_ns for m in system.modules)

@@ -34,7 +34,6 @@ from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
-from soter.language.model.system import Module, System, claims_nothing, modules_above
 from soter.language.model.tree_walk import nodes
 from soter.report.atomic_write import own_place
 from soter.report.safety_case import SUPPORTED, CaseNode, SafetyCase
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from soter.api.arguments import Progress, Tell
     from soter.certificate.folder import Certificate
     from soter.certificate.report import RecheckAssumption, RecheckedModule
+    from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol
     from soter.verify.deploy.level_tables import GroupTable
     from soter.verify.problem.problem import Problem
@@ -165,7 +165,7 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
         case.refuted.append(f"the certificate is rejected: {proof.rejected}")
     shown = [
         _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
-        for k, m in enumerate(_claiming(flat), 1)
+        for k, m in enumerate(flat.modules, 1)
     ]
     top = case.add(CaseNode("G1", "goal", _top_goal_text(flat)))
     strategy = case.add(CaseNode("S1", "strategy", MODULES), under=top)
@@ -207,22 +207,11 @@ def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
 
 def _top_goal_text(flat: System) -> str:
     """The top goal's text: safe while DM, SC and gate run; a law after that is another goal."""
-    kept = " and ".join(f"`{_safe(m)}`{_while_text(flat, m)}" for m in _claiming(flat)) or "nothing"
+    kept = " and ".join(f"`{_safe(m)}`" for m in flat.modules) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
         "keeps the assumptions"
     )
-
-
-def _claiming(flat: System) -> list[Module]:
-    """The modules on which safety rests: all but those that claim nothing."""
-    return [m for m in flat.modules if not claims_nothing(flat, m)]
-
-
-def _while_text(flat: System, m: Module) -> str:
-    """The condition under which a module below others keeps its `safe`, as text; else ""."""
-    names = " and ".join(x.name for x in modules_above(flat, m.index))
-    return f" while {names} is in AC" if names else ""
 
 
 def _safe(m: Module) -> str:
@@ -238,10 +227,8 @@ def _add_module(
 ) -> None:
     """Adds, for one module, the properties that safety needs."""
     module, id_ = each.module, f"G1.{each.number}"
-    ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
-    sc = flat.components[module.sc].name
-    kept = f"`{_safe(module)}`{_while_text(flat, module)}"
-    text = f"RTA module {module.name} keeps {kept}: complex function {ac}, recovery "
+    ac, sc = flat.components[module.ac].name, flat.components[module.sc].name
+    text = f"RTA module {module.name} keeps `{_safe(module)}`: complex function {ac}, recovery "
     goal = case.add(
         CaseNode(id_, "goal", f"{text}function {sc}", property=f"{module.name}.safe"),
         under=strategy,

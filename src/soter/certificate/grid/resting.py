@@ -73,7 +73,7 @@ class Resting:
     def _require_resting_case(self) -> None:
         facts = self.model.facts
         symbol = facts.symbol
-        others = facts.view or facts.modes or len(facts.tower) > 1 or facts.module.law
+        others = facts.view or facts.modes or facts.module.law
         alone = len(self.group.states) == len(facts.states)
         asked = symbol.shield is not None or symbol.verify.enters is not None
         if (

@@ -94,8 +94,6 @@ def read_induction(flat: System, name: str) -> InductionFacts:
     symbol = module.symbol
     if module.forced is not None:
         raise NotRecheckedError(f"`{name}` is forced to {module.forced}: its DM never decides")
-    if module.over is not None or any(m.over == module.index for m in flat.modules):
-        raise NotRecheckedError(f"`{name}` stands above or below another module")
     if symbol.verify.induction is None or symbol.ttf is None or symbol.safer is None:
         raise RejectedError(f"module `{name}` does not ask for an induction")
     if any(getattr(symbol.verify, word) for word in REFUSED):

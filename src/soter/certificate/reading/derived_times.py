@@ -402,24 +402,3 @@ def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool
         if c.plant is None and {*c.writes} & {*topics}:
             return True
     return False
-
-
-def handed_back(setting: TimingSetting, own: DerivedTimes, above: Clock, age: int) -> int:
-    """The longest time in ns from the state of a hand-back until all that acts is SC's.
-
-    A module above gives control back to SC: `above` is the clock of its DM, `age` its A, in ns. Its
-    verdict is released at r, on a state of r - A or later, and is in force `slow` later at most.
-    Until then it is in SC itself, and what SC here publishes is dropped; in one instant SC may come
-    first. Of states before that one nothing is known, and a command of SC answers a state that is d
-    old: SC's run begins with the first output that acts d or more after it. NotRecheckedError where
-    there are too many releases to go through.
-    """
-    worst = own.start
-    settled = setting.settled + above.phase + 2 * above.period
-    for r in releases(above, setting.periods, after=settled):
-        passes = setting.sc.next_release(r + above.slow + 1)
-        worst = max(worst, age + setting.acts_by(passes) - r)
-    for t in setting.steady_releases():
-        before = min(effect.earliest(t) for effect in setting.effects)
-        worst = max(worst, own.delay + setting.acts_by(t + setting.sc.period) - before)
-    return worst

@@ -73,7 +73,6 @@ def refuse_read(model: CaseModel) -> None:
     asked: list[Linear | Proposition] = list(model.commands(terms, states))
     asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
     seen = [facts.ttf, facts.symbol.safer, facts.symbol.verify.enters]
-    seen += [] if facts.above is None else [facts.above.safer]
     asked += [model.predicate(terms, states, e, errors=True) for e in seen if e is not None]
     asked += [model.in_set(terms, states, topic) for topic in bounded_topics(facts)]
     controls = control_inputs(facts, terms)
@@ -150,7 +149,7 @@ def read_turning(facts: Facts, names: object) -> None:
         raise RejectedError("`wraps` names a state that there is not")
     symbol = facts.symbol
     beside = (symbol.shield, symbol.verify.enters)
-    if facts.kind != "flow" or facts.view or beside != (None, None) or len(facts.tower) > 1:
+    if facts.kind != "flow" or facts.view or beside != (None, None):
         raise RejectedError("an axis wraps around where that is not settled")
     facts.turning = {*map(by_name.__getitem__, names)}
     for i in facts.turning:

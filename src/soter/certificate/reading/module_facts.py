@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from soter.certificate.reading.view_predicates import without_ages
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead, ModeRead
 from soter.language.model.types import leaf_name, leaves
@@ -62,21 +61,6 @@ class StateParameter:
     values: tuple[int, ...]
     begins: tuple[int, ...]
     """The values with which a run may start."""
-
-
-@dataclass(frozen=True, eq=False)
-class ModuleAbove:
-    """The module in whose place of AC another one stands, as that one's claims need it.
-
-    `safer`: the parts of it that speak of the plants of the claims; `back_ns`: from the state that
-    it gives control back on until that verdict is in force, at most; `declared`: whether no time
-    in that is taken for zero.
-    """
-
-    name: str
-    safer: typed.TypedExpr
-    back_ns: int
-    declared: bool
 
 
 @dataclass(eq=False)
@@ -131,8 +115,6 @@ class Facts:
     none before P2a is shown."""
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""
-    above: ModuleAbove | None = None
-    """The module above: claims are about times at which it is in AC; None: about all times."""
 
     @property
     def delay_ns(self) -> int:
@@ -192,16 +174,10 @@ class Facts:
         return reads_mode([*code, *self.symbol.predicates])
 
     @property
-    def tower(self) -> tuple[Module, ...]:
-        """The module with those above and below it."""
-        return tower_of(self.flying, self.flying_module.index)
-
-    @property
     def commanding(self) -> list[Component]:
-        """All controllers that may command what it commands."""
-        own = {m.index for m in self.tower}
-        flying = self.flying.components
-        return [c for c in flying if c.module in own and c.role in ("ac", "sc")]
+        """The controllers that may command what it commands."""
+        own = self.flying_module.index
+        return [c for c in self.flying.components if c.module == own and c.role in ("ac", "sc")]
 
     def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
         """The topics that `safer` and this form of `ttf` read; none where they are computed."""

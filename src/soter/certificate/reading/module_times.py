@@ -214,7 +214,6 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
         "`shield`": symbol.shield is not None,
         **{CALLED.get(k, f"`{k}`"): k != "grid" for k in (g.kind for g in symbol.verify.groups)},
         "views": bool(facts.view or symbol.verify.views),
-        "modules above or below": len(facts.tower) > 1,
     }
     for what, is_there in beside.items():
         if is_there:
@@ -302,7 +301,7 @@ def check_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
 
     DiffersError where one does not.
     """
-    outer = holder_of(facts.flying, facts.flying_module)
+    outer = holder_of(facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:
         model = driven[index][0].name

@@ -12,7 +12,6 @@ first.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.derived_times import (
@@ -25,7 +24,7 @@ from soter.certificate.reading.derived_times import (
 )
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
-from soter.language.model.system import holder_of, tower_of
+from soter.language.model.system import holder_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -166,11 +165,6 @@ class NodeWays(Ways):
     looked: int = 0
     """The number of looks at topics until now."""
 
-    @cached_property
-    def own(self) -> set[int]:
-        """The module, and those above and below it: what they publish is a command."""
-        return {m.index for m in tower_of(self.system, self.module.index)}
-
     # ------------------------------------------------------------ towards the module
 
     def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
@@ -256,7 +250,8 @@ class NodeWays(Ways):
         for c in self.system.components:
             if c.plant is not None and index in c.reads:
                 routes.append(nodes)
-            if c.role in ("ac", "sc") and c.module not in self.own and self._reads(c, index):
+            other = c.module != self.module.index  # what the module itself publishes is a command
+            if c.role in ("ac", "sc") and other and self._reads(c, index):
                 name = self.system.topics[index].name
                 raise NotRecheckedError(f"`{c.name}` of another module reads `{name}`")
             if c.role != "node" or c.index in behind or index not in _subscribed(self.system, c):
@@ -307,7 +302,7 @@ class NodeWays(Ways):
 
     def _names(self, c: Component) -> list[str]:
         """The names by which the `verify` block may call a node."""
-        home = holder_of(self.system, self.module)
+        home = holder_of(self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _is_in_proof(self, c: Component) -> bool:
@@ -320,7 +315,7 @@ class NodeWays(Ways):
         return [
             c
             for c in self.system.components
-            if index in c.writes and (c.plant is not None or c.module not in self.own)
+            if index in c.writes and (c.plant is not None or c.module != self.module.index)
         ]
 
     def _reads(self, c: Component, index: int) -> bool:

@@ -3,8 +3,7 @@
 Purpose: `read_facts` reads plants, inputs with their ranges, times, H* and axes of one module,
 as docs/verification.md (section 1) defines them, to be compared with what a certificate says. Where
 the module `abstracts` its plants, it makes the system of the proof, and checks that the module is
-the same there as in the system that flies (an extra). `read_above`, an extra for modules below
-another one, enters what that one asks of H (docs/proof-modules.md, Towers).
+the same there as in the system that flies (an extra).
 Non-goals: sharing code with `verify/problem/`; diagnostics (a program that determines no problem
 has no certificate: `NotRecheckedError` or `DiffersError`).
 
@@ -17,35 +16,32 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.certificate.reading.derived_times import handed_back
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     Input,
-    ModuleAbove,
     StateParameter,
     driven_topics,
     named_leaves,
     number_of,
     topics_of_others,
-    topics_read,
     topics_read_by_sc,
 )
 from soter.certificate.reading.module_times import read_times
 from soter.certificate.reading.symbolic_values import scalar_leaves
-from soter.certificate.reading.view_predicates import module_in_view, shown_parts
+from soter.certificate.reading.view_predicates import module_in_view
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import without_held_topics
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
-from soter.language.model.system import holder_of, modules_above
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.certificate.reading.module_facts import InputKind
     from soter.language.model.system import Component, Module, System
@@ -107,7 +103,7 @@ def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
     axes = [a for group in module.symbol.verify.groups for a in group.axes]
     for scope in (module.scope.topics, sc.scope.topics):
         wanted |= {scope[a.topic] for a in axes if a.topic is not None and a.topic in scope}
-    home = holder_of(system, module)
+    home = holder_of(module)
     names = {f"{home}.{a.instance}" if home else a.instance for a in axes if a.instance}
     return tuple(c for c in system.components if _is_wanted(c, names, wanted))
 
@@ -365,10 +361,9 @@ def _own_parameters(
 def _with_controllers(
     symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
 ) -> typed.ModuleSymbol:
-    if symbol.ac is ac and symbol.sc is sc and symbol.over is None:
+    if symbol.ac is ac and symbol.sc is sc:
         return symbol
-    values = {**vars(symbol), "ac": ac, "sc": sc, "over": None}
-    return typed.ModuleSymbol(**values)
+    return typed.ModuleSymbol(**{**vars(symbol), "ac": ac, "sc": sc})
 
 
 def flown(facts: Facts, name: str) -> Sequence[Any] | None:
@@ -411,60 +406,3 @@ def check_same_as_flown(facts: Facts) -> None:
                 raise NotRecheckedError(f"`{one.name}` stands for two topics of `{flying.name}`")
     if {facts.running[i] for i in module.outputs} != set(running.outputs):
         raise NotRecheckedError("the module has other outputs where it is proved")
-
-
-# ---------------------------------------------------------------- the module above
-
-
-DM_DELAYS = ("late_dm", "response_dm")
-"""Times of the `verify` block on which the age of a hand-back rests."""
-
-
-def read_above(facts: Facts) -> None:
-    """Enter the module above into the facts, and what it asks of H into the times.
-
-    Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
-    """
-    uppers = modules_above(facts.flying, facts.flying_module.index)
-    if not uppers:
-        return
-    module = uppers[0]
-    if facts.kind != "flow":
-        raise NotRecheckedError("modules above each other over a plant that moves in steps")
-    here, there = facts.module.scope, module.scope
-    mine, its = (sorted((p.name, repr(v)) for p, v in s.params.items()) for s in (here, there))
-    if mine != its:
-        raise NotRecheckedError(f"`{module.name}` has other parameters than the module below it")
-    shown = _topics_seen_by_both(facts, there.topics)
-    assert module.symbol.safer is not None, "M019"
-    safer = shown_parts(module.symbol.safer, shown)
-    if safer is None:
-        raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
-    seen = _problems_above(facts, module)
-    setting, own = facts.setting, facts.own
-    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
-    facts.above = ModuleAbove(
-        module.name,
-        safer,
-        max(u.own.age + u.setting.dm.slow for u in seen),
-        declared=not any(u.ways.undeclared for u in seen)
-        and all(getattr(u.symbol.verify, word) is not None for u in seen for word in DM_DELAYS),
-    )
-    facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
-    if facts.symbol.verify.horizon is None:
-        facts.times["H_ns"] = max(facts.times["H_ns"], needs)
-
-
-def _topics_seen_by_both(
-    facts: Facts, above: Mapping[typed.TopicSymbol, int]
-) -> set[typed.TopicSymbol]:
-    """The topics that the module reads, and that are the same topics for the module above."""
-    known, topics = {i for of in topics_read(facts) for i in of}, facts.module.scope.topics
-    same = {t for t, i in topics.items() if above.get(t) == facts.running.get(i, -1)}
-    return {t for t in same if topics[t] in known}
-
-
-def _problems_above(facts: Facts, module: Module) -> list[Facts]:
-    """The problem of the module above in each of its views: the longest times of these count."""
-    views = [v.name for v in module.symbol.verify.views] or [""]
-    return [read_facts(facts.flying, module.name, view) for view in views]

@@ -66,7 +66,7 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age static",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span over contract failsafe wcet jitter latch shield toward_sc rest",
+    "sc_span contract failsafe wcet jitter latch shield toward_sc rest",
     t.Latch: "topic span",
     t.RestSymbol: "condition moves within span",
     t.RestMove: "topic path by way span",
@@ -96,7 +96,7 @@ ELABORATED: dict[type, str] = {
     "wcet_ns jitter_ns inline",
     model.Shield: "cells topic held permits proposed moved",
     model.Module: "index name symbol dm ac sc period_ns scope clean inputs outputs forced around "
-    "over view whole law late_ns levels computed grid_ends unshown looks looked latch "
+    "view whole law late_ns levels computed grid_ends unshown looks looked latch "
     "acknowledgement shield",
 }
 """What instances of these are in a system whose modules, instances and parameters are resolved."""
@@ -114,8 +114,6 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
         raise NotRecheckedError(
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
-    if len(facts.tower) > 1:
-        _refuse_unproved_towers(facts)
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
     if facts.modes:
@@ -125,37 +123,9 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
     for expr in (*facts.symbol.predicates, *rest):
         read = facts.ttf if expr is facts.symbol.ttf else expr
         _require_known_code(read, "the predicates of the module")
-    if facts.above is not None:
-        _require_known_code(facts.above.safer, f"`safer` of `{facts.above.name}`")
     for c in facts.plants:
         _require_known_plant(c)
     _require_known_components(facts)
-
-
-def _refuse_unproved_towers(facts: Facts) -> None:
-    """`NotRecheckedError` for a module of a tower that no theorem here is about.
-
-    To the theorem an AC is anything that publishes values of the declared sets, and what it
-    publishes once the DM says SC is dropped. A module in the place of AC is that: a controller of
-    it has control only while the mode of every module above it is AC (docs/semantics.md, Modules
-    above modules), and each of its steps checks its values.
-    """
-    system, module, symbol = facts.flying, facts.flying_module, facts.flying_module.symbol
-    name = module.name
-    for c in facts.commanding:
-        assert c.node is not None
-        if {*c.writes} != set(module.outputs):
-            raise NotRecheckedError(f"`{c.name}` does not publish what `{name}` does")
-    uppers = model.modules_above(system, module.index)
-    if len(uppers) > 1:
-        raise NotRecheckedError(f"`{name}` stands below two other modules")
-    for upper in uppers:
-        if upper.forced is not None:
-            raise NotRecheckedError(f"`{upper.name}`, above `{name}`, is forced to {upper.forced}")
-        if symbol.verify.views or symbol.shield is not None or symbol.verify.enters is not None:
-            raise NotRecheckedError(
-                f"`{name}` stands below another module, and has views or a shield"
-            )
 
 
 def _require_known_components(facts: Facts) -> None:

@@ -32,10 +32,6 @@ if TYPE_CHECKING:
     """An expression, and whether it must hold (True) or must not (False)."""
 
 
-ELSEWHERE = (typed.ModeRead, typed.MarginRead, typed.AgeRead, typed.TimeRead, typed.InControl)
-"""The reads of something else than a topic's value: of modes, margins, ages and times."""
-
-
 def module_in_view(module: Module, name: str) -> Module:
     """The module with the parts that view `name` shows; `NotRecheckedError` where it has none."""
     symbol = module.symbol
@@ -81,21 +77,6 @@ def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> s
             if not any(_reads_only(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
-
-
-def shown_parts(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.TypedExpr | None:
-    """The parts of what must hold that read these topics, and no mode or clock; None: none does.
-
-    All of `e` implies it.
-    """
-    own = [
-        part
-        for part in _required_parts(e, wanted=True)
-        if topic_reads(part[0])
-        and _reads_only(part, shown)
-        and not any(isinstance(node, ELSEWHERE) for node in nodes([part[0]]))
-    ]
-    return _joined("&&", e.span, own, wanted=True) if own else None
 
 
 def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:

@@ -263,7 +263,6 @@ def _require_covered(facts: Facts) -> None:
         "parameters of the plants": bool(facts.parameters),
         "a fail-safe law": bool(symbol.failsafe),
         "an abstraction": bool(symbol.verify.abstracts),
-        "a tower": len(facts.tower) > 1,
         "modes of other modules": facts.modes,
         "moved commands": symbol.toward_sc,
         "a grid": bool(symbol.verify.groups),

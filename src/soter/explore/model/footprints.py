@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_walks import walk
-from soter.language.model.system import modules_above
 from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
@@ -91,8 +90,7 @@ class Footprints:
         return effects
 
     def _add_control_effects(self, role: str, module: int, effects: Effects) -> None:
-        above = [m.index for m in modules_above(self.system, module)]
-        effects.reads |= {("mode", m) for m in (module, *above)}
+        effects.reads.add(("mode", module))
         if role == "ac":
             effects.reads.add(("gate", module))
             effects.writes.add(("gate", module))

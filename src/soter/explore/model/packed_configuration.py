@@ -16,7 +16,6 @@ from soter.codegen import c_tree as c
 from soter.codegen.c_types import int_number
 from soter.core.layout import size_of
 from soter.explore.model.bit_packing import Packing, as_word, hulls, word
-from soter.language.model.system import modules_above
 from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
@@ -260,18 +259,13 @@ class ConfigurationEmitter:
 
     def _enabled_expression(self, component: Component) -> c.CExpr:
         """OE of a component, an expression over the modes."""
-        if component.module is None:
+        if component.role not in {"ac", "sc"}:
             return c.Number("1U")
-        wanted = [(m, "ac") for m in modules_above(self.system, component.module)]
-        if component.role in {"ac", "sc"}:
-            wanted.append((self.system.modules[component.module], component.role))
-        holds: c.CExpr | None = None
-        for m, role in wanted:
-            mode = c.Member(c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(m.index))), "mode")
-            name = c.Name("SOTER_AC" if role == "ac" else "SOTER_SC")
-            same = c.Binary("==", mode, c.Cast("uint8_t", name))
-            holds = same if holds is None else c.Binary("&&", holds, same)
-        return c.Number("1U") if holds is None else c.Ternary(holds, c.Number("1U"), c.Number("0U"))
+        modules = c.Arrow(S, "modules")
+        mode = c.Member(c.IndexExpr(modules, c.Number(str(component.module))), "mode")
+        name = c.Name("SOTER_AC" if component.role == "ac" else "SOTER_SC")
+        same = c.Binary("==", mode, c.Cast("uint8_t", name))
+        return c.Ternary(same, c.Number("1U"), c.Number("0U"))
 
     def _pack_stamps(self, p: Packing) -> None:
         """Packs the ages that matter, up to where they stop mattering."""

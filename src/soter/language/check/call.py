@@ -388,7 +388,7 @@ class CallChecker(FieldChecker):
             what = "a variable"
         elif names is not None:
             target, depth = find_instance(context.instances or {}, names)
-            if isinstance(target, typed.ModuleSymbol) and _is_below(target, names[depth:]):
+            if isinstance(target, typed.ModuleSymbol) and depth == len(names):
                 return ".".join(n.text for n in names)
             if not depth and len(names) <= 2:
                 return self._declared_module(names, argument, context, asked)
@@ -459,12 +459,6 @@ def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
         arguments[1] = bound
         return first
     return None
-
-
-def _is_below(module: typed.ModuleSymbol, names: Sequence[tree.Name]) -> bool:
-    """Whether the names lead from a module to one below it (`ac module`), or to itself."""
-    own = [m.name.rpartition(".")[2] for m in module.below]
-    return [n.text for n in names] == own[: len(names)]
 
 
 def _hint(name: str, expected: Type | None) -> Type | None:

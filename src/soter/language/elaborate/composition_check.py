@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Edit, Fix, Span, insert, out_of_list, whole_lines
 from soter.language.check.unknown_names import in_publishes
 from soter.language.elaborate.wellformed import check_external
-from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import TypedPublish
 from soter.language.model.types import show_ns
@@ -46,7 +45,7 @@ def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) ->
     taken = {i.name for i in system.instances}
     there: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
-    there |= {part for m in modules for part in (*m.own, *m.below)}
+    there |= {node for m in modules for node in m.own}
     for name, plant in program.plants.items():
         if plant not in there and any(t is topic for t, _ in plant.drives):
             yield f"{_instance(name, taken)}: {name};"
@@ -207,12 +206,11 @@ class Composition:
                 drivers = drivers_by_topic.setdefault(c.scope.topics[t], [])
                 if c.stands_for is None or who not in drivers:
                     drivers.append(who)
-        below = {m.over for m in self.system.modules}
         for m in self.system.modules:
             span = self.system.components[m.dm].span
             both = set(m.symbol.ac.publishes)  # P1b reports the others
             own = zip(m.symbol.sc.publishes, m.outputs, strict=True)
-            for index in () if m.index in below else (i for t, i in own if t in both):
+            for index in (i for t, i in own if t in both):
                 drivers_by_topic.setdefault(index, []).append((f"module `{m.name}`", span))
         return drivers_by_topic
 
@@ -440,17 +438,13 @@ class Composition:
     def _disjoint_nodes(self) -> None:
         seen: dict[tuple[str, NodeSymbol], Module] = {}
         for m in self.system.modules:
-            top = (m, *modules_above(self.system, m.index))[-1]
-            prefix = top.name.rpartition(".")[0]
-            own = ((m.ac, m.symbol.ac_span), (m.sc, m.symbol.sc_span))
-            for index, span in own if m.over is None else own[1:]:
+            prefix = m.name.rpartition(".")[0]
+            for index, span in ((m.ac, m.symbol.ac_span), (m.sc, m.symbol.sc_span)):
                 node = self.system.components[index].node
                 assert node is not None
                 other = seen.setdefault((prefix, node), m)
                 if other is m or other.symbol is m.symbol:
                     continue
-                if m.symbol in other.symbol.below and node in {other.symbol.sc} & {*m.symbol.own}:
-                    continue  # which is an error of the declaration
                 first = other.symbol
                 at_first = first.ac_span if first.ac is node else first.sc_span
                 self._report(

@@ -82,7 +82,6 @@ def only(system: System, kept: Collection[int]) -> System:
                 ac=at[m.ac],
                 sc=at[m.sc],
                 scope=seen(m.scope),
-                over=of(placed, m.over),
             )
             for i, m in enumerate(modules)
         ),
@@ -102,13 +101,7 @@ def undriven(system: System, kept: Collection[int]) -> System:
 
 
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
-    """The module, as `modules[0]`, and these plants, without properties, draws and `until`.
-
-    A module above another one gets that one's AC as its own.
-    """
-    if module.over is not None:
-        ac = replace(system.components[module.ac], module=module.index)
-        system = with_components(with_module(system, replace(module, over=None)), [ac])
+    """The module, as `modules[0]`, and these plants, without properties, draws and `until`."""
     kept = [c.index for c in plants]
     return undriven(system, [*kept, module.dm, module.sc, module.ac])
 
@@ -123,7 +116,7 @@ def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSym
     ac, sc = (flat.components[i].node for i in (module.ac, module.sc))
     assert ac is not None
     assert sc is not None
-    itself = replace(symbol, ac=ac, sc=sc, over=None)
+    itself = replace(symbol, ac=ac, sc=sc)
     instances = (*plants, typed.InstanceSymbol(symbol.name, itself, {}, {}, symbol.span))
     made = typed.SystemSymbol(
         name=f"{symbol.name}.verify",

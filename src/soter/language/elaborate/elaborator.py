@@ -478,7 +478,7 @@ class Elaborator(Topics):
         scope = self._scope(placed, reads)
         wcet, jitter = budget(self, module)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
-        components = [
+        return [
             Component(
                 0,
                 name,
@@ -492,26 +492,18 @@ class Elaborator(Topics):
                 jitter_ns=jitter,
             ),
             self._node(placed, sc, sc_name, "sc", index),
+            self._node(placed, ac, ac_name, "ac", index),
         ]
-        if placed.below is None:
-            components.append(self._node(placed, ac, ac_name, "ac", index))
-        return components
 
     def _modules(self, pending: list[PlacedInstance], components: list[Component]) -> list[Module]:
         roles: list[dict[str, Component]] = [{} for _ in pending]
         for c in components:
             if c.module is not None:
                 roles[c.module][c.role] = c
-        at = {id(p): i for i, p in enumerate(pending)}
-        for i, p in reversed(list(enumerate(pending))):  # a module below stands behind
-            if p.below is not None:
-                roles[i]["ac"] = roles[at[id(p.below)]]["ac"]
         modules = []
         for i, placed in enumerate(pending):
             with self.under(placed.params):
                 modules.append(self._module(placed, i, roles[i]))
-        for m, p in zip(modules, pending, strict=True):
-            m.over = None if p.below is None else at[id(p.below)]
         return modules
 
     def _module(self, placed: PlacedInstance, index: int, by_role: dict[str, Component]) -> Module:
@@ -745,23 +737,14 @@ class Elaborator(Topics):
                 )
                 result.append(contract)
         for module in modules:
-            self._contract_of(module, modules, components, result)
+            self._contract_of(module, components, result)
         return result
 
     def _contract_of(
-        self,
-        module: Module,
-        modules: list[Module],
-        components: list[Component],
-        result: list[Property],
+        self, module: Module, components: list[Component], result: list[Property]
     ) -> None:
         """Adds the clauses of a module's contract, judged when one of its controllers steps."""
-        inside = {module.index}
-        below = module.over
-        while below is not None:
-            inside.add(below)
-            below = modules[below].over
-        own = [c for c in components if c.module in inside and c.role in {"ac", "sc"}]
+        own = [c for c in components if c.module == module.index and c.role in {"ac", "sc"}]
         for clause in module.symbol.contract:
             for c in own:
                 text = f"{clause.name} of {module.name}: {clause.text} in {c.name}"
@@ -919,10 +902,10 @@ def elaborate(
 
 def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
     """The system of a file that declares none: everything in the file, once."""
-    used = {n for m in program.modules.values() for n in (m.ac, m.sc, *m.below)}
+    used = {n for m in program.modules.values() for n in m.own}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),
-        *(m for m in program.modules.values() if m not in used),
+        *program.modules.values(),
         *(n for n in program.nodes.values() if n not in used),
     ]
     own = [w for w in whats if "." not in w.name]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.field import listed
 from soter.language.elaborate.step_times import waiting
-from soter.language.model.system import Fault, claims_nothing
+from soter.language.model.system import Fault
 from soter.language.model.types import FloatType, IntType, has_list, leaves, show_ns
 
 if TYPE_CHECKING:
@@ -326,8 +326,6 @@ class _FaultPlacer:
         """Why the assumptions of proofs still hold with a fault; None: one may not hold."""
         if c.role == "ac" and not self._must_speak(c, fault):
             return "AC may do anything"
-        if c.module is not None and claims_nothing(self.system, self.system.modules[c.module]):
-            return "nothing is claimed of its module"
         if fault.disturbance is not None:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))

@@ -43,8 +43,6 @@ class PlacedInstance:
     """The values of parameters inside this instance."""
     forced: str | None = None
     replaced: dict[str, typed.NodeSymbol] = field(default_factory=dict)
-    below: PlacedInstance | None = None
-    """For a module: the one that stands in the place of its AC, or None."""
     by_contract: dict[str, ContractStandIn] = field(default_factory=dict)
     """Name of a node's declaration -> its replacement by contract."""
 
@@ -134,15 +132,9 @@ class Instantiation(Numbers):
             if isinstance(what, typed.ModuleSymbol):
                 damaged = self.program.damaged
                 self.partial = self.partial or what.ac in damaged or what.sc in damaged
-            placed = PlacedInstance(name, what, prefix, [wires, *outer], instance.span, params)
-            self.placed.append(placed)
-            for below in what.below if isinstance(what, typed.ModuleSymbol) else ():
-                name += "." + below.name.rpartition(".")[2]
-                placed.below = PlacedInstance(
-                    name, below, prefix, [wires, *outer], instance.span, params
-                )
-                placed = placed.below
-                self.placed.append(placed)
+            self.placed.append(
+                PlacedInstance(name, what, prefix, [wires, *outer], instance.span, params)
+            )
         forced = {prefix + path: to for path, to, _ in system.forces}
         for placed in self.placed if forced else ():
             placed.forced = forced.get(placed.name, placed.forced)
@@ -230,9 +222,7 @@ class Instantiation(Numbers):
         what = "plant" if plant else "node or module" if self.whole_modules else "node"
         names = self._names_of_replaceable(typed.PlantSymbol if plant else typed.NodeSymbol)
         if self.whole_modules and not plant:
-            below = [p.below for p in self.placed]
-            whole = [p for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
-            names += [p.name for p in whole if p not in below]
+            names += [p.name for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
         known = [n[len(prefix) :] for n in names if n.startswith(prefix)]
         there = "nodes and modules" if what == "node or module" else f"{what}s"
         self.diagnostics.error(
@@ -267,49 +257,35 @@ class Instantiation(Numbers):
         return hit
 
     def _replace_module(self, placed: PlacedInstance, by: Replacement, span: Span) -> bool:
-        """Puts a node, or stand-ins by contract, in the place of a module and all below it."""
-        module = placed.symbol
+        """Puts a node, or stand-ins by contract, in the place of a module."""
+        module, p = placed.symbol, placed
         assert isinstance(module, typed.ModuleSymbol)
-        above = next((p for p in self.placed if p.below is placed), None)
-        if isinstance(by, typed.PlantSymbol) or above is not None:
+        if isinstance(by, typed.PlantSymbol):
             return False
-        tower = [placed]
-        while tower[-1].below is not None:
-            tower.append(tower[-1].below)
-        self.gone[placed.name] = ReplacedModule(module, span)
-        at = self.placed.index(placed)
-        self.placed = [p for p in self.placed if p not in tower]
+        self.gone[p.name] = ReplacedModule(module, span)
         if isinstance(by, typed.NodeSymbol):
             self._require_same_outputs(module, by, span)
-            self.put_in[placed.name] = span
-            self.placed.insert(
-                at,
-                PlacedInstance(
-                    placed.name, by, placed.prefix, placed.wires, placed.span, placed.params
-                ),
-            )
+            self.put_in[p.name] = span
+            made = [PlacedInstance(p.name, by, p.prefix, p.wires, p.span, p.params)]
         else:
-            self.placed[at:at] = self._make_stand_ins(tower, span)
+            made = self._make_stand_ins(p, module, span)
+        at = self.placed.index(p)
+        self.placed[at : at + 1] = made
         return True
 
-    def _make_stand_ins(self, tower: list[PlacedInstance], span: Span) -> list[PlacedInstance]:
-        """A stand-in for each controller of modules that stand above each other."""
+    def _make_stand_ins(
+        self, p: PlacedInstance, module: typed.ModuleSymbol, span: Span
+    ) -> list[PlacedInstance]:
+        """A stand-in for each controller of a module."""
         stand_ins: list[PlacedInstance] = []
-        clauses: tuple[typed.ClauseSymbol, ...] = ()
-        for p in tower:
-            module = p.symbol
-            assert isinstance(module, typed.ModuleSymbol)
-            clauses = (*clauses, *module.contract)
-            controllers = p.controllers()
-            names = controller_names(p.name, *controllers)
-            for node, name, role in zip(controllers, names, ROLES, strict=True):
-                if p.below is not None and node is controllers[0]:
-                    continue  # that is a controller of the module below
-                made = PlacedInstance(name, node, p.prefix, p.wires, p.span, p.params)
-                made.by_contract[node.name] = ContractStandIn(
-                    tower[0].name, "module", role, clauses, span
-                )
-                stand_ins.append(made)
+        controllers = p.controllers()
+        names = controller_names(p.name, *controllers)
+        for node, name, role in zip(controllers, names, ROLES, strict=True):
+            made = PlacedInstance(name, node, p.prefix, p.wires, p.span, p.params)
+            made.by_contract[node.name] = ContractStandIn(
+                p.name, "module", role, module.contract, span
+            )
+            stand_ins.append(made)
         return stand_ins
 
     def _names_of_replaceable(self, kind: type) -> list[str]:

@@ -299,8 +299,7 @@ class _TestElaborator(Elaborator):
 
     def _invariant(self, item: typed.PropertySymbol, modules: list[Module]) -> None:
         """Adds the invariant of Theorem 3.1 for one module, or for each one (Theorem 4.1)."""
-        below = {m.over for m in modules}
-        about = [m for m in modules if m.index not in below]
+        about = modules
         if item.module is not None:
             gone = self.gone.get(item.module)
             if gone is not None:

@@ -148,8 +148,6 @@ def make_shield_topics(
 def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
     if module.symbol.ttf is not None or module.symbol.safer is not None:
         return "`ttf` and `safer` are written: what a shield permits is computed together with them"
-    if module.symbol.over is not None:
-        return "a module stands in the place of its AC"
     for i in module.outputs:
         t = topics[i].type
         if has_list(t) or not all(isinstance(leaf, FloatType) for _, leaf in leaves(t)):

@@ -52,21 +52,8 @@ def check_declaration(
             helps=("give the module a safe controller of its own",),
         )
         return
-    if ac in damaged or sc in damaged or set(module.below) & set(damaged):
+    if ac in damaged or sc in damaged:
         return
-    _decided_by_itself(module, diagnostics)
-    for below in module.below:
-        if sc in below.own:
-            diagnostics.error(
-                "M002",
-                f"`{sc.name}` is SC of module `{module.name}` and a controller of `{below.name}`",
-                at_sc,
-                "the safe controller",
-                also=((below.span, f"`{below.name}` stands in the place of AC"),),
-                notes=("one node cannot have control in two ways",),
-                helps=("give the module a safe controller of its own",),
-            )
-            return
     for node in module.own:
         check_messages(module, node, at_ac if node is ac else at_sc, diagnostics)
     if set(ac.publishes) != set(sc.publishes) or not ac.publishes:
@@ -117,35 +104,6 @@ def _same_outputs(topic: str, by: NodeSymbol, other: NodeSymbol, drivers: Mappin
     return f"let `{other.name}` publish `{topic}` too"
 
 
-def _decided_by_itself(module: ModuleSymbol, diagnostics: Diagnostics) -> None:
-    """In towers, reports M019 for modules without `ttf` and `safer`, M029 for those with `rest`."""
-    over = module.over
-    if over is None:
-        return
-    for m in (module, over) if over.over is None else (module,):
-        if m.rest is not None and m is module:
-            continue  # the checker has reported `ac module` beside `rest`
-        if m.rest is not None:
-            diagnostics.error(
-                "M029",
-                f"module `{m.name}` has `rest`, and stands in the place of an AC",
-                module.ac_span or module.span,
-                also=((m.rest.span, "`rest`"),),
-                notes=("nothing is known yet of towers whose modules follow SC at run time",),
-                helps=("give the module above an AC that is a node",),
-            )
-        elif m.ttf is None and m.safer is None:
-            diagnostics.error(
-                "M019",
-                f"module `{m.name}` has no `ttf` and no `safer`, and nothing computes them here",
-                module.ac_span or module.span,
-                "a module in the place of AC" if m is module else f"`{m.name}` is below a module",
-                also=((m.span, "declared here"),),
-                notes=("they are computed for modules that can be proved where they stand",),
-                helps=("write `ttf ...;` and `safer ...;`",),
-            )
-
-
 def check_messages(
     module: ModuleSymbol, node: NodeSymbol, at: Span, diagnostics: Diagnostics
 ) -> None:
@@ -173,35 +131,10 @@ def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[
     for module in system.modules:
         if system.components[module.dm].name in unknown:
             continue
-        if module.over is not None:
-            _slower_below(system, module, diagnostics, unknown)
-        own = (("AC", module.ac), ("SC", module.sc))
-        for role, index in own if module.over is None else own[1:]:
+        for role, index in (("AC", module.ac), ("SC", module.sc)):
             node = system.components[index]
             if node.period_ns > module.period_ns and node.name not in unknown:
                 _report_slower(module, role, node, diagnostics)
-
-
-def _slower_below(
-    system: System, module: Module, diagnostics: Diagnostics, unknown: Collection[str]
-) -> None:
-    """Checks P1a for a module in the place of AC: its DM and controllers must be as fast."""
-    assert module.over is not None
-    below = system.modules[module.over]
-    for index in (below.dm, below.ac, below.sc) if below.over is None else (below.dm, below.sc):
-        c = system.components[index]
-        if c.period_ns <= module.period_ns or c.name in unknown:
-            continue
-        what = f"`{c.node.name}`" if c.node is not None else f"the DM of `{below.symbol.name}`"
-        diagnostics.error(
-            "P1a",
-            f"{what} is slower than the decision module of `{module.symbol.name}`",
-            module.symbol.ac_span or module.symbol.span,
-            f"{what} steps every {show_ns(c.period_ns)}",
-            also=((module.symbol.period.span, f"samples every {show_ns(module.period_ns)}"),),
-            notes=("P1a asks it of everything that stands in the place of AC",),
-            helps=(f"raise this period to {write_ns(c.period_ns)} or more",),
-        )
 
 
 def _report_slower(module: Module, role: str, node: Component, diagnostics: Diagnostics) -> None:
@@ -410,9 +343,6 @@ def _modes(system: System, c: Component) -> dict[str, str]:
 
 
 def _module(here: System, mine: Module, there: System, proved: Module) -> Iterator[str]:
-    def over(system: System, m: Module) -> str:
-        return "" if m.over is None else system.modules[m.over].name
-
     def around(m: Module) -> dict[str, str]:
         return {p.name: repr(v) for p, v in m.around.items()}
 
@@ -425,7 +355,6 @@ def _module(here: System, mine: Module, there: System, proved: Module) -> Iterat
         ("another `clean`", mine.clean, proved.clean),
         ("another `shield`", cells(mine), cells(proved)),
         ("other parameters", (_params(mine), around(mine)), (_params(proved), around(proved))),
-        ("another module in the place of AC", over(here, mine), over(there, proved)),
     )
     yield from _unequal(f"module `{mine.name}`", pairs)
     for name, forced in ((here.name, mine.forced), (there.name, proved.forced)):

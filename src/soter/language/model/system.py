@@ -265,8 +265,6 @@ class Module:
     forced: str | None = None
     around: dict[ParamSymbol, Value] = field(default_factory=dict)
     """Parameters of the system whose topics it reads and gates; its own are those of `scope`."""
-    over: int | None = None
-    """Index of the module that stands in the place of AC, whose AC `ac` then is; or None."""
     view: str = ""
     """Name of the view, if it is one of a module (`elaborate/views_for_proofs.py`): `symbol` then
     has the view's part of the proof, `whole` is the module that flies."""
@@ -531,25 +529,6 @@ def queues_of(system: System, component: Component) -> tuple[int, ...]:
     return tuple([i for i in read if system.topics[i].queue_of is not None])
 
 
-def modules_above(system: System, module: int) -> tuple[Module, ...]:
-    """The modules that have this one, directly or not, in the place of AC; the next one first."""
-    above = next((m for m in system.modules if m.over == module), None)
-    return () if above is None else (above, *modules_above(system, above.index))
-
-
-def tower_of(system: System, module: int) -> tuple[Module, ...]:
-    """A module with those above and below it, the topmost first; may be the module alone."""
-    tower = [*reversed(modules_above(system, module)), system.modules[module]]
-    while (below := tower[-1].over) is not None:
-        tower.append(system.modules[below])
-    return tuple(tower)
-
-
-def holder_of(system: System, module: Module) -> str:
-    """The name of the sub-system that a module (by its topmost one) is in; "" for none."""
-    return tower_of(system, module.index)[0].name.rpartition(".")[0]
-
-
-def claims_nothing(system: System, module: Module) -> bool:
-    """Whether safety does not rest on a module: one is above it, and it has no `verify` block."""
-    return module.symbol.verify.span is None and bool(modules_above(system, module.index))
+def holder_of(module: Module) -> str:
+    """The name of the sub-system that a module is in; "" for none."""
+    return module.name.rpartition(".")[0]

@@ -129,9 +129,8 @@ def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
         return [*what.reads, *(t for t, _ in what.drives)]
     if isinstance(what, typed.ModuleSymbol):
         nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
-        below = [t for m in what.below for t in topics_mentioned(m)]
         reads = [*what.topics_read, *topic_reads(*what.expressions), *what.moved]
-        return [*nodes_, *below, *reads, *what.acknowledgements]
+        return [*nodes_, *reads, *what.acknowledgements]
     return []
 
 

@@ -627,8 +627,6 @@ class ModuleSymbol(Symbol):
     `ttf` and `safer` may be None: then they are computed (`verify/deploy/missing_predicates.py`)
     before a run or a build; where that fails AC never gets control. `clean` is the number of clean
     outputs AC needs after a fault.
-
-    With `over` a module stands in the place of AC: `ac` is then what that one has as its AC.
     """
 
     ac: NodeSymbol
@@ -644,7 +642,6 @@ class ModuleSymbol(Symbol):
     ac_span: Span | None = None
     sc_span: Span | None = None
     """Where the module names its controllers, AC and SC."""
-    over: ModuleSymbol | None = None
     contract: tuple[ClauseSymbol, ...] = ()
     """Its `assumes` and `guarantees`, which are judged when its controllers step."""
     failsafe: dict[TopicSymbol, TypedExpr] = field(default_factory=dict)
@@ -663,8 +660,8 @@ class ModuleSymbol(Symbol):
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
-        """Its own controllers, without those of a module below it."""
-        return (self.ac, self.sc) if self.over is None else (self.sc,)
+        """Its controllers, AC and SC."""
+        return self.ac, self.sc
 
     @property
     def acknowledgements(self) -> tuple[TopicSymbol, ...]:
@@ -683,11 +680,6 @@ class ModuleSymbol(Symbol):
         if self.latch is not None and self.latch.topic is None:
             return "returns never"
         return "recover never" if self.verify.stays is not None else ""
-
-    @property
-    def below(self) -> tuple[ModuleSymbol, ...]:
-        """The module below it, the one below that, and so on."""
-        return () if self.over is None else (self.over, *self.over.below)
 
     @property
     def synthesized(self) -> bool:

@@ -590,14 +590,6 @@ class VerifyBlock(Node):
 
 
 @node()
-class ModuleAsAc(Node):
-    """`ac module Keep;`: a whole module in the place of an advanced controller."""
-
-    module: Ref
-    span: Span
-
-
-@node()
 class Synthesized(Node):
     """`sc synthesized period 10ms;`: a controller that `soter verify --synthesize` finds."""
 
@@ -654,7 +646,7 @@ class EachCommand(Node):
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
 
-    ac: Ref | ModuleAsAc | None
+    ac: Ref | None
     sc: Ref | Synthesized | None
     period: SyntaxExpr | None
     safe: SyntaxExpr | None

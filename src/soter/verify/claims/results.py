@@ -68,8 +68,8 @@ class Vacuity:
     """Why a proof says little: AC never, or hardly ever, has control (`diagnosis/vacuity.py`).
 
     `how_often`: how often it has, "not shown" where that is unknown; `what` is the reason: `ttf`,
-    `safer`, `safe`, `core` (K itself) or "above" (the module above); `share`: the share of K, or of
-    C for `core`, where AC may have control; `parameters`: of the worst case of several.
+    `safer`, `safe` or `core` (K itself); `share`: the share of K, or of C for `core`, where AC may
+    have control; `parameters`: of the worst case of several.
     """
 
     how_often: str
@@ -394,8 +394,8 @@ class ModuleResult:
 
     @property
     def whilst(self) -> str:
-        """The condition under which `safe` of a module below another is claimed; "": always."""
-        return f" while {self.problem.above} is in AC" if self.problem.above else ""
+        """What is said beside its verdict; "" where there is nothing (`tubes/verify.py`)."""
+        return ""
 
     @cached_property
     def not_rechecked(self) -> str | None:

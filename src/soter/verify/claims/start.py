@@ -6,12 +6,10 @@ of SC has acted, counted from the start. H, the look-ahead: how long a state may
 SC's first output acts, once control is given back (both: `verify/problem/schedule.py`).
 
 Purpose: the claim `start`, in two parts. *Control*: `check_start` checks that initial states lie in
-R(h_0); `check_hand_back`, for a module below another one, that this one gives control back only in
-R(H) (docs/proof-modules.md, "Towers"). `why_not_entered` checks the set part of a hand-over
-(docs/proof-sets.md): where `enters` holds of an estimate the state lies in R(H), on cells and
-outside the grid. *Defaults*: `fault_on_defaults` runs SC's steps before all that it reads shows a
-state. Their outputs are in U, so R(h_0) covers them; but a step that faults latches SC, and then it
-never publishes again.
+R(h_0). `why_not_entered` checks the set part of a hand-over (docs/proof-sets.md): where `enters`
+holds of an estimate the state lies in R(H), on cells and outside the grid. *Defaults*:
+`fault_on_defaults` runs SC's steps before all that it reads shows a state. Their outputs are in U,
+so R(h_0) covers them; but a step that faults latches SC, and then it never publishes again.
 Non-goals: that a node changes a view in no other step (`induction/handover.py`).
 """
 
@@ -25,11 +23,9 @@ import numpy as np
 
 from soter.language.elaborate import derived_systems
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import leaves, show_ns
+from soter.language.model.types import leaves
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step
-from soter.verify.claims.product_sets import why_sc_leaves_sets
-from soter.verify.claims.results import ASSUMED, PROVED
 from soter.verify.problem.verification_system import AC, SC, sc_reads
 
 if TYPE_CHECKING:
@@ -39,7 +35,6 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.semantics.configuration import Configuration
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import Finding
     from soter.verify.problem.problem import Problem
 
 
@@ -49,21 +44,12 @@ ENTERS = "enters"
 """The name of that predicate in the compiled enclosures."""
 MAY_HOLD = 2
 """The bit of `CompiledEnclosures.truth` for a predicate that may be true somewhere in a box."""
-NARROWER = "a `safer` above that gives control back at fewer states, or a wider grid"
-SETS = "declare the sets of what plants drive, and let SC answer all of them"
-"""Hints for a failure of a hand-back."""
 
 # ---------------------------------------------------------------- control at the start
 
 
 def check_start(case: Case) -> None:
-    """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted.
-
-    Below another module, which has control first, it checks the states where that gives it back.
-    """
-    if case.problem.above:
-        check_hand_back(case)
-        return
+    """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted."""
     if not case.problem.starts_with(case.parameter):
         return
     _fails_on_defaults(case)
@@ -72,51 +58,7 @@ def check_start(case: Case) -> None:
         proof.start(case, until_ns)
 
 
-# ---------------------------------------------------------------- control by a hand-back
-
-
-def check_hand_back(case: Case) -> None:
-    """Enters a failure of `start` where a module above may give control back outside R(H).
-
-    It is asked for every value of the parameters, as that may happen at any time.
-    """
-    if _fails_on_defaults(case):
-        return
-    why = why_not_entered(case)
-    if why:
-        text = f"{case.problem.above} gives control back outside R(H), or may: {why}"
-        case.fail("start", text, hint=NARROWER)
-        return
-    box = np.array(case.forms.whole)
-    box[: len(case.problem.states)] = ranges_of_entry(case.problem)
-    why = why_sc_leaves_sets(case.problem, case.forms, box)
-    if why:
-        text = f"while {case.problem.above} is in SC, whatever is published: {why}"
-        case.fail("start", text, hint=SETS)
-
-
-def hand_back_in_words(problem: Problem) -> str:
-    """The sentence that says what is proved of a hand-back."""
-    return (
-        f"wherever {problem.above} may give control back the state lies in "
-        f"R({show_ns(problem.times.horizon_ns)}); SC answers all that may be published before"
-    )
-
-
-def weaken_if_below(problem: Problem, finding: Finding) -> None:
-    """Weakens P2b of a module below another one: it is proved only while that one is in AC."""
-    if problem.above and finding.verdict == PROVED:
-        text = f"{finding.text} while {problem.above} is in AC: not proved"
-        finding.rest_on(ASSUMED, text)
-
-
-def notes_on_module_below(problem: Problem) -> list[str]:
-    """A note for a module above another one: how little is assumed of that one."""
-    return [
-        f"{name} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
-        "but that what they publish lies in the declared sets, which each step checks"
-        for name in problem.below[:1]
-    ]
+# ---------------------------------------------------------------- control by a hand-over
 
 
 def why_not_entered(case: Case) -> str:
@@ -159,15 +101,14 @@ def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats
 def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
     """The range of each state where `enters` is judged, by the sets of the topics that it reads.
 
-    None where none of them shows the state. Below another module every topic counts: a plant stops
-    rather than publish anything outside its set.
+    None where none of them shows the state.
     """
     scope = problem.module.scope.topics
     read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
     ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
     for (topic, leaf), state in problem.state_of_leaf.items():
         bounds = problem.system.topics[topic].bounds[leaf]
-        if (topic not in read and not problem.above) or bounds is None:
+        if topic not in read or bounds is None:
             continue
         error = _measurement_error(problem, topic, leaf)
         error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
@@ -188,12 +129,11 @@ def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
 # ---------------------------------------------------------------- SC on defaults
 
 
-def _fails_on_defaults(case: Case) -> bool:
-    """Whether SC may fault on defaults; then a failure of `start` is entered."""
+def _fails_on_defaults(case: Case) -> None:
+    """Enters a failure of `start` where SC may fault on defaults."""
     why = fault_on_defaults(case.problem)
     if why:
         case.fail("start", why, hint="let SC step only after what it reads was published: `phase`")
-    return bool(why)
 
 
 def fault_on_defaults(problem: Problem) -> str:

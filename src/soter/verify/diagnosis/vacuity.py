@@ -9,7 +9,6 @@ Non-goals: verdicts: a proof about an empty set is a proof.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,7 +45,6 @@ LETS = {"ttf": 1, "safer": 2}
 OF_NOTHING, EVERY_VALUE = "of nothing: ", "every parameter value"
 NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
 OF_FRESH = "of whatever is fresh"
-ABOVE = "above"
 HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 
 
@@ -328,27 +326,6 @@ def _refused_at_start(case: Case) -> bool:
     box = case.forms.whole.copy()
     box[: len(case.problem.initial)] = [(i.low, i.high) for i in case.problem.initial]
     return not case.forms.truth("safer", box) & LETS["safer"]
-
-
-def of_those_above(results: Sequence[ModuleResult]) -> None:
-    """Enters a vacuity for modules below one that is never in AC, as their claims need it to be."""
-    by_name = {m.name: m for m in results}
-
-    def enter(m: ModuleResult) -> Vacuity | None:
-        above = by_name.get(m.problem.above)
-        own = None if above is None else enter(above)
-        if (
-            m.vacuity is None
-            and above is not None
-            and own is not None
-            and own.what in (*LETS, ABOVE)
-        ):
-            text = own.text if own.what == ABOVE else f"of {above.name}: {own.text}"
-            m.vacuity = replace(own, what=ABOVE, text=text)
-        return m.vacuity
-
-    for m in results:
-        enter(m)
 
 
 def at_the_start(done: Sequence[Case]) -> str:

@@ -381,8 +381,6 @@ def with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Prob
 def exchanged(problem: Problem) -> Problem | None:
     """The problem with AC in the place of SC; None: it is no problem."""
     m, components = problem.module, problem.system.components
-    if problem.below:
-        return None
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
     roles = replace(components[m.ac], role="sc"), replace(components[m.sc], role="ac")
     system = derived_systems.with_components(problem.system, roles)

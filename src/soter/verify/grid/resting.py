@@ -80,7 +80,7 @@ def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
 def _may_rest(problem: Problem, engine: GridGroup) -> bool:
     """Whether the argument for such cells covers this problem."""
     symbol = problem.module.symbol
-    alone = not (problem.view or problem.above or problem.below or problem.modes)
+    alone = not (problem.view or problem.modes)
     return (
         problem.kind == "flow"
         and problem.computed

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.constants_and_types import Calculator
 from soter.language.model import typed
-from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import ListType, RecordType, leaf_name, leaves
 from soter.verify.enclose.compiled_enclosures import generate_enclosures
@@ -352,12 +351,7 @@ def states_that_wrap(
     There are some only in flows that one module alone commands, with a declared SC and predicates.
     """
     symbol = at.module.symbol
-    settled = not (
-        at.module.view
-        or symbol.verify.enters is not None
-        or symbol.shield is not None
-        or len(tower_of(at.flat, at.home.index)) > 1
-    )
+    settled = not (at.module.view or symbol.verify.enters is not None or symbol.shield is not None)
     grids = [g for g in groups if g.representation == "grid"]
     axes = [a for g in grids for a in g.axes if _is_turn(a, NEARLY)]
     found: set[int] = set()

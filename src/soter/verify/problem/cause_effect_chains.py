@@ -22,7 +22,6 @@ from math import gcd
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
-from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import topic_reads
 from soter.verify.problem.schedule import ActuationPath, Releases, SensorPath
 from soter.verify.problem.verification_system import sc_reads
@@ -363,7 +362,6 @@ def _upstream_prefixes(
     """Every path to a topic of the flying system that does not run in a circle."""
     flat, links = place.flat, place.module.symbol.verify.abstracts
     shown = {place.around + link.instance for link in links}
-    own = {m.index for m in tower_of(flat, place.home.index)}
     for drive in flat.inputs:
         if drive.topic == index:
             yield _ChainPrefix(None, (), Releases(drive.every_ns))
@@ -371,7 +369,7 @@ def _upstream_prefixes(
         if index in _topics_of_plant(c):
             beside = None if c.name in shown else c
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
-        if c.node is None or c in seen or c.module in own:
+        if c.node is None or c in seen or c.module == place.home.index:
             continue
         if _publishes(c, index):
             yield from _prefixes_through(place, c, index, seen)

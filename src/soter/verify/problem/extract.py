@@ -15,7 +15,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.views_for_proofs import refuse_views
-from soter.language.model.system import LEVELS_DEFAULT, tower_of
+from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
@@ -35,7 +35,6 @@ from soter.verify.problem.left_out_states import states_to_leave_out
 from soter.verify.problem.problem import Assumption, Interval, Problem, Times
 from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import check_supported
-from soter.verify.problem.tower import check_tower, modules_below, with_hand_back, with_module_above
 from soter.verify.problem.verification_system import (
     VerificationSystem,
     modes_as_topics,
@@ -53,7 +52,6 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.verify.problem.cause_effect_chains import DownstreamPath
     from soter.verify.problem.problem import Group, Modes, ProblemKind, Quantities
-    from soter.verify.problem.tower import ModuleAbove
 
 CASES_MAX = 4096
 
@@ -68,26 +66,15 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     It holds that of the module's fail-safe law, where one is declared.
     """
     problem = _problem_of(flat, module, synthesize=synthesize)
-    problem.below = modules_below(flat, module)
     if module.law and module.symbol.verify.induction is None:
         try:
-            problem.law_unread = (
-                _why_tower_has_no_law(flat, module)
-                or why_law_not_held(flat, module)
-                or _why_law_uncovered(problem)
-            )
+            problem.law_unread = why_law_not_held(flat, module) or _why_law_uncovered(problem)
             if not problem.law_unread:
                 law = _problem_of(*under_law(flat, module))
                 problem.law = with_same_wrapping(law, problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
-
-
-def _why_tower_has_no_law(flat: System, module: Module) -> str:
-    """Why nothing is claimed of the law of a module above or below another one."""
-    others = [m.name for m in tower_of(flat, module.index) if m.index != module.index]
-    return f"{others[0]} commands the same actuators: no lease is given there" if others else ""
 
 
 def _why_law_uncovered(problem: Problem) -> str:
@@ -105,17 +92,16 @@ def _why_law_uncovered(problem: Problem) -> str:
 
 
 def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
-    """The problem without what `extract` adds: the modules below, and the fail-safe law."""
+    """The problem without what `extract` adds: the fail-safe law."""
     diagnostics = Diagnostics()
-    _refuse_unsupported(flat, module, diagnostics)
-    home, (flat, module, modes) = flat, modes_as_topics(flat, module)
+    refuse_views(module)
+    flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _refuse_lemmas(module, diagnostics)
     at = verification_system_of(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
-    at, above = with_module_above(home, at, kind, diagnostics)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     core, rest_clause = lower(at.system), at.module.symbol.rest
@@ -145,7 +131,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         others=tuple(inputs.other_ranges),
         parameters=tuple(inputs.parameters),
         groups=groups,
-        times=with_hand_back(times, above),
+        times=times,
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
         levels_open=_levels_open(at.module) and not synthesize,
         has_core_hint=symbol.verify.core is not None,
@@ -155,7 +141,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         state_of_leaf=axes.topic_leaves,
         assumptions=(
             *assumptions_of(at, inputs, times, chains, kind, jumps),
-            *_problem_assumptions(at, groups, modes, above),
+            *_problem_assumptions(at, groups, modes),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
@@ -170,7 +156,6 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
         turns_read=turns_read,
-        above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
     return problem if rest_clause is None else tube_problem_of(problem, rest_clause, calculator)
@@ -212,19 +197,12 @@ def _wrapping_axes(
     return replace(quantities, turning=states), with_wrapping_axes(groups, states), readers
 
 
-def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    refuse_views(module)
-    check_tower(flat, module, diagnostics)
-    diagnostics.raise_errors()
-
-
 def _problem_assumptions(
-    at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: ModuleAbove | None
+    at: VerificationSystem, groups: tuple[Group, ...], modes: Modes
 ) -> list[Assumption]:
     """The assumptions of this problem beside those that every problem has."""
-    of_above = [] if above is None else above.assumptions
     beside = [*_unbounded_assumptions(groups), *far_turns_assumption(groups)]
-    return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions, *of_above]
+    return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions]
 
 
 def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:

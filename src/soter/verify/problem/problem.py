@@ -319,11 +319,6 @@ class Problem:
     """What others publish that moves the plants: the last disturbances of each plant."""
     turns_read: Mapping[str, str] = field(default_factory=dict)
     """For each state whose axis is a full turn and does not wrap, by name, who reads its turns."""
-    above: str = ""
-    """The module that has this one in the place of its AC: claims hold while it is in AC; "": none
-    has."""
-    below: tuple[str, ...] = ()
-    """The module that stands in the place of AC, the one in the place of its AC, and so on."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis the commands to try of each control."""
     parameter_starts: tuple[tuple[int, ...], ...] = ()

@@ -250,7 +250,7 @@ def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]
 
 def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
     """The lines `late` and `response` of a `verify` block with which the proof counts enough."""
-    home = holder_of(flat, module)
+    home = holder_of(module)
     lines = []
     for k, word in enumerate(("late", "response")):
         said = [
@@ -385,8 +385,6 @@ def horizon_in_words(times: Times) -> str:
     """H and H* in words, with the largest term."""
     h, star = times.horizon_ns, times.h_star
     name, largest = max(summands_of_h_star(times).items(), key=lambda item: item[1])
-    if times.schedule.handed_back == star:
-        name, largest = "a hand-back of the module above", star
     if times.horizon is None:
         return (
             f"H = H* = {show_ns(h)}: what is needed (no `horizon` declared; "

@@ -212,9 +212,6 @@ class Schedule:
     outputs: tuple[ActuationPath, ...] = (ActuationPath(),)
     dropout: int = 0
     """How many ns longer than its period a sensor that SC reads may be silent."""
-    back: int | None = None
-    """Below another module: from the state behind a verdict by which that one gives control back
-    until the verdict is in force, at most; None: there is none above."""
 
     # ------------------------------------------------------------ ages
 
@@ -403,22 +400,7 @@ class Schedule:
 
         An "AC" verdict shows that what the DM reads is there. SC's other topics are by h_0.
         """
-        own = max(self.h_star, self.start) if self.reads_more else self.h_star
-        return max(own, self.handed_back)
-
-    @cached_property
-    def handed_back(self) -> int:
-        """Below another module: from the state behind its verdict to an SC-run on states since.
-
-        The verdict is in force `back` after that state. SC's first release from then on is delta
-        later at most, and its output passes. Reads of an SC-run reach d back, where nothing is
-        known of the time before that state: the run begins at the first output that is complete d
-        after it or later, and outputs are complete at most delta + j one after the other.
-        """
-        if self.back is None:
-            return 0
-        passes = self.sc.period + max(o.acts(self.sc, self.published) for o in self.outputs)
-        return max(self.back + passes, self.delay + self.sc.period + self.jitter, self.start)
+        return max(self.h_star, self.start) if self.reads_more else self.h_star
 
     @property
     def reads_more(self) -> bool:

@@ -55,9 +55,7 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
     schedule, sc = times.schedule, place.sc
     span = place.module.symbol.verify.span or place.module.symbol.span
     symbol = place.module.symbol
-    below = {b.name for m in place.flat.modules for b in m.symbol.below}
-    stacked = symbol.over is not None or symbol.name in below
-    why = why_late_commands_uncovered(symbol, schedule, stacked=stacked)
+    why = why_late_commands_uncovered(symbol, schedule)
     enough = _period_in_time(schedule, in_order=bool(why))
     if schedule.published > schedule.sc.period:
         diagnostics.error(
@@ -87,11 +85,8 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
         )
 
 
-def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
-    """Why no proof covers commands later than half a period in this module; "": one does.
-
-    `stacked`: whether the module has another one as its AC, or is the AC of another one.
-    """
+def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str:
+    """Why no proof covers commands later than half a period in this module; "": one does."""
     verify = symbol.verify
     kind = next((g.kind for g in verify.groups if g.kind != "grid"), "")
     wrong = {
@@ -101,7 +96,6 @@ def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule, *, sta
         f"with `{kind}`": bool(kind),
         "with a `failsafe`": bool(symbol.failsafe),
         "with a `shield`": symbol.shield is not None,
-        "of modules that stand one over the other": stacked,
     }
     return next((why for why, is_so in wrong.items() if is_so), "")
 

@@ -7,8 +7,8 @@ module and its verification plants, and nothing else (docs/verification.md, sect
 for which modules P2b waits, and whether these wait in turn (docs/proof-modules.md, "Coordinated
 switching"). `under_law` puts the fail-safe law, a constant for each output, in the place of SC: of
 that system the core K_fs is computed (docs/proof.md, "When the trusted part stops").
-Non-goals: quantities and ranges (`extract.py`); modules above and below (`tower.py`); one's own
-mode; the sets (`verify/claims/product_sets.py`); the re-checker, which reads `mode` by itself.
+Non-goals: quantities and ranges (`extract.py`); one's own mode; the sets
+(`verify/claims/product_sets.py`); the re-checker, which reads `mode` by itself.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class VerificationSystem:
     @property
     def around(self) -> str:
         """The name of the sub-system that holds the module, with a dot, or nothing."""
-        outer = holder_of(self.flat, self.home)
+        outer = holder_of(self.home)
         return outer + "." if outer else ""
 
 
@@ -107,7 +107,7 @@ def verification_system_of(flat: System, module: Module) -> VerificationSystem:
     apart = _with_abstractions(flat, module) if abstract else _with_own_plants(flat, module)
     system, influences = moved_by_others(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
-    prefix = "" if abstract else holder_of(flat, module)
+    prefix = "" if abstract else holder_of(module)
     prefix = prefix + "." if prefix else ""
     return VerificationSystem(
         system=system,
@@ -179,7 +179,7 @@ def _with_own_plants(flat: System, module: Module) -> System:
     sc = flat.components[module.sc].node
     assert sc is not None
     topics_wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
-    home = holder_of(flat, module)
+    home = holder_of(module)
     named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
     named = {f"{home}.{n}" if home else n for n in named}
     plants = [

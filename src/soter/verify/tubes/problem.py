@@ -169,7 +169,6 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
         "parameters of the plants": bool(problem.parameters),
         "a fail-safe law": bool(problem.module.law),
         "views": bool(problem.view),
-        "modules above or below it": bool(problem.above or problem.below),
         "modes of other modules": problem.modes is not None,
         f"a state that no topic shows: {', '.join(unseen)}": bool(unseen),
     }

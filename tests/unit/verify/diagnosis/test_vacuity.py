@@ -13,11 +13,10 @@ import soter
 from soter.cli.main import main
 from soter.language.front_end import check_file
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from soter.verify.command import modules_of, problems_of, verify
+from soter.verify.command import modules_of, problems_of
 from soter.verify.diagnosis.vacuity import RARE_SHARE
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained
-from unit.verify.towers import changed as changed_tower
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -126,16 +125,6 @@ def test_control_that_nobody_is_asked_to_give(safer: str, clause: str, says: str
     module_result = proved(text)
     assert ("" if module_result.vacuity is None else module_result.vacuity.text).startswith(says)
     assert (module_result.vacuity is None) == (not says)
-
-
-def test_a_module_below_one_that_never_has_control_says_nothing() -> None:
-    always = ("ttf abs(x) > 1.7;", "ttf abs(x) > 1.7 || age(x) >= seconds(0ms);")
-    checked = check_file("tower.soter", changed_tower([always]))
-    outer, inner = verify(checked, refute=False).modules
-    assert outer.vacuity is not None
-    assert inner.vacuity is not None
-    assert inner.vacuity.what == "above"
-    assert inner.headline.startswith("proved while Outer is in AC, but of Outer: AC never keeps")
 
 
 def test_a_predicate_that_only_enclosures_cannot_decide_is_seen_through() -> None:

@@ -33,44 +33,9 @@ class ModuleChecker(CheckerPart):
         super().__init__(shared)
         self.verification = VerifyChecker(shared)
 
-    def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
-        """The module that a reference means, or None after a report."""
-        entry = self.shared.names.find_ref(scope, ref, "module")
-        if entry is None:
-            return None
-        if entry.kind != "module":
-            self.diagnostics.error(
-                "N003",
-                f"`{ref.text}` is a {entry.kind}, not a module",
-                ref.span,
-                also=((entry.decl.name.span, "declared here"),),
-                helps=entry.instead("module", ref.span)
-                or ((f"write `ac {ref.text};`",) if entry.kind == "node" else ()),
-            )
-            return None
-        symbol = self.shared.resolve(entry, ref.span)
-        return symbol if isinstance(symbol, typed.ModuleSymbol) else None
-
     def _node(self, ref: tree.Ref | None, scope: FileScope) -> typed.NodeSymbol | None:
         """The node that a reference means; None without one, or after a report."""
         return self.referred(ref, scope, "node", typed.NodeSymbol) if ref else None
-
-    def _advanced(
-        self, decl: tree.RtaDecl, scope: FileScope
-    ) -> tuple[typed.NodeSymbol | None, typed.ModuleSymbol | None]:
-        """The AC, and, if a module stands in its place, the module whose AC it is."""
-        if not isinstance(decl.ac, tree.ModuleAsAc):
-            return self._node(decl.ac, scope), None
-        over, name = self._module_ref(decl.ac.module, scope), decl.name.text
-        if decl.clean is not None:
-            self.diagnostics.error(
-                "M019",
-                f"module `{name}` has `clean`, but a module stands in the place of its AC",
-                decl.ac.span,
-                notes=(f"`{decl.ac.module.text}` answers itself for what its AC publishes",),
-                helps=("leave out `clean`",),
-            )
-        return (None if over is None else over.ac), over
 
     def signature(
         self, decl: tree.RtaDecl, scope: FileScope, full: str
@@ -88,7 +53,7 @@ class ModuleChecker(CheckerPart):
                 helps=(_parts(decl, scope, missing),),
             )
         number = self.number_if_given
-        ac, over = self._advanced(decl, scope)
+        ac = self._node(decl.ac, scope)
         if isinstance(decl.sc, tree.Synthesized):
             sc = self._synthesized(decl.sc, ac, context)
         else:
@@ -104,7 +69,7 @@ class ModuleChecker(CheckerPart):
             return None
         if ac is None or sc is None or period is None:
             return None
-        if {ac, sc, over} & self.shared.damaged:
+        if {ac, sc} & self.shared.damaged:
             self.shared.names.losses += 1
         module = typed.ModuleSymbol(
             full,
@@ -119,7 +84,6 @@ class ModuleChecker(CheckerPart):
             verify=typed.TypedVerifyBlock(),
             ac_span=decl.ac.span,
             sc_span=decl.sc.span,
-            over=over,
             wcet=wcet,
             jitter=jitter,
             shield=shield,
@@ -419,8 +383,6 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         yield "shield toward sc", decl.shield.span
     if decl.failsafe:
         yield "failsafe", decl.failsafe[0][0].span
-    if isinstance(decl.ac, tree.ModuleAsAc):
-        yield "ac module", decl.ac.span
     if isinstance(decl.sc, tree.Synthesized):
         yield "sc synthesized", decl.sc.span
     verify = decl.verify

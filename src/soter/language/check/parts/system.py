@@ -402,17 +402,11 @@ class TestChecker(SystemChecker):
             return None
         text = print_expr(argument)
         modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
-        below = [m.name for i in instances.values() for m in getattr(i.what, "below", ())]
-        note = (
-            f"`{text}` is below a module, whose invariant holds whatever `{text}` does"
-            if text in below
-            else "theorem 3.1 is about a module"
-        )
         self.diagnostics.error(
             "M013",
             f"`{text}` is not a module of system `{test.system.name}`",
             argument.span,
-            notes=(note,),
+            notes=("theorem 3.1 is about a module",),
             helps=self.diagnostics.did_you_mean(text, modules, argument.span),
         )
         return None

@@ -169,10 +169,9 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]
-        if sc.node is not symbol.sc or (module.over is None and ac.node is not symbol.ac):
+        if sc.node is not symbol.sc or ac.node is not symbol.ac:
             continue  # replaced in this system
-        if module.over is None:
-            _exchanged(system, module, diagnostics)
+        _exchanged(system, module, diagnostics)
         _speaks_of_outputs(module, diagnostics)
         doubt_publications(system, module, diagnostics)
         doubt_readers(system, module, diagnostics)

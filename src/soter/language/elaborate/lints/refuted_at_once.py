@@ -29,7 +29,7 @@ from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model import typed
-from soter.language.model.system import holder_of, modules_above
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import default_value, leaf_name, leaves, show_ns, write_ns
 
@@ -57,8 +57,8 @@ PAIRS, HALVINGS = 24, 40
 def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W021 if `safe` is false at the start, at the low or the high end of all states."""
     safe = module.symbol.safe
-    if not of_topics_alone([safe]) or modules_above(system, module.index):
-        return  # below another module it need not hold at the start, only from a hand-back on
+    if not of_topics_alone([safe]):
+        return
     indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     for topics in _starts(system, indices):
@@ -388,7 +388,7 @@ def doubt_exactness(system: System, module: Module, diagnostics: Diagnostics) ->
     verify, symbol = module.symbol.verify, module.symbol
     links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]
     evaluator = Evaluator({**module.around, **module.scope.params})
-    outer = holder_of(system, module)
+    outer = holder_of(module)
     read = {**system.components[module.sc].scope.topics, **module.scope.topics}
     for link in dict.fromkeys(links):
         name = f"{outer}.{link.instance}" if outer else link.instance

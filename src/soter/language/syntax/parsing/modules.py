@@ -204,7 +204,7 @@ def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
 
 
 def _controller(parser: BodyParser, word: str, _start: int) -> object:
-    """A node; or `ac module Keep;`, itself a module; or `sc synthesized period 10ms;`: none yet."""
+    """A node; or `sc synthesized period 10ms;`: none yet. S026 for `ac module Keep;`."""
     start, following = parser.starts[parser.i], parser.kinds[parser.i + 1]
     if word == "sc" and parser.is_word("synthesized") and following != ".":
         parser.i += 1
@@ -212,11 +212,12 @@ def _controller(parser: BodyParser, word: str, _start: int) -> object:
         period = parser.time_value("`period`")
         return tree.Synthesized(period, parser.span_from(start))
     if word == "ac" and parser.is_word("module") and following == NAME:
-        parser.i += 1
-        module = parser.ref("the name of a module after `ac module`")
-        controller = tree.ModuleAsAc(module, parser.span_from(start))
-        parser.semicolon("the module of `ac`")
-        return controller
+        raise parser.failure(
+            "S026",
+            "a module in the place of another one's AC (`ac module`) is gone since 1.0.0",
+            notes=("nothing stands in its place until a module can have several plans of one SC",),
+            helps=("name a node, as the AC of that module: what it kept, nobody keeps then",),
+        )
     node = parser.ref(f"the name of a node after `{word}`")
     parser.semicolon(f"the node of `{word}`")
     return node
