@@ -3,9 +3,8 @@
     .venv/bin/python docs/site/language_card.py          writes the page
 
 Purpose: the controller language on one page: what may stand where, an example of each, its meaning.
-Places and words are those that the editor completes, examples those that a diagnostic shows for a
-misplaced word or, where it has none, the first of docs/language.md; which words are of the first
-circle docs/grammar.ebnf says. Tests hold these tables to each other and to the parser.
+Places and words are those that the editor completes, examples the first of docs/language.md; which
+words are of the first circle docs/grammar.ebnf says. Tests hold these tables to each other.
 Non-goals: the reference (docs/language.md); an example of each evidence clause.
 """
 
@@ -18,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from soter.editor import hover
 from soter.language.syntax import schemes, tokens
-from soter.language.syntax import words as clause_words
 from soter.language.syntax.parsing.literals_and_operators import PRECEDENCE
 
 if TYPE_CHECKING:
@@ -51,6 +49,27 @@ WITHOUT_A_WORD = {
     " stand `elseif x < 0.0 { ... }` and `else { ... }`.",
 }
 """By place, what no word leads there."""
+NOT_SHOWN = {
+    ("rta", "failsafe"): "failsafe accel = 0.0;",
+    ("system", "module"): "module Guard;",
+    ("system", "force"): "force Guard sc;",
+}
+"""Items of which the reference has no example in such a body."""
+BEHIND = {
+    "phase": "node Lamp period 10ms phase 2ms { ... }",
+    "max_age": "topic motion: float max_age 20ms;",
+    "unit": 'topic accel: float unit "m/s^2" in [-3.0, 3.0];',
+    "queue": "subscribes motion queue 4;",
+    "drop_oldest": "subscribes motion queue 4 drop_oldest;",
+    "drop_newest": "subscribes motion queue 4 drop_newest;",
+    "fault": "subscribes motion queue 4 fault;",
+    "hold": "disturbance w: float in [-1.0, 1.0] hold 1s;",
+    "substeps": "integrate rk4 substeps 4;",
+    "every": "input goal every 100ms;",
+    "default": "system Track default { ... }",
+    "within": "measured motion within 0.1;",
+}
+"""By word that stands behind an item, an example of the item."""
 BLOCK = re.compile(r"^```soter[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 HEAD = """# The controller language on one page
 
@@ -80,11 +99,9 @@ def shown() -> str:
 
 def example(place: str, item: str, programs: str) -> str:
     """What an item looks like in a place."""
-    word, anywhere = item.split(maxsplit=1)[0], place in ("file", "block")
-    homes = () if anywhere else clause_words.places().get(word, ())
-    forms = [h.form for h in homes if h.form.startswith(f"{item} ")]
-    if forms:
-        return forms[-1]
+    if (place, item) in NOT_SHOWN:
+        return NOT_SHOWN[place, item]
+    anywhere = place in ("file", "block")
     if not anywhere:
         bodies = rf"^{place} (?:[^\n]*\}}$|.*?^\}})"
         programs = "\n".join(re.findall(bodies, programs, re.MULTILINE | re.DOTALL))
@@ -115,13 +132,9 @@ def place_table(place: str, words: set[str], programs: str) -> str:
     return table(("item", "meaning"), rows)
 
 
-def added(words: set[str]) -> str:
+def added() -> str:
     """Words that stand behind an item of another word."""
-    leaders = {w.split()[0] for items in hover.PLACES.values() for w in items}
-    places = clause_words.places()
-    forms = [(w, places[w][0].form) for w in places if w in words - leaders]
-    forms.append(("fault", "subscribes motion queue 4 fault;"))  # no diagnostic shows it
-    rows = [(f"`{form}`", f"`{word}`: {hover.WORDS[word]}") for word, form in forms]
+    rows = [(f"`{form}`", f"`{word}`: {hover.WORDS[word]}") for word, form in BEHIND.items()]
     return table(("item", "what a word behind it means"), rows)
 
 
@@ -163,7 +176,7 @@ def page() -> str:
     for place, name in PLACES.items():
         parts += [f"## {name}\n", place_table(place, words, programs)]
         parts += [f"{WITHOUT_A_WORD[place]}\n"] if place in WITHOUT_A_WORD else []
-    parts += ["## Behind an item\n", added(words)]
+    parts += ["## Behind an item\n", added()]
     integration = ", ".join(f"`{s}`" for s in schemes.SCHEMES)
     times = ", ".join(f"`{unit}`" for unit in tokens.UNIT_NS)
     parts += ["## Types and values\n", types()]

@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import reason
 from soter.language.load.named_files import parse_json, read_bytes, read_json_text
-from soter.language.syntax.words import toml_of
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink_dialects import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
@@ -36,6 +37,13 @@ DEFINITION_MAX = 1 << 20
 """Bytes of a `.msg` file."""
 KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
 TIME_KEYS = ("from", "unit", "scale", "since", "until")
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """The content of a text in TOML, for which Python 3.10 has no reader of its own."""
+    toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
+    read: dict[str, Any] = toml.loads(text)
+    return read
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

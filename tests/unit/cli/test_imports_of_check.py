@@ -55,7 +55,7 @@ PROGRAMS = (
             "M013_invariant_of_a_node",
             "S005_unit_behind_the_set",
             "S010_until_in_a_loop",
-            "S015_slice_of_a_list",
+            "S015_name_of_a_property",
             "T003_wrong_arguments_are_checked_too",
             "W010_set_of_what_nobody_reads",
             "W034_ageless_scan",

@@ -34,6 +34,7 @@ from soter.language.model.types import (
     is_vector,
 )
 from soter.language.syntax import tree
+from soter.language.syntax.their_words import THEIRS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +80,7 @@ class CallChecker(FieldChecker):
             first = callee.target.name.text
             if context.find_local(first) is not None or first in context.scope.entries:
                 return self._no_function("a field", name, expr, context)
-            if first not in context.scope.imports and first in unknown_names.LIBRARIES:
+            if first not in context.scope.imports and unknown_names.is_library(first):
                 return self._library_call(expr, context, expected)
             entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
             if entry is None:
@@ -109,7 +110,7 @@ class CallChecker(FieldChecker):
         names = flat_names(callee)
         if isinstance(callee, tree.ErrorExpr):
             self.names.losses += 1
-        elif names and names[0].text in unknown_names.LIBRARIES:
+        elif names and unknown_names.is_library(names[0].text):
             return self._library_call(expr, context, expected)
         elif isinstance(callee, tree.FieldExpr):
             return self._no_function("a field", callee.span.text, expr, context)
@@ -154,8 +155,9 @@ class CallChecker(FieldChecker):
             or call_hints.of_a_literal(name, expr, expected)
             or unknown_names.a_function(expr, name, span)
         )
-        if not helps and self._takes(name, context) == len(expr.arguments):
-            helps = (replace(span, name),)
+        ours = THEIRS.get(name, name)
+        if not helps and self._takes(ours, context) == len(expr.arguments):
+            helps = (replace(span, ours),)
         return helps
 
     def _near(self, name: str, context: Context) -> tuple[Help, ...]:
@@ -188,7 +190,7 @@ class CallChecker(FieldChecker):
             helps = (replace(expr.span, length, f"its length is `{length}`"),)
         elif isinstance(callee, tree.FieldExpr) and last in call_hints.ITSELF:
             whole = callee.target.span.text
-            helps = (replace(expr.span, whole, f"a value has no methods: `{whole}` is enough"),)
+            helps = (replace(expr.span, whole),)
         elif (
             isinstance(callee, tree.FieldExpr)
             and context.where != f"function `{last}`"

@@ -48,7 +48,6 @@ BUILTIN_FUNCTIONS = (
     "age",
 )
 EXAMPLES = {
-    "type": "type {} = {{ ... }};",
     "topic": "topic {}: float;",
     "input topic": "input topic {}: float in [-1.0, 1.0];",
     "parameter": "param {}: float = 1.0;",
@@ -330,7 +329,8 @@ class Names:
             f"there is no import called `{name}`",
             qualifier.span,
             "not imported",
-            helps=near or (f'add `import "{name}.soter" as {name};` after the first line',),
+            notes=() if near else ('a file is imported by `import "file.soter" as name;`',),
+            helps=near,
         )
 
     def unknown(
@@ -399,7 +399,7 @@ class Names:
             yield unknown_names.a_value((e.decl for e in scope.entries.values()), name, span)
         yield self.diagnostics.did_you_mean(name, near, span)
         yield self._elsewhere(scope, name, span)
-        if anything:
+        if anything and kind != "type":
             public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
             yield self.diagnostics.did_you_mean(name, public, span)
         if name in scope.imports:

@@ -4,8 +4,8 @@ Purpose: before the checker calls a name unknown or of the wrong kind, this file
 declarations, such as states of plants, locals of nodes and instances of systems, and words of other
 languages. It answers what the name is, where it is declared, and what to write instead, mostly as
 an edit.
-Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
-(`language/syntax/foreign_phrases.py`), declarations of imports (`scope.py`).
+Non-goals: names that are nearly right (`diagnostics/similar_names.py`), declarations of imports
+(`scope.py`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, TypeGuard
 
 from soter.diagnostics.diagnostic import Edit, Fix, Span, insert, replace
-from soter.language.syntax import tree, words
-from soter.language.syntax.words import meaning
+from soter.language.syntax import tree
+from soter.language.syntax.their_words import THEIRS, helps_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -25,30 +25,23 @@ if TYPE_CHECKING:
 
 
 MEMBERS_SHOWN = 3
-_SECOND_WORD = re.compile(r"[ \t]+(int|long|short|char|double)\b")
-LIBRARIES = words.LIBRARIES | {"random"}
 OF_AN_OBJECT = ("self", "this")
+_TYPES = ("float", "int", "bool", "duration")
 
 
 def a_type(name: str, span: Span) -> tuple[Help, ...]:
-    """Helps for a type of C, Python, Rust or ROS; () for any other name."""
-    meant = words.type_meant(name)
-    second = _SECOND_WORD.match(span.source.text, span.end)
-    if meant is not None:
-        whole = span if second is None else Span(span.source, span.start, second.end())
-        return (replace(whole, "float" if second and second[1] == "double" else meant),)
-    advice = words.type_advice(name)
-    return (advice,) if advice is not None else ()
+    """Helps for a type of another language; () for any other name."""
+    if name.lower() in _TYPES:
+        return (replace(span, name.lower()),)
+    first = THEIRS.get(name, "").split(" ")[0]
+    return helps_for(name, span) if first in (*_TYPES, "type", "fun") else ()
 
 
 def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
-    """Helps for `True`, `AC`, `M_PI`, `None`, or an enum member without its enum."""
-    meant = meaning("value", name)
-    if meant is not None:
-        return (replace(span, meant),)
-    advice = meaning("no_value", name)
-    if advice is not None:
-        return (advice,)
+    """Helps for a value of another language, or an enum member without its enum."""
+    ours = THEIRS.get(name, "")
+    if ours in ("true", "false") or ours.startswith("var ") or "." in ours:
+        return helps_for(name, span)
     owners = [
         f"{decl.name.text}.{name}"
         for decl in declared
@@ -60,7 +53,7 @@ def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help,
 
 
 def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
-    """Helps for calls such as `len(xs)`, `not (a)`, `now()`, `fabs(x)`."""
+    """Helps for calls such as `len(xs)`, `not (a)` and `now()`."""
     arguments = expr.arguments
     if name == "not" and len(arguments) == 1:
         return (replace(Span(span.source, span.start, arguments[0].span.start), "!("),)
@@ -70,13 +63,7 @@ def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
         return (replace(expr.span, "time", "write `time`: seconds since the start"),)
     if name in ("range", "xrange"):
         return ("a loop counts over a range: `for i in 0..10 { ... }`",)
-    if name == "print" or name.startswith("printf"):
-        return ("publish the value, or read it in the log: every topic is logged",)
-    advice = meaning("no_function", name.lower())
-    if advice is not None:
-        return (advice,)
-    meant = meaning("function", name)
-    return (replace(span, meant),) if meant is not None else ()
+    return ()
 
 
 def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
@@ -93,25 +80,25 @@ def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
 
 
 def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
-    """Helps for `math.sin`, `np.clip`, `std_msgs.Bool`; None if it may be a file of the user's."""
+    """Helps for `math.sin` and `std_msgs.Bool`; None if it may be a file of the user's."""
     whole = qualifier.span.to(name.span)
     if wanted == "type" and qualifier.text.endswith("_msgs"):
-        meant = words.type_meant(name.text)
-        if meant is not None:
-            return (replace(whole, meant),)
-        advice = words.type_advice(name.text)
-        return (advice or "declare its fields: `type Name = { x: float, y: float };`",)
-    if qualifier.text not in words.LIBRARIES:
+        return a_type(name.text, whole) or (
+            "declare its fields: `type Name = { x: float, y: float };`",
+        )
+    if not is_library(qualifier.text):
         return None
-    if wanted == "type":
-        return a_type(name.text, whole) or ("declare it: `type Name = { x: float };`",)
-    meant = meaning("value", name.text) or meaning("function", name.text) or name.text
-    return (replace(whole, meant),)
+    return a_type(name.text, whole) or (replace(whole, THEIRS.get(name.text, name.text)),)
+
+
+def is_library(name: str) -> bool:
+    """Whether what stands behind this name and a point is in the prelude, without them."""
+    return THEIRS.get(f"{name}.") == ""
 
 
 def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
     """Helps for `self.last` and `math.pi`: the name alone, or its value."""
-    if name.text in words.LIBRARIES:
+    if is_library(name.text):
         return of_a_library(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
         return ()

@@ -16,11 +16,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Span, insert, replace
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, place_of
 from soter.language.syntax.parsing.bodies import BodyParser
 from soter.language.syntax.parsing.declarations import fun, node, plant
 from soter.language.syntax.parsing.items import clauses, equal, range_of, time
-from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.modules import rta
 from soter.language.syntax.parsing.systems import system, test
 from soter.language.syntax.parsing.token_cursor import (
@@ -31,8 +29,8 @@ from soter.language.syntax.parsing.token_cursor import (
     TooManyErrorsError,
 )
 from soter.language.syntax.parsing.types import type_expression, value_set
+from soter.language.syntax.their_words import THEIRS
 from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
-from soter.language.syntax.words import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,10 +85,10 @@ class Parser(BodyParser):
         declarations: list[tree.Decl] = []
         reached = 0
         try:
-            self._recovered(self._edition_line)
+            self._edition_line()
             while self.kinds[self.i] != EOF:
                 reached = self.starts[self.i]
-                declaration = self._recovered(self._top_level)
+                declaration = self._top_level()
                 if isinstance(declaration, tree.ImportDecl):
                     if declarations:
                         self._late_import(declaration, declarations[0])
@@ -146,21 +144,9 @@ class Parser(BodyParser):
                 self.i = 2
         self.semicolon("the edition")
 
-    def _recovered(self, read: Callable[[], tree.Decl | None]) -> tree.Decl | None:
-        """What `read` returns; None after a phrase of another language, which it steps over."""
-        self.items, self.blocks = frozenset(), 0
-        before = self.i
-        try:
-            return read()
-        except Panic:
-            self.broken.update(t for t in self.texts[before : self.i] if t.isidentifier())
-            if self.i == before:
-                self.advance()
-            self.skip_to_declaration()
-            return None
-
     def _top_level(self) -> tree.Decl | None:
         """Parses one declaration, or steps over a token that begins none."""
+        self.items, self.blocks = frozenset(), 0
         i = self.i
         kind = self.kinds[i]
         parse = _DECLARATIONS.get(kind)
@@ -215,18 +201,13 @@ class Parser(BodyParser):
         message = f"expected a declaration, found {self.found()}"
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
-        elsewhere = at_word_of_elsewhere(self) and self.kinds[i + 2] != "{"
-        names = kind == NAME and not elsewhere
-        advice = meaning("no_declaration", word)
-        if names and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
-            near = meaning("declaration", word) or self.close_word(word, _DECLARATIONS)
-            if near is not None and advice is None:
+        if kind == NAME and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
+            near = None if word in THEIRS else self.close_word(word, _DECLARATIONS)
+            if near is not None:
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
                 self.report("S009", message, helps=helps, once=False)
                 return self._declaration(_DECLARATIONS[near])
-        if advice is not None and not elsewhere:
-            helps = (advice,)
-        elif kind in STATEMENT_WORDS:
+        if kind in STATEMENT_WORDS:
             notes = ("statements stand inside `step { ... }` or a function",)
         elif kind in BODY_WORDS:
             notes = (f"`{kind}` belongs in a body: is there one `}}` too many above?",)
@@ -259,7 +240,7 @@ class Parser(BodyParser):
             raise self.failure(
                 "S005",
                 f"expected the name of a file after `import`, found {self.found()}",
-                helps=('write `import "file.soter" as name;`',),
+                notes=('an import says a file and a name for it: `import "file.soter" as name;`',),
             )
         path = string_value(self.texts[at])
         stem = PurePosixPath(path).stem
@@ -324,11 +305,8 @@ class Parser(BodyParser):
     def misplaced_declaration(self) -> None:
         """Reports a declaration inside another one, parses it, and leaves it out."""
         word = self.texts[self.i]
-        local = word in ("const", "param") and place_of(self.items, self.blocks) in (
-            NODE,
-            PLANT,
-            FUNCTION,
-        )
+        computes = self.blocks > 0 or not {"step", "der"}.isdisjoint(self.items)
+        local = word in ("const", "param") and computes
         help_ = "write `let` or `var`" if local else "move it out"
         message = f"`{word}` stands only at the top level of a file"
         self.report("S009", message, helps=(help_,), once=False)

@@ -11,13 +11,11 @@ Non-goals: the meaning of literals beyond their shape; which contextual words ar
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, Span, made, remove, replace
-from soter.language.syntax.foreign_phrases import find
-from soter.language.syntax.words import in_si, meaning, period_of
+from soter.language.syntax.their_words import THEIRS, helps_for, word_at
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -154,12 +152,6 @@ class Tokens:
         self.problems.append(made(code, message, primary, (), notes, helps))
         self.bad.add(len(self.kinds))
 
-    def forget(self, start: int, end: int) -> None:
-        """Drops the lexical errors in a part of the text, for which there is a better message."""
-        self.problems = [
-            d for d in self.problems if d.primary is None or not start <= d.primary.span.start < end
-        ]
-
 
 def lex(source: Source) -> Tokens:
     """All tokens of `source`; problems are in the result, nothing is raised."""
@@ -276,6 +268,7 @@ def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     code: Code = "L004"
     message, label = f"malformed number `{visible(token)}`", ""
     helps: tuple[Help, ...] = ()
+    notes: tuple[str, ...] = ()
     span = Span(tokens.source, start, end)
     number = re.match(r"([0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9]+)?)(.*)", token, re.DOTALL)
     if re.fullmatch(r"\.[0-9]+(?:[eE][+-]?[0-9]+)?(?:ns|us|ms|s|min|h)?", token):
@@ -290,7 +283,9 @@ def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     elif number and re.fullmatch(r"[^\W\d_]+", number[2]) and "__" not in number[1]:
         code, message = "L006", f"`{visible(number[2])}` is not a unit of time"
         label = "units are ns, us, ms, s, min and h"
-        helps = (_instead_of_unit(tokens, number[1], number[2], span),)
+        help_ = _instead_of_unit(number[1], number[2], span)
+        helps = () if help_ is None else (help_,)
+        notes = () if helps else ("a quantity other than a time carries no unit: it is in SI",)
     elif suffixed := re.fullmatch(r"([0-9][0-9_.]*?)_?([fiu](?:8|16|32|64|size)|[uUlL]+)", token):
         label, helps = "numbers have no suffix", (replace(span, suffixed[1]),)
     elif "_" in token:
@@ -299,7 +294,7 @@ def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
         label = "more than one point"
     else:
         label = "a name cannot start with a digit"
-    tokens.report(code, message, start, end, label, helps=helps)
+    tokens.report(code, message, start, end, label, notes=notes, helps=helps)
     tokens.add(ERROR, token, start, end)
 
 
@@ -310,31 +305,25 @@ def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
         return ()
 
 
-_TIME_FOLLOWS = frozenset(
-    ["period", "phase", "every", "until", "max_age", "horizon", "skew", "quantum", "hold", "by",
-     "for", "delayed", "per", "wcet", "jitter", "takes"]
-)  # fmt: skip
+def period_of(rate: float) -> str:
+    """The period of a rate in Hz, as it would be written."""
+    if not 1e-3 < rate < 1e9:
+        return "10ms"
+    period_ms = 1e3 / rate
+    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"
 
 
-def _instead_of_unit(tokens: Tokens, number: str, unit: str, span: Span) -> Help:
+def _instead_of_unit(number: str, unit: str, span: Span) -> Help | None:
     """The help for a unit of time spelt otherwise, a suffix, or a unit of something else."""
     if unit.lower() == "hz":
-        period = period_of(number)
-        if period is None:
-            return "a period is a time: 100 Hz is `10ms`"
+        period = period_of(float(number.replace("_", "")))
         return replace(span, period, f"a period is a time: `{period}`")
     if unit in ("f", "F", "d", "L", "l", "u", "U"):
         plain = f"{number}.0" if unit in "fFd" and number.isdigit() else number
         return replace(span, plain, f"numbers have no suffix: write `{plain}`")
-    bare = in_si(number, unit)
-    before = tokens.texts[-1] if tokens.texts else ""
-    time_unit = meaning("time_unit", unit)
-    if time_unit is not None and (before in _TIME_FOLLOWS or bare is None):
-        return replace(span, f"{number}{time_unit}")
-    si = "quantities other than time carry no unit: use SI"
-    if bare is None:
-        return f"{si} and say so in a comment"
-    return replace(span, bare, f"{si}, `{bare}`")
+    if THEIRS.get(unit) in UNIT_NS:
+        return replace(span, f"{number}{THEIRS[unit]}")
+    return None
 
 
 def _open_string(tokens: Tokens, token: str, start: int, end: int) -> None:
@@ -391,30 +380,25 @@ def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
     if operand and token.startswith("&"):
         _garbage(tokens, token, start, end)
         return
-    meant = meaning("operator", token) or token
+    meant = token * 2 if token in ("&", "|") else token
     what = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
     message = f"`{token}`{what} is not an operator of Soter"
     span = Span(tokens.source, start, end)
-    tokens.report("L001", message, start, end, helps=(replace(span, meant),))
+    helps = () if meant == token else (replace(span, meant),)
+    tokens.report("L001", message, start, end, helps=helps)
     tokens.add(meant, meant, start, end)
 
 
 def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
-    phrase = find(tokens.source, start, "", start)
-    if phrase is not None:
-        where = phrase.span
-        for parallel in (tokens.kinds, tokens.texts, tokens.ends, tokens.starts):
-            del parallel[bisect_left(tokens.starts, where.start) :]
-        tokens.report("S015", phrase.message, where.start, where.end, helps=(phrase.help,))
-        return
     if len(token) == 1:
         name = _INVISIBLE.get(token, f"`{visible(token)}`")
         message = f"unexpected {name}" if token in _INVISIBLE else f"unexpected character {name}"
     else:
         message = f"unexpected characters `{visible(token)}`"
     label = "no token of Soter begins like this"
-    advice = meaning("no_operator", token)
-    tokens.report("L001", message, start, end, label, helps=(advice,) if advice else ())
+    word = "" if token[0] in "&|" else word_at(tokens.source.text, start)
+    helps = helps_for(word, Span(tokens.source, start, start + len(word)))
+    tokens.report("L001", message, start, end, label, helps=helps)
 
 
 _TROUBLE = {

@@ -105,7 +105,7 @@ SLIPS = [
     ("    publish accel =", "    let a = choose; publish accel =", "S007"),
     ("    publish accel =", "    let a = choose int; publish accel =", "S007"),
     ("    publish accel =", "    let a = choose { 1 2 }; publish accel =", "S005"),
-    ("    publish accel =", "    let a = choose (1, 2); publish accel =", "S015"),
+    ("    publish accel =", "    let a = choose (1, 2); publish accel =", "S007"),
     ("    publish accel =", "    let a = choose [1; publish accel =", "S005"),
     ("    publish accel =", "    let choose = 1.0; publish accel =", "S006"),
     # tests
@@ -116,7 +116,7 @@ SLIPS = [
     ("skew 5ms;", "skip Fast at most 5", "S004"),
     ("skew 5ms;", "quantum 5;", "S019"),
     ("skew 5ms;", "quantum 5ms; quantum 1ms;", "S022"),
-    ("skew 5ms;", "input goal in [0, 1] every 1s;", "S015"),
+    ("skew 5ms;", "input goal in [0, 1] every 1s;", "S005"),
     ("skew 5ms;", "input goal in { 0 1 } every 1s;", "S005"),
     ("skew 5ms;", "until 5ms;", "S010"),
     ("skew 5ms;", "invariant(SafeCart);", "S010"),
@@ -157,8 +157,8 @@ SLIPS = [
     ("c: Cart;", "c Cart;", "S005"),
     ("motion, goal", "motion goal", "S005"),
     # types and values
-    ("A: float", "A float", "S015"),
-    ("A: float =", "A =", "S015"),
+    ("A: float", "A float", "S005"),
+    ("A: float =", "A =", "S005"),
     ("float = 3.0", "float := 3.0", "S015"),
     ("float = 3.0", "float == 3.0", "S015"),
     ("float = 3.0", "float 3.0", "S005"),
@@ -169,7 +169,7 @@ SLIPS = [
     ("float = 3.0", "float = +3.0", "S007"),
     ("float = 3.0", 'float = "3.0"', "S007"),
     ("float = 3.0", "float = 3.0 +", "S007"),
-    ("float = 3.0", "Array<float> = 3.0", "S015"),
+    ("float = 3.0", "Array<float> = 3.0", "S008"),
     ("float = 3.0", "[float] = 3.0", "S008"),
     ("float = 3.0", "float = f(1)(2)", "S023"),
     ("float = 3.0", "float = [1, 2", "S005"),
@@ -177,11 +177,11 @@ SLIPS = [
     ("float = 3.0", "float = { x = 2 }", "S005"),
     ("= { x: float, v: float }", "{ x: float, v: float }", "S005"),
     ("x: float, v: float", "x: float v: float", "S005"),
-    ("(m: Motion)", "(Motion m)", "S015"),
+    ("(m: Motion)", "(Motion m)", "S005"),
     ("(m: Motion)", "(m)", "S005"),
     ("): bool {", ") -> bool {", "S015"),
     ("): bool {", ") {", "S005"),
-    ("state x: float", "state x", "S015"),
+    ("state x: float", "state x", "S005"),
     ("wind: float in [-0.2, 0.2]", "wind: float", "S005"),
     ("drives motion = { x: x, v: v }", "drives motion", "S024"),
     # expressions
@@ -193,7 +193,7 @@ SLIPS = [
     ("Clear(motion);", "x ? y;", "S005"),
     ("Clear(motion);", "x ** 2 > 1;", "S015"),
     ("Clear(motion);", "x & y;", "L001"),
-    ("return m.x", "return if m.x { 1 } else { 2 }; return m.x", "S015"),
+    ("return m.x", "return if m.x { 1 } else { 2 }; return m.x", "S007"),
     # statements
     ("return m.x", "if m.x { return 1; } else if m.v { } return m.x", "S015"),
     ("return m.x", "if m.x { return 1; } elif m.v { } return m.x", "S015"),
@@ -214,7 +214,7 @@ SLIPS = [
     ("return m.x", "f(a); return m.x", "S011"),
     ("return m.x", "m.x; return m.x", "S011"),
     ("return m.x", "break; return m.x", "S011"),
-    ("return m.x", "float y = 3.0; return m.x", "S015"),
+    ("return m.x", "float y = 3.0; return m.x", "S011"),
     ("return m.x", "retrun m.x", "S011"),
     ("return m.x", "else { } return m.x", "S011"),
     ("return m.x", "publish accel 3.0; return m.x", "S005"),
@@ -356,9 +356,6 @@ def test_import_after_a_declaration_is_reported_and_kept(parsed: Parsed) -> None
 
 @pytest.mark.parametrize("last", ["return i", "push out, 1.0", "publish u = 1.0"])
 def test_the_last_statement_of_a_block_may_lack_its_semicolon(parsed: Parsed, last: str) -> None:
-    """It is no value of a function, as which an expression in its place is told."""
     text = "soter 1;\nfun f(i: int): int {\n  if i > 0 {\n    @\n  }\n  return 1;\n}\n"
     _, problems = parsed(text.replace("@", last))
     assert [d.code for d in problems] == ["S004"]
-    _, problems = parsed(text.replace("@", "i + 1"))
-    assert [d.code for d in problems] == ["S015"]

@@ -7,32 +7,22 @@ Non-goals: the items themselves (`declarations.py`, `modules.py`, `systems.py`).
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Edit, Fix, Span, append, remove, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.items import Parts, clauses, time
 from soter.language.syntax.parsing.literals_and_operators import unclosed
-from soter.language.syntax.parsing.misplaced_words import (
-    assigned,
-    at_word_of_elsewhere,
-    item_end,
-    leads_on,
-    out_of_place,
-    repaired,
-)
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
+from soter.language.syntax.their_words import THEIRS
 from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
-from soter.language.syntax.words import NODE, body_of, meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic, Help
+    from soter.diagnostics.diagnostic import Help
     from soter.language.syntax.parsing.items import Item, Items, Step
     from soter.language.syntax.tokens import Tokens
 
@@ -63,20 +53,6 @@ class BodyParser(StatementParser):
         self.declared = self.name(what)
         return self.declared
 
-    # ------------------------------------------------------------ what is tried
-
-    def _leads_on(self, fix: Fix, end: int) -> bool:
-        (edit,) = fix.edits
-        return leads_on(self, fix, edit.span.start, max(end, edit.span.end))
-
-    def _elsewhere(
-        self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
-    ) -> Diagnostic | None:
-        return out_of_place(self, code, notes, helps)
-
-    def _repaired(self, code: Code, message: str) -> Fix | None:
-        return repaired(self, code, message)
-
     # ------------------------------------------------------------ items
 
     def _open_body(self, what: str, items: Items) -> int:
@@ -85,7 +61,7 @@ class BodyParser(StatementParser):
             self.opened.append(self.take())
             return self.i - 1
         self.report("S005", f"expected `{{` to begin the body of {what}, found {self.found()}")
-        stop = item_end(self)
+        stop = self.item_end()
         if self.texts[self.i] not in items or self.kinds[stop] == "{":
             self.damaged = True
             self.skip_expression(self.i, stop_at_brace=True)
@@ -112,8 +88,7 @@ class BodyParser(StatementParser):
             kind = self.kinds[self.i]
             if kind == EOF or self.at_declaration():
                 if kind != EOF and self.nested_declaration():
-                    with suppress(Panic):  # a phrase of another language, which was told
-                        self.misplaced_declaration()
+                    self.misplaced_declaration()
                     continue
                 self.damaged = True
                 unclosed(self, opener, what)
@@ -180,28 +155,22 @@ class BodyParser(StatementParser):
         if word == "period" and what == self.without_period:
             raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
-        body = body_of(items, 0)
-        meant = meaning("instead", word, body) or self._item_meant(body, word)
-        if meant is not None and self._parses_as(meant):
-            self._parse_as(meant, message, parts, items)
-            return
         if self._at_loose_statement():
             self._loose_statements(message, items)
             return
-        elsewhere = at_word_of_elsewhere(self)
-        near = self.close_word(word, items) if word.isidentifier() and not elsewhere else None
+        known = word in THEIRS or not word.isidentifier()
+        near = None if known else self.close_word(word, items)
         if near is not None:
-            self._parse_as(near, message, parts, items, f"did you mean `{near}`?")
+            self._parse_as(near, message, parts, items)
             return
         help_ = self._item_without_its_word(word, items)
         if help_ is not None:
             raise self.failure("S010", message, helps=(help_,))
-        if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS and not elsewhere:
+        if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS:
             self._loose_statements(message, items)
             return
-        advice = meaning("no_item", word, body)
         notes = (_item_list(what.partition(" `")[0], items),)
-        raise self.failure("S010", message, notes=notes, helps=(advice,) if advice else ())
+        raise self.failure("S010", message, notes=notes)
 
     def _at_loose_statement(self) -> bool:
         """Whether a statement begins here, and not a list of topics."""
@@ -213,28 +182,14 @@ class BodyParser(StatementParser):
         if word in ("invariant", "invariants") and "always" in items:
             return self._asked_with_always(items)
         alone = self.kinds[self.i] == NAME and self.kinds[self.i + 1] == ";"
-        if alone and "system" in {*items, body_of(items, 0)}:
+        if alone and not {"system", "until"}.isdisjoint(items):
             return self._named_alone(word, items)
         return None
 
-    def _item_meant(self, body: str, word: str) -> str | None:
-        """The item of this body that a word of other languages stands for, if no `=` follows."""
-        follows = self.kinds[self.i + 1] in PLACE_FOLLOWS or self.kinds[self.i + 1] == "("
-        return None if follows else meaning("item", word, body)
-
-    def _parses_as(self, word: str) -> bool:
-        """Whether the item at the cursor is one without a syntax error once `word` leads it."""
-        fix = replace(self.token_span(self.i), word)
-        return leads_on(self, fix, self.starts[self.i], self.ends[item_end(self)])
-
-    def _parse_as(
-        self, word: str, message: str, parts: Parts, items: Items, title: str | None = None
-    ) -> None:
+    def _parse_as(self, word: str, message: str, parts: Parts, items: Items) -> None:
         """Report the word at the cursor, and read the item as if `word` led it."""
-        token = self.token_span(self.i)
-        rest = " ".join(self.source.text[token.end : self.ends[item_end(self)]].split())
-        title = title or f"write `{word} {rest}`".replace("{`", "{ ... }`")
-        self.report("S010", message, helps=(replace(token, word, title),), once=False)
+        helps = (replace(self.token_span(self.i), word, f"did you mean `{word}`?"),)
+        self.report("S010", message, helps=helps, once=False)
         self.texts[self.i] = word
         self._item(items[word], parts)
 
@@ -261,11 +216,11 @@ class BodyParser(StatementParser):
 
     def _loose_statements(self, message: str, items: Items) -> None:
         """Statements without a `step {` around them: reported once, read, and left out."""
-        body = body_of(items, 0)
-        helps = assigned(self, body) if self.kinds[self.i] == NAME else ()
-        self.report("S010", message, notes=(meaning("loose_statement", body) or "",), helps=helps)
+        in_a_node = "step" in items
+        note = "statements stand inside a `step { ... }` block of a node, or in a function"
+        self.report("S010", message, notes=(note,))
         self.damaged = True
-        while body != NODE and self._at_statement() and self.texts[self.i] not in items:
+        while not in_a_node and self._at_statement() and self.texts[self.i] not in items:
             self.advance()
             self.skip_statement()
         while self._at_statement() and self.texts[self.i] not in items:
@@ -273,7 +228,7 @@ class BodyParser(StatementParser):
             self._recovering([], self.kinds[self.i])
         after = self.i + 1
         if (
-            body == "node"
+            in_a_node
             and self.kinds[self.i] == "}"
             and (self.kinds[after] == "}" or self.texts[after] in items)
         ):

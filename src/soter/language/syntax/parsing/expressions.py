@@ -22,14 +22,13 @@ from soter.language.syntax.parsing.literals_and_operators import (
     named_fields,
     no_expression,
     number,
-    period_of,
     report_nesting,
     report_slip,
     slip,
     too_deep,
 )
 from soter.language.syntax.parsing.token_cursor import Cursor, Panic
-from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, visible
+from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, period_of, visible
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Help
@@ -94,18 +93,18 @@ class ExpressionParser(Cursor):
             i = self.i
             number = result.span.text
             unit = self.texts[i] if self.kinds[i] == NAME else ""
-            helps: tuple[Help, ...]
+            helps: tuple[Help, ...] = ()
             whole = Span(self.source, result.span.start, self.ends[i])
             if unit in UNIT_NS:
                 title = f"write `{number}{unit}`, without a space"
                 helps = (replace(whole, f"{number}{unit}", title),)
                 self.i += 1
             elif unit.lower() == "hz":
-                period = period_of(result)
+                period = period_of(result.value)
                 title = f"write the time between two steps: `{period}`"
                 helps = (replace(whole, period, title),)
                 self.i += 1
-            else:
+            elif self.kinds[i] != ",":
                 helps = (replace(result.span, f"{number}ms"), replace(result.span, f"{number}s"))
             self.quiet = -1
             self.report(

@@ -165,14 +165,6 @@ def explain_unit(cursor: Cursor, i: int) -> None:
             )
 
 
-def period_of(rate: tree.IntLit | tree.FloatLit) -> str:
-    """The period of a rate in Hz, as it would be written."""
-    if not 1e-3 < rate.value < 1e9:
-        return "10ms"
-    period_ms = 1e3 / rate.value
-    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"
-
-
 def in_brackets(cursor: Cursor, opener: int) -> Help:
     """`[a, b]` for the braces opened at a token."""
     level = 0
@@ -198,6 +190,8 @@ def named_fields(cursor: Cursor, opener: int) -> tuple[Help, ...]:
         last = cursor.token_span(i - 2)
         first = Span(cursor.source, cursor.starts[opener + 1], last.end)
         return (replace(first, ", ".join(f"{name}: {name}" for name in names)),)
+    if names and cursor.kinds[opener - 1] == "(":
+        return ()
     if not names or cursor.kinds[i - 1] != "}" or cursor.texts[opener - 1] == "in":
         return (in_brackets(cursor, opener),)
     whole = Span(cursor.source, cursor.starts[opener], cursor.ends[i - 1])
@@ -280,14 +274,14 @@ def no_expression(cursor: Cursor, kind: str) -> NoReturn:
         _skip_choice(cursor)
         raise Panic
     elif kind == STRING:
-        notes = ("strings stand only after `import`, `from`, `data` and in `assert`",)
-        helps = ("name the cases, `type Name = enum { A, B };`, and write one of them: `Name.A`",)
+        notes = (
+            "strings stand only after `import`, `from`, `data` and in `assert`",
+            "what has several cases is of a type, `type Name = enum { A, B };`: `Name.A` is one",
+        )
     elif kind in ("float", "int", "bool"):
         notes = (f"`{kind}` is a type",)
     elif kind in RESERVED:
         notes = (f"`{kind}` is reserved and cannot be a name",)
-    elif kind == "=":
-        helps = ("comparison for equality is `==`",)
     raise cursor.failure("S007", message, notes=notes, helps=helps)
 
 
@@ -305,7 +299,7 @@ def c_style_loop(cursor: Cursor) -> NoReturn:
     cursor.report(
         "S006",
         "expected the name of the loop variable after `for`, found `(`",
-        helps=("write `for i in 0..10 { ... }`: 0, 1, ... 9",),
+        notes=("a loop counts over a range, `for i in 0..10`, or goes over a list, `for x in xs`",),
     )
     while cursor.kinds[cursor.i] not in ("{", "}", EOF) and not cursor.at_declaration():
         cursor.i += 1

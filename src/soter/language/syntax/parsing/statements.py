@@ -9,11 +9,10 @@ Non-goals: expressions (`expressions.py`); whether a place may be assigned (`lan
 
 from __future__ import annotations
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.diagnostic import Span, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.expressions import ExpressionParser
 from soter.language.syntax.parsing.literals_and_operators import c_style_loop, unclosed
-from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
     ITEM_WORDS,
@@ -21,6 +20,7 @@ from soter.language.syntax.parsing.token_cursor import (
     Panic,
 )
 from soter.language.syntax.parsing.types import type_expression
+from soter.language.syntax.their_words import THEIRS
 from soter.language.syntax.tokens import (
     DURATION,
     EOF,
@@ -32,7 +32,6 @@ from soter.language.syntax.tokens import (
     string_value,
     visible,
 )
-from soter.language.syntax.words import meaning
 
 #: Statement blocks may nest so deep.
 BLOCKS_MAX = 64
@@ -210,13 +209,13 @@ class StatementParser(ExpressionParser):
         place = self._place()
         kind = self.kinds[self.i]
         if kind in ("+=", "-=", "*=", "/=", "%=", "**="):
-            text = visible(place.span.text)
-            self.report(
-                "S015",
-                f"`{kind}` is not an operator of Soter",
-                helps=(f"write `{text} = {text} {kind[:-1]} ...;`",),
-                skip=1,
-            )
+            end = self.ends[self.item_end() - 1]
+            operand = self.source.text[self.ends[self.i] : end].strip()
+            operand = operand if operand.isalnum() else f"({operand})"
+            whole, text = Span(self.source, start, end), place.span.text
+            fix = replace(whole, f"{text} = {text} {kind[:-1]} {operand}")
+            helps = (fix,) if operand != "()" else ()
+            self.report("S015", f"`{kind}` is not an operator of Soter", helps=helps, skip=1)
         elif kind == "++" or (kind == "-" and self.kinds[self.i + 1] == "-"):
             text = visible(place.span.text)
             raise self.failure(
@@ -230,7 +229,6 @@ class StatementParser(ExpressionParser):
                 "a call is not a statement",
                 place.span,
                 "functions only compute a value",
-                helps=("use the value: `let x = ...;` or `publish t = ...;`",),
             )
         elif kind in (";", "}"):
             raise self.failure("S011", "an expression is not a statement", place.span)
@@ -243,15 +241,10 @@ class StatementParser(ExpressionParser):
         """A word that is nearly a statement word, or is one in other languages."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
-        if following in PLACE_FOLLOWS and word != "takes":
-            return None
-        if at_word_of_elsewhere(self):
-            raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
         if following in PLACE_FOLLOWS:
             return None
-        if advice := meaning("no_statement", word):
-            message = f"`{word}` is no statement of Soter"
-            raise self.failure("S011", message, helps=(advice,))
+        if word in THEIRS:
+            raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
         if word in _ELSEIF:
             raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
         if following in (NAME, INT) or following in RESERVED:
@@ -262,12 +255,9 @@ class StatementParser(ExpressionParser):
                 self.report("S011", message, helps=helps, once=False)
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
-            declared = visible(self.texts[i + 1])
-            title = f"a variable is declared by `var`: `var {declared}: {visible(word)}`"
-            both = self.token_span(i).to(self.token_span(i + 1))
-            written = replace(both, f"var {declared}: {word}", title)
             message = f"expected a statement, found `{visible(word)}`"
-            self.report("S011", message, helps=(written,))
+            note = "a variable is declared by `var`, its type stands behind: `var x: float`"
+            self.report("S011", message, notes=(note,))
             return self._c_style_declaration()
         return None
 

@@ -37,10 +37,9 @@ from soter.language.syntax.parsing.items import (
     time_value,
     word,
 )
-from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.token_cursor import Panic
+from soter.language.syntax.their_words import THEIRS
 from soter.language.syntax.tokens import EOF, NAME, visible
-from soter.language.syntax.words import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -161,7 +160,7 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     if parser.kinds[i + 2] not in (";", "{", "."):
         return False
     word = parser.texts[i]
-    if word in SYSTEM_ITEMS or at_word_of_elsewhere(parser) or meaning("item", word, "system"):
+    if word in SYSTEM_ITEMS or word in THEIRS:
         return False
     return parser.close_word(word, SYSTEM_ITEMS) is None
 

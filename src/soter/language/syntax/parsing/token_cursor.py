@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, Span, append, made, replace
+from soter.diagnostics.diagnostic import Fix, Label, Source, Span, append, applied, made, replace
 from soter.diagnostics.similar_names import closest
-from soter.language.syntax.foreign_phrases import find, place_of
+from soter.language.syntax.their_words import helps_for, word_at
 from soter.language.syntax.tokens import (
     DURATION,
     EOF,
@@ -22,6 +22,7 @@ from soter.language.syntax.tokens import (
     NAME,
     RESERVED,
     STRING,
+    lex,
     visible,
 )  # fmt: skip
 from soter.language.syntax.tree import DottedPath, Name, Ref
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic, Fix, Help
+    from soter.diagnostics.diagnostic import Diagnostic, Help
     from soter.language.syntax.tokens import Tokens
     from soter.language.syntax.tree import File
 
@@ -58,11 +59,14 @@ _KIND_WORDS = frozenset(
     ["type", "const", "param", "fun", "topic", "node", "rta", "plant", "system"]
 )
 
-#: Errors of one token, which may be one too many, or lack one before it.
-_REPAIRED = frozenset(["S004", "S005", "S006", "S007", "S008"])
-
 _LITERALS = frozenset([NAME, INT, FLOAT, DURATION, ERROR])
 
+
+TRIED_MAX = 400_000
+"""Most characters that are parsed again to try edits in one file."""
+
+_SHOWN_MAX = 60
+"""Most characters of an edited item that a message shows."""
 
 _BETWEEN = "two values on a line have an operator between them, two items a `;`"
 _TWO_ITEMS = "what follows the `,` is an item or a statement of its own, with a word of its own"
@@ -176,8 +180,7 @@ class Cursor:
     ) -> None:
         """Report an error at the cursor (the token's span unless given), and skip so many tokens.
 
-        Only the first error at a token is told, unless the one before had `once=False`. Panic
-        where the text there is a phrase of another language, which is told in its place;
+        Only the first error at a token is told, unless the one before had `once=False`.
         TooManyErrorsError beyond `ERRORS_MAX`.
         """
         i = self.i
@@ -192,48 +195,49 @@ class Cursor:
                 raise TooManyErrorsError
             if span is None:
                 span = self.token_span(i)
-            self._another_language(span)
-            told = self._elsewhere(code, notes, helps)
-            if told is None:
-                if code in _REPAIRED and not helps:
-                    fix = self._repaired(code, message)
-                    helps = () if fix is None else (fix,)
-                labels = tuple(Label(s, t) for s, t in also)
-                told = made(code, message, Label(span, label), labels, notes, helps)
-            self.problems.append(told)
+            labels = tuple(Label(s, t) for s, t in also)
+            if not helps and (theirs := self._in_soter()) is not None:
+                span, helps, label = theirs[0], (theirs[1],), ""
+            self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
         self.i += skip
         if not once:
             self.quiet = -1
 
-    def _another_language(self, span: Span) -> None:
-        """Panic behind a phrase of another language, if one covers `span`, once it is told."""
-        before = self.ends[self.i - 1] if self.i else 0
-        place = place_of(self.items, self.blocks)
-        phrase = find(self.source, span.start, place, before, self._leads_on)
-        if phrase is None:
-            return
-        label = Label(phrase.span)
-        self.problems.append(made("S015", phrase.message, label, helps=(phrase.help,)))
-        self.tokens.forget(phrase.span.start, phrase.end)
-        while self.starts[self.i] < phrase.end and self.kinds[self.i] != EOF:
-            self.i += 1
-        self.damaged = True
-        self.quiet = self.i
-        raise Panic
+    def _in_soter(self) -> tuple[Span, Help] | None:
+        """A word of another language before the cursor or at it, and what Soter has for it."""
+        for i in (self.i - 1, self.i):
+            word = word_at(self.source.text, self.starts[i]) if i >= 0 else ""
+            span = Span(self.source, self.starts[i], self.starts[i] + len(word))
+            for help_ in helps_for(word, span):
+                if isinstance(help_, str):
+                    named = self.kinds[i + 1] == NAME
+                    return span, help_.replace("Name", self.texts[i + 1]) if named else help_
+                if (good := self._tried(help_, i)) is not None:
+                    return span, good
+        return None
 
-    def _leads_on(self, fix: Fix, end: int) -> bool:
-        """Whether an edit leaves no syntax error between what it writes and an offset."""
-        raise NotImplementedError
+    def _tried(self, fix: Fix, i: int) -> Fix | None:
+        """An edit of token `i`, if it leaves no syntax error up to the end of its item.
 
-    def _elsewhere(
-        self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
-    ) -> Diagnostic | None:
-        """What is said of a word of Soter in a wrong place."""
-        raise NotImplementedError
-
-    def _repaired(self, code: Code, message: str) -> Fix | None:
-        """The edit of one token that mends the item at the cursor."""
-        raise NotImplementedError
+        None where so much was tried in this file that this edit is not.
+        """
+        (written,) = applied(fix).values()
+        self.tried += len(written)
+        if self.tried > TRIED_MAX:
+            return None
+        trial = type(self)(lex(Source(self.source.name, written)))
+        trial.tried = TRIED_MAX
+        trial.file()
+        start = self.ends[i - 1] if i else 0
+        stop = self.ends[self.item_end()] + len(written) - len(self.source.text)
+        problems = trial.tokens.problems + trial.problems
+        spans = [d.primary.span for d in problems if d.primary]
+        if any(s.start < stop and start < max(s.end, s.start + 1) for s in spans):
+            return None
+        gone = fix.edits[0].text == ""
+        first = i - 1 if i and not self.texts[i][0].isalnum() else i
+        shown = " ".join(written[self.starts[first] : stop].split())[:_SHOWN_MAX]
+        return Fix(f"{fix.title}: `{shown}`" if gone else f"write `{shown}`", fix.edits)
 
     def file(self) -> File:
         """The whole file, read from its beginning."""
@@ -259,6 +263,13 @@ class Cursor:
     def is_word(self, word: str) -> bool:
         """Whether the cursor is at this contextual word."""
         return self.texts[self.i] == word and self.kinds[self.i] == NAME
+
+    def item_end(self) -> int:
+        """The token that ends the item at the cursor, or the brace that opens its block."""
+        i = self.i
+        while self.kinds[i] not in (";", "{", "}", EOF):
+            i += 1
+        return i
 
     def new_line(self) -> bool:
         """Whether the token at the cursor stands on another line than the one before it."""
@@ -292,7 +303,8 @@ class Cursor:
         """`node X { a = b }` of a system, as opposed to a node that lacks its period."""
         if self.kinds[i + 3 : i + 5] == [NAME, NAME]:
             return self.texts[i + 3] == "set"
-        return self.kinds[i + 3 : i + 5] == [NAME, "="] or self.kinds[i + 4 : i + 5] == ["."]
+        wired = self.kinds[i + 3] == NAME and self.kinds[i + 4] in ("=", ":=")
+        return wired or self.kinds[i + 4] == "."
 
     def close_word(self, word: str, words: Iterable[str]) -> str | None:
         """The one of `words` that was probably meant by `word`."""
@@ -408,7 +420,8 @@ class Cursor:
         i = self.i
         name = self.texts[i + 1]
         in_place = self.kinds[i + 2] in ("period", "phase", "{")
-        help_: Help = replace(self.token_span(i).to(self.token_span(i + 1)), name)
+        both = self.token_span(i).to(self.token_span(i + 1))
+        help_: Help = replace(both, name, f"leave `{self.texts[i]}` out")
         if in_place:
             help_ = f"declare it at the top of the file, and name it here: `{name}`"
         label = "nothing is declared here" if in_place else "the name stands alone here"
@@ -438,7 +451,7 @@ class Cursor:
                 "S006",
                 f"expected {what}, found the keyword `{word}`",
                 label="this word is reserved",
-                helps=(f"choose another name, such as `{word}_`",),
+                helps=() if self._name_beside(i) else (f"choose another name, such as `{word}_`",),
             )
             self.misused.add(word)
         self.i = i + 1

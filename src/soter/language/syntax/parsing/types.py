@@ -107,12 +107,14 @@ def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
         ref = parser.ref("a type")
         _foreign_type(parser, ref, i)
         return tree.NamedType(ref.span, ref)
+    notes: tuple[str, ...] = ()
     helps: tuple[str, ...] = ()
     if kind == "enum":
         helps = ("declare it first: `type Name = enum { ... };`",)
     elif kind == "[":
-        helps = ("the size of an array follows its type: `float[3]`",)
-    raise parser.failure("S008", f"expected {what}, found {parser.found()}", helps=helps)
+        notes = ("the size of an array follows its type: `float[3]`",)
+    message = f"expected {what}, found {parser.found()}"
+    raise parser.failure("S008", message, notes=notes, helps=helps)
 
 
 def _foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
