@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.safety_case import Assurance
-    from soter.api.campaigning import Campaign
     from soter.api.diagrams import Diagram
     from soter.api.running import PreparedSystems
+    from soter.campaign.result import Campaign
     from soter.explore.results import ExploreReport
     from soter.explore.search_options import SearchKeywords
     from soter.language.model.system import System
