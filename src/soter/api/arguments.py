@@ -153,7 +153,8 @@ def complete(
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
     if bound is not None:
-        from soter.simulate.externs.bindings import bind, require_files  # noqa: PLC0415 - see `soter.api`
+        from soter.native.bindings import bind  # noqa: PLC0415 - see `soter.api`
+        from soter.simulate.externs.callables import require_files  # noqa: PLC0415 - the same
 
         require_files(bind(system, bound))
     from soter.verify.deploy.missing_predicates import complete as compute  # noqa: PLC0415 - needs NumPy

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.campaign.result import Result
     from soter.campaign.store import FlightOutcome
     from soter.language.model.system import System
-    from soter.simulate.externs.bindings import Bindings
+    from soter.native.bindings import Bindings
 
     Progress = Callable[[float], None]
 

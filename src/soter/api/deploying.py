@@ -27,7 +27,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.language.load.loader import LoadedFile, load
 from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.system import System, environment_topics
-from soter.simulate.externs.bindings import Bindings, require_files
+from soter.native.bindings import Bindings, require_linked
 from soter.simulate.result_assumptions import code_assumptions
 from soter.targets.cortex_m_board import Replay, read_board
 from soter.targets.cortex_m_package import Image, replayed_until
@@ -243,7 +243,7 @@ def build(
 
     fitted(fresh)  # a wrong one is told before anything takes long,
     bare = bound(fresh)
-    require_files(bare, linked=True)
+    require_linked(bare)
     if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
         here = bare.system, bare.core, output, fitted(bare.system)
         build_package(target, *here, write=False)

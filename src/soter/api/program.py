@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
-    from soter.simulate.externs.bindings import Bindings
+    from soter.native.bindings import Bindings
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
@@ -153,7 +153,7 @@ class Program:
         `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
         system has such an extern, U001, X002, X003 for a wrong target.
         """
-        from soter.simulate.externs.bindings import check_target, require_named  # noqa: PLC0415 - as above
+        from soter.native.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
         check_target(name, target)
         if self.ok:
@@ -491,6 +491,6 @@ class Program:
         return system, complete(system, known, bound)
 
     def _bindings(self, system: System) -> Bindings:
-        from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see the docstring
+        from soter.native.bindings import bind  # noqa: PLC0415 - see the docstring
 
         return bind(system, self._bound)
