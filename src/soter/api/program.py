@@ -31,7 +31,9 @@ from soter.api.check_report import CheckReport, check_report
 from soter.diagnostics.command_records import made, takes
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
+from soter.language.evaluate.statements import python_function
 from soter.language.front_end import CheckResult, check_file, system_of
+from soter.language.model.values import to_python
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -128,15 +130,11 @@ class Program:
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant by its full name (`city.GOALS`), as externs get it; KeyError."""
-        from soter.language.model.values import to_python  # noqa: PLC0415 - see the docstring
-
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
         """A function of the program as a callable, which may raise `soter.StepFault`; KeyError."""
-        from soter.language.evaluate.statements import python_function  # noqa: PLC0415 - see the docstring
-
         program = self._require_sound()
         return python_function(program, program.funs[name])
 

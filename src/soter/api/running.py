@@ -25,6 +25,7 @@ from soter.language.front_end import CheckResult, system_of
 from soter.native.bindings import Bindings, bind, bind_again
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
+from soter.simulate.externs.c_extern import linked_content
 from soter.simulate.externs.callables import assumptions, callables, close, require_runnable
 from soter.simulate.interrupt import (
     ANY_END,
@@ -126,9 +127,6 @@ class PreparedSystems:
 
     def native(self, prepared: PreparedSystem) -> NativeProgram:
         """The compiled system; it is compiled again if the C of an extern has changed."""
-        from soter.simulate.externs.c_extern import linked_content  # noqa: PLC0415 - see `soter.api`
-        from soter.simulate.run import NativeProgram  # noqa: PLC0415 - the same
-
         with self._lock:
             core = prepared.bindings.core
             linked = linked_content(prepared.system, core)
