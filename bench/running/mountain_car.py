@@ -21,9 +21,10 @@ import gymnasium
 import numpy as np
 
 import soter
+from soter.native.bindings import bind
 from soter.native.shared_library import RunStatus
 from soter.report.tables import table
-from soter.simulate.externs.bindings import bind, callables
+from soter.simulate.externs.callables import callables
 from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram

@@ -37,9 +37,8 @@ from bench.run_all import BENCHMARKS, results  # noqa: E402 - needs the path
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.api.campaigning import Campaign, FlownArm
     from soter.api.program import Program
-    from soter.campaign.result import Result
+    from soter.campaign.result import Campaign, FlownArm, Result
     from soter.language.model.system import System
 
 DRONE = ROOT / "examples" / "drone"

@@ -16,7 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake, utf8_text
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake, utf8_text
+from soter.language.load.loader import read_text as read_source
+from soter.language.model.types import WrongTextError, duration_ns
+from soter.language.model.values import ValueShapeError, from_json, to_json
+from soter.language.syntax.printer import format_source
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -59,8 +63,6 @@ def time_ns(what: str, given: float | str | None) -> int | None:
     """The time that a caller gave as `what`, in ns; None if none; `SoterError` U001."""
     if given is None:
         return None
-    from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - see `soter.api`
-
     try:
         return duration_ns(given)
     except WrongTextError as error:
@@ -112,8 +114,6 @@ def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dic
 
 def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
     """Parameter values as JSON for a trace, durations in ns."""
-    from soter.language.model.values import to_json  # noqa: PLC0415 - see `soter.api`
-
     params: dict[str, object] = {}
     for name, value in values.items():
         param = program.param(name)
@@ -127,7 +127,6 @@ def params_from_json(
 ) -> dict[str, Value]:
     """Parameter values from the JSON of a trace; `SoterError` D010."""
     from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.language.model.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
 
     params: dict[str, Value] = {}
     for name, value in given.items():
@@ -154,7 +153,8 @@ def complete(
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
     if bound is not None:
-        from soter.simulate.externs.bindings import bind, require_files  # noqa: PLC0415 - see `soter.api`
+        from soter.native.bindings import bind  # noqa: PLC0415 - see `soter.api`
+        from soter.simulate.externs.callables import require_files  # noqa: PLC0415 - the same
 
         require_files(bind(system, bound))
     from soter.verify.deploy.missing_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
@@ -164,10 +164,8 @@ def complete(
 
 def read_text(path: str) -> str:
     """The text of a source file; `SoterError` D001, D005 if it cannot be read."""
-    from soter.language.load.loader import read_text as read  # noqa: PLC0415 - shadows this one
-
     diagnostics = Diagnostics()
-    text = read(Path(path), path, diagnostics)
+    text = read_source(Path(path), path, diagnostics)
     if text is None:
         raise SoterError(diagnostics.items)
     return text
@@ -175,9 +173,6 @@ def read_text(path: str) -> str:
 
 def format_text(name: str, text: str) -> str:
     """A program's text in the standard layout; `SoterError` if it does not parse."""
-    from soter.diagnostics.diagnostic import Source  # noqa: PLC0415 - see `soter.api`
-    from soter.language.syntax.printer import format_source  # noqa: PLC0415 - see `soter.api`
-
     diagnostics = Diagnostics()
     formatted = format_source(Source(name, text), diagnostics)
     if formatted is None:

@@ -10,7 +10,7 @@ import os
 import re
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,12 +22,13 @@ from soter.campaign.fly_campaign import Workers, cluster, fly, fly_batches, requ
 from soter.campaign.page import write_page
 from soter.campaign.result import (
     ORDER,
-    Result,
+    Campaign,
+    FlownArm,
     attributions,
     count_faults,
     make_result,
 )
-from soter.campaign.store import CampaignIdentity, CampaignStore, FlightOutcome, write_parquet
+from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
@@ -35,66 +36,16 @@ from soter.simulate.run_options import seed_value
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from soter.campaign.result import Result
+    from soter.campaign.store import FlightOutcome
     from soter.language.model.system import System
-    from soter.simulate.externs.bindings import Bindings
+    from soter.native.bindings import Bindings
 
     Progress = Callable[[float], None]
 
 HOURS_MAX = 1e7
 WORKERS_MAX = 256
 LOCAL, RAY = "local", "ray"
-
-
-@dataclass(frozen=True)
-class FlownArm:
-    """One arm flown on the seeds of a campaign; `folder` has all of its flights."""
-
-    name: str
-    text: str
-    system: System
-    folder: Path
-    flights: tuple[FlightOutcome, ...]
-    result: Result
-    flown: int
-    wall_s: float
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """What was flown. `folder` has every flight; `wall_s`: the time of this call alone.
-
-    `flown`: number of flights in this call; the others were in the folder. `arms`: the same seeds
-    by other rules, the campaign itself first; `lateness`: what was measured for them, in words.
-    `horizon_s`: how far AC was flown on after it lost control; 0: saves were not counted.
-    """
-
-    system: str
-    until_s: float
-    first_seed: int
-    folder: Path
-    flights: tuple[FlightOutcome, ...]
-    result: Result
-    flown: int
-    wall_s: float
-    workers: int
-    arms: tuple[FlownArm, ...] = ()
-    lateness: str = ""
-    horizon_s: float = 0.0
-    program_sha256: str = ""
-    params: Mapping[str, str] = field(default_factory=dict)
-    """Parameter that is not at its default -> its value as a program writes it."""
-    asked_arms: tuple[str, ...] = ()
-    """The arms that were asked for; `swept` stands for several of `arms`."""
-    forced: tuple[str, ...] = ()
-    """Modules whose mode the system forces, as text with who is in control."""
-    faults: tuple[tuple[str, str], ...] = ()
-    """Each fault as it was written, and the assumption that it keeps; "": none."""
-    occurred: Mapping[str, int | None] = field(default_factory=dict)
-    """Fault -> how often it occurred in all flights; None: always."""
-    diagnostics: tuple[Diagnostic, ...] = ()
-    """Warnings of what these flights are no evidence for."""
-    properties: tuple[str, ...] = ()
-    """The properties that judged each flight, as the program writes them."""
 
 
 def campaign(

@@ -323,7 +323,7 @@ def check_report(
     program = checked.program
     assert program is not None
     if bound:
-        from soter.simulate.externs.bindings import bind_somewhere  # noqa: PLC0415 - see `soter.api`
+        from soter.native.bindings import bind_somewhere  # noqa: PLC0415 - see `soter.api`
 
         bind_somewhere(list(flat.values()), bound)
     systems = tuple(

@@ -20,17 +20,23 @@ from typing import TYPE_CHECKING
 
 from soter.addons import by_name
 from soter.api.rechecking import recheck
-from soter.certificate.folder import MANIFEST_MAX, PROGRAM_MAX, Certificate
+from soter.certificate.folder import MANIFEST_MAX, PROGRAM_MAX, Certificate, read_certificate
 from soter.certificate.report import REJECTED, RecheckedModule, Report
 from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.language.load.loader import LoadedFile, load
 from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.system import System, environment_topics
-from soter.simulate.externs.bindings import Bindings, require_files
+from soter.native.bindings import Bindings, require_linked
 from soter.simulate.result_assumptions import code_assumptions
 from soter.targets.cortex_m_board import Replay, read_board
-from soter.targets.cortex_m_package import Image, replayed_until
+from soter.targets.cortex_m_package import (
+    Image,
+    build_image,
+    cross_compiler,
+    replayed_until,
+    require_stack,
+)
 from soter.targets.package import TARGETS, Package, PackageFile, build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
@@ -178,8 +184,6 @@ class _CertifiedTables:
 
     @cached_property
     def _certificate(self) -> Certificate:
-        from soter.certificate.folder import read_certificate  # noqa: PLC0415 - needs NumPy
-
         certificate = read_certificate(self.folder)
         if certificate.seal != self.seal:
             raise _other_certificate(self.folder, "it was changed while it was checked")
@@ -243,7 +247,7 @@ def build(
 
     fitted(fresh)  # a wrong one is told before anything takes long,
     bare = bound(fresh)
-    require_files(bare, linked=True)
+    require_linked(bare)
     if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
         here = bare.system, bare.core, output, fitted(bare.system)
         build_package(target, *here, write=False)
@@ -302,8 +306,6 @@ def image_of(package: Package, board: str | None, stack: StackBound) -> Image | 
 
     `stack`: the bound of the package; SoterError X015 if the board has less.
     """
-    from soter.targets.cortex_m_package import build_image, require_stack  # noqa: PLC0415 - compiles
-
     if board is None:
         return None
     place = read_board(board)
@@ -319,7 +321,6 @@ def stack_bound(package: Package, board: str | None = None) -> StackBound:
     Externs, plants and the virtual-time command are not counted.
     """
     from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
-    from soter.targets.cortex_m_package import cross_compiler  # noqa: PLC0415 - the same
 
     files = {
         PurePath(f.path).name: f.text

@@ -31,7 +31,9 @@ from soter.api.check_report import CheckReport, check_report
 from soter.diagnostics.command_records import made, takes
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
+from soter.language.evaluate.statements import python_function
 from soter.language.front_end import CheckResult, check_file, system_of
+from soter.language.model.values import to_python
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -41,9 +43,9 @@ if TYPE_CHECKING:
 
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.safety_case import Assurance
-    from soter.api.campaigning import Campaign
     from soter.api.diagrams import Diagram
     from soter.api.running import PreparedSystems
+    from soter.campaign.result import Campaign
     from soter.explore.results import ExploreReport
     from soter.explore.search_options import SearchKeywords
     from soter.language.model.system import System
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
-    from soter.simulate.externs.bindings import Bindings
+    from soter.native.bindings import Bindings
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
@@ -128,15 +130,11 @@ class Program:
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant by its full name (`city.GOALS`), as externs get it; KeyError."""
-        from soter.language.model.values import to_python  # noqa: PLC0415 - see the docstring
-
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
         """A function of the program as a callable, which may raise `soter.StepFault`; KeyError."""
-        from soter.language.evaluate.statements import python_function  # noqa: PLC0415 - see the docstring
-
         program = self._require_sound()
         return python_function(program, program.funs[name])
 
@@ -153,7 +151,7 @@ class Program:
         `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
         system has such an extern, U001, X002, X003 for a wrong target.
         """
-        from soter.simulate.externs.bindings import check_target, require_named  # noqa: PLC0415 - as above
+        from soter.native.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
         check_target(name, target)
         if self.ok:
@@ -491,6 +489,6 @@ class Program:
         return system, complete(system, known, bound)
 
     def _bindings(self, system: System) -> Bindings:
-        from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see the docstring
+        from soter.native.bindings import bind  # noqa: PLC0415 - see the docstring
 
         return bind(system, self._bound)

@@ -22,16 +22,11 @@ from soter.api.arguments import complete
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
+from soter.native.bindings import Bindings, bind, bind_again
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
-from soter.simulate.externs.bindings import (
-    Bindings,
-    assumptions,
-    bind_again,
-    callables,
-    close,
-    require_runnable,
-)
+from soter.simulate.externs.c_extern import linked_content
+from soter.simulate.externs.callables import assumptions, callables, close, require_runnable
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
@@ -99,8 +94,6 @@ class PreparedSystems:
         compared as they are written: 0.0 is not -0.0, nor 1 true. `SoterError` as for `system_of`
         and `bind`; after an error nothing is kept.
         """
-        from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see `soter.api`
-
         default = checked.default_system() if name is None else None
         texts = [(n, t if isinstance(t, str) else None) for n, t in given.items()]
         chosen = name if default is None else default.name
@@ -134,9 +127,6 @@ class PreparedSystems:
 
     def native(self, prepared: PreparedSystem) -> NativeProgram:
         """The compiled system; it is compiled again if the C of an extern has changed."""
-        from soter.simulate.externs.c_extern import linked_content  # noqa: PLC0415 - see `soter.api`
-        from soter.simulate.run import NativeProgram  # noqa: PLC0415 - the same
-
         with self._lock:
             core = prepared.bindings.core
             linked = linked_content(prepared.system, core)

@@ -23,8 +23,7 @@ from soter.report.wording import quantity
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.campaign.result import MetricResult, Result
-    from soter.campaign.tables import CampaignLike
+    from soter.campaign.result import Campaign, MetricResult, Result
 
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 520, 240, 74, 44, 12, 12
@@ -157,13 +156,13 @@ RESTS_ON = (
 )
 
 
-def write_page(campaign: CampaignLike, program: str, path: Path) -> Path:
+def write_page(campaign: Campaign, program: str, path: Path) -> Path:
     """Write the page; SoterError D006 where it cannot be written."""
     made = make_page(campaign, program)
     return write_document(made.title, campaign_main(made), path)
 
 
-def make_page(campaign: CampaignLike, program: str) -> CampaignPage:
+def make_page(campaign: Campaign, program: str) -> CampaignPage:
     """The page as data."""
     r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
@@ -179,7 +178,7 @@ def make_page(campaign: CampaignLike, program: str) -> CampaignPage:
     )
 
 
-def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
+def _sections(campaign: Campaign, program: str) -> Iterator[PageSection]:
     r = campaign.result
     says = [
         f"{r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s.",
@@ -211,7 +210,7 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
     yield PageSection("Again", tuple(_again(campaign, program)))
 
 
-def _again(campaign: CampaignLike, program: str) -> Iterator[str]:
+def _again(campaign: Campaign, program: str) -> Iterator[str]:
     """The commands that fly the campaign again, with every option that was given."""
     flown = ["--system", campaign.system, "--until", f"{campaign.until_s:.15g}s"]
     flown += ["--seed", f"{campaign.first_seed}"]
@@ -226,7 +225,7 @@ def _again(campaign: CampaignLike, program: str) -> Iterator[str]:
     yield f"Flight K of it, looked at{arm}: `{looked}`"
 
 
-def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
+def _charts(campaign: Campaign) -> Iterator[Bars | Histogram]:
     """Who was in control and how often that changed; the arms side by side."""
     r, flights = campaign.result, campaign.flights
     several = len(r.modules) > 1

@@ -1,16 +1,16 @@
 """The result of a campaign: totals, shares, episodes, bounds, and which faults its flights met.
 
-Purpose: `Result` takes flights to figures with intervals. `FaultAttribution` tells a violation that
-is a defect from one that is excused: the flight met a declared fault outside of what proofs assume
-before it, and without such faults it is clean. `occurred` counts each fault. All of it follows from
-the seeds, so nothing is stored for it.
+Purpose: `Result` takes flights to figures with intervals; `Campaign` has it and what was flown.
+`FaultAttribution` tells a violation that is a defect from one that is excused: the flight met a
+declared fault outside of what proofs assume before it, and without such faults it is clean.
+`occurred` counts each fault. All of it follows from the seeds, so nothing is stored for it.
 Non-goals: printing, files; what faults do (`semantics/faults.py`).
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import fsum, inf, isnan, nan
 from typing import TYPE_CHECKING
 
@@ -26,11 +26,13 @@ from soter.semantics.faults import begins
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     import numpy.typing as npt
 
     from soter.campaign.store import FlightOutcome
     from soter.core.layout import Words
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.language.model.system import Component, Fault, System
 
 
@@ -260,6 +262,58 @@ class Result:
     def rate_hours(self) -> float:
         """The hours that all rates are about."""
         return self.hours if self.hours_aloft is None else self.hours_aloft
+
+
+@dataclass(frozen=True)
+class FlownArm:
+    """One arm flown on the seeds of a campaign; `folder` has all of its flights."""
+
+    name: str
+    text: str
+    system: System
+    folder: Path
+    flights: tuple[FlightOutcome, ...]
+    result: Result
+    flown: int
+    wall_s: float
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What was flown. `folder` has every flight; `wall_s`: the time of this call alone.
+
+    `flown`: number of flights in this call; the others were in the folder. `arms`: the same seeds
+    by other rules, the campaign itself first; `lateness`: what was measured for them, in words.
+    `horizon_s`: how far AC was flown on after it lost control; 0: saves were not counted.
+    """
+
+    system: str
+    until_s: float
+    first_seed: int
+    folder: Path
+    flights: tuple[FlightOutcome, ...]
+    result: Result
+    flown: int
+    wall_s: float
+    workers: int
+    arms: tuple[FlownArm, ...] = ()
+    lateness: str = ""
+    horizon_s: float = 0.0
+    program_sha256: str = ""
+    params: Mapping[str, str] = field(default_factory=dict)
+    """Parameter that is not at its default -> its value as a program writes it."""
+    asked_arms: tuple[str, ...] = ()
+    """The arms that were asked for; `swept` stands for several of `arms`."""
+    forced: tuple[str, ...] = ()
+    """Modules whose mode the system forces, as text with who is in control."""
+    faults: tuple[tuple[str, str], ...] = ()
+    """Each fault as it was written, and the assumption that it keeps; "": none."""
+    occurred: Mapping[str, int | None] = field(default_factory=dict)
+    """Fault -> how often it occurred in all flights; None: always."""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    """Warnings of what these flights are no evidence for."""
+    properties: tuple[str, ...] = ()
+    """The properties that judged each flight, as the program writes them."""
 
 
 def make_result(

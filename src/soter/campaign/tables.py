@@ -8,16 +8,14 @@ Non-goals: figures (`result.py`), looks.
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from soter.campaign.statistics import FLIGHTS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Sequence
 
-    from soter.campaign.result import ModuleStatistics, Result
-    from soter.campaign.store import FlightOutcome
+    from soter.campaign.result import Campaign, ModuleStatistics, Result
 
     Row = tuple[str, ...]
     Table = tuple[Row, tuple[Row, ...]]
@@ -71,96 +69,12 @@ def faults_explain(r: Result) -> str:
     )
 
 
-class FlownLike(Protocol):
-    """An arm that was flown (`api/campaigning.py`)."""
-
-    @property
-    def name(self) -> str:
-        """The name by which it is asked for."""
-
-    @property
-    def text(self) -> str:
-        """What is different about it."""
-
-    @property
-    def result(self) -> Result:
-        """Its figures."""
-
-
-class CampaignLike(Protocol):
-    """A campaign (`api/campaigning.py`)."""
-
-    @property
-    def system(self) -> str:
-        """As `Campaign.system`."""
-
-    @property
-    def until_s(self) -> float:
-        """As `Campaign.until_s`."""
-
-    @property
-    def first_seed(self) -> int:
-        """As `Campaign.first_seed`."""
-
-    @property
-    def folder(self) -> Path:
-        """As `Campaign.folder`."""
-
-    @property
-    def params(self) -> Mapping[str, str]:
-        """As `Campaign.params`."""
-
-    @property
-    def flights(self) -> Sequence[FlightOutcome]:
-        """As `Campaign.flights`."""
-
-    @property
-    def result(self) -> Result:
-        """As `Campaign.result`."""
-
-    @property
-    def arms(self) -> Sequence[FlownLike]:
-        """As `Campaign.arms`."""
-
-    @property
-    def asked_arms(self) -> Sequence[str]:
-        """As `Campaign.asked_arms`."""
-
-    @property
-    def lateness(self) -> str:
-        """As `Campaign.lateness`."""
-
-    @property
-    def horizon_s(self) -> float:
-        """As `Campaign.horizon_s`."""
-
-    @property
-    def program_sha256(self) -> str:
-        """As `Campaign.program_sha256`."""
-
-    @property
-    def forced(self) -> Sequence[str]:
-        """As `Campaign.forced`."""
-
-    @property
-    def properties(self) -> Sequence[str]:
-        """As `Campaign.properties`."""
-
-    @property
-    def faults(self) -> Sequence[tuple[str, str]]:
-        """As `Campaign.faults`."""
-
-    @property
-    def occurred(self) -> Mapping[str, int | None]:
-        """As `Campaign.occurred`."""
-
-
-def violations_table(campaign: CampaignLike) -> Table:
+def violations_table(campaign: Campaign) -> Table:
     """The table of what was violated, and how often."""
     return ("times", "violated"), tuple((f"{n:,}", what) for what, n in campaign.result.broken)
 
 
-def worst_flights_table(campaign: CampaignLike) -> Table:
+def worst_flights_table(campaign: Campaign) -> Table:
     """The table of the first violated flights."""
     rows = tuple(
         (
@@ -177,7 +91,7 @@ def worst_flights_table(campaign: CampaignLike) -> Table:
     return head, rows
 
 
-def modules(campaign: CampaignLike) -> Table:
+def modules(campaign: Campaign) -> Table:
     """The table of modules: who was in control."""
     saves = campaign.horizon_s > 0
     hourly = f"episodes {an_hour(campaign.result)}, 95 %"
@@ -193,7 +107,7 @@ def _module(m: ModuleStatistics, *, saves: bool) -> Row:
     return (*row, often, f"{m.gate_faults:,}", *more)
 
 
-def measures(campaign: CampaignLike) -> Table:
+def measures(campaign: Campaign) -> Table:
     """The table of measures."""
     rows = tuple(
         (m.name, f"{m.mean:.4g}", f"{m.least:.4g}", f"{m.most:.4g}")
@@ -202,7 +116,7 @@ def measures(campaign: CampaignLike) -> Table:
     return ("measure", "mean", "least", "most"), rows
 
 
-def arms(campaign: CampaignLike) -> Table:
+def arms(campaign: Campaign) -> Table:
     """The table of arms: the same seeds by other rules."""
     rows = tuple(
         (
@@ -217,7 +131,7 @@ def arms(campaign: CampaignLike) -> Table:
     return ("arm", "flights violated", "violations", "all in AC", "what is different"), rows
 
 
-def faults(campaign: CampaignLike) -> Table:
+def faults(campaign: Campaign) -> Table:
     """The table of declared faults, and how many violated flights each excuses."""
     excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in campaign.result.excused}
     rows = tuple(

@@ -39,8 +39,13 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
-    from soter.api.campaigning import Campaign, FlownArm
-    from soter.campaign.result import FaultAttribution, MetricResult, ModuleStatistics
+    from soter.campaign.result import (
+        Campaign,
+        FaultAttribution,
+        FlownArm,
+        MetricResult,
+        ModuleStatistics,
+    )
     from soter.campaign.store import FlightOutcome
 
 Flown: TypeAlias = "Campaign | FlownArm"
@@ -327,14 +332,14 @@ SHAPES: Mapping[str, Shape] = {
     ),
 }
 DOCUMENT = JsonObject(
-    "soter.api.campaigning.Campaign",
+    "soter.campaign.result.Campaign",
     f"program_sha256 system {FIGURES} flight_s=until_s seed=first_seed saves_horizon_s=horizon_s? "
     "arms lateness=lateness? faults folder wall_s workers",
     {**MADE, "arms": _arms, "faults": _faults},
     beside={"file": str},
     shapes=SHAPES,
     arms=JsonObject(
-        "soter.api.campaigning.FlownArm", f"text {FIGURES}", MADE, named="arm", shapes=SHAPES
+        "soter.campaign.result.FlownArm", f"text {FIGURES}", MADE, named="arm", shapes=SHAPES
     ),
     faults=JsonObject(CampaignFault, "fault inside times"),
 )

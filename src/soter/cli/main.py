@@ -34,6 +34,7 @@ from soter.cli.terminal.command_line import (
 from soter.cli.terminal.console import ChildResult, Console
 from soter.diagnostics.command_records import unused
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason, utf8_text
+from soter.diagnostics.similar_names import closest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -210,8 +211,6 @@ def _help_for(rest: list[str], console: Console) -> CommandOutcome:
 
 
 def _unknown_command(name: str) -> UsageError:
-    from soter.diagnostics.similar_names import closest  # noqa: PLC0415 - only then
-
     near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""
     return UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")

@@ -19,6 +19,7 @@ from soter.codegen.externs import answer_fields
 from soter.core.layout import arrange, state_dtype
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.outside_roles import LeafBuffer, is_flat, places
+from soter.native.bindings import Bindings, bind
 from soter.native.compiler import FAST, vector_flags
 from soter.native.extern_memory import kept_by
 from soter.native.shared_library import (
@@ -30,8 +31,8 @@ from soter.native.shared_library import (
     library,
     opened,
 )
-from soter.simulate.externs.bindings import Bindings, bind, callables
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
+from soter.simulate.externs.callables import callables
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:

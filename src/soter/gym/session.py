@@ -31,9 +31,10 @@ from soter.gym.outside_roles import chosen_module, chosen_plant, system_with_err
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
+from soter.native.bindings import bind_again
 from soter.native.shared_library import RunStatus
 from soter.semantics.externs import reset
-from soter.simulate.externs.bindings import bind_again, callables
+from soter.simulate.externs.callables import callables
 from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 

@@ -1,1 +1,1 @@
-"""Native code: find a compiler, build, cache by content, load."""
+"""Native code: find a compiler, build, cache by content, load; what externs are bound to."""

@@ -25,6 +25,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
 )
+from soter.native.bindings import FilePolicy
 from soter.policy.network import Clipped, made_ready, numbers_text, standardise
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
@@ -32,7 +33,6 @@ from soter.policy.policy_errors import bad_policy, read_policy_bytes
 from soter.policy.sb3_file import read_sb3
 from soter.policy.sb3_parts import statistics_beside
 from soter.semantics.externs import Converted
-from soter.simulate.externs.python_extern import FilePolicy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.simulate.externs.bindings import Bindings
+    from soter.native.bindings import Bindings
     from soter.simulate.interrupt import StopRequest
     from soter.simulate.run_observer import Kept
 

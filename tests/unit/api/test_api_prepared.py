@@ -14,7 +14,7 @@ import pytest
 import soter
 from soter.api.running import KEPT_MAX, PreparedSystems
 from soter.core import steps
-from soter.simulate.externs import bindings
+from soter.native import bindings
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -25,7 +25,7 @@ from soter.simulate.run import NativeProgram, run_interpreted
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.api.campaigning import Campaign
+    from soter.campaign.result import Campaign
     from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -20,7 +20,7 @@ from soter.native.shared_library import library_flags, texts
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.api.campaigning import Campaign
+    from soter.campaign.result import Campaign
 
 PROGRAM = """soter 1;
 topic y: float in [-40.0, 40.0] max_age 100ms;

@@ -17,7 +17,7 @@ from soter.cli.main import main
 from soter.cli.terminal.command_line import FINE, VIOLATED
 
 if TYPE_CHECKING:
-    from soter.api.campaigning import Campaign
+    from soter.campaign.result import Campaign
 
 WALK = """soter 1;
 param PUSH: float = 0.5;

@@ -23,7 +23,7 @@ from soter.language.front_end import check_file, system_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.api.campaigning import Campaign
+    from soter.campaign.result import Campaign
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"

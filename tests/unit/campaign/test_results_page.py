@@ -13,7 +13,7 @@ from bench.running import results_page as results
 from soter import load
 
 if TYPE_CHECKING:
-    from soter.api.campaigning import Campaign
+    from soter.campaign.result import Campaign
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"

@@ -20,7 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.rechecking import no_certificate, recheck
-from soter.certificate.report import REJECTED, RecheckedModule, Report
+from soter.certificate.report import (
+    REJECTED,
+    NotRecheckedError,
+    RecheckedModule,
+    RejectedError,
+    Report,
+)
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.front_end import system_to_prove
@@ -125,10 +131,6 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
         NotACertificateError,
         program_of,
         read_certificate,
-    )
-    from soter.certificate.report import (  # noqa: PLC0415 - needs NumPy
-        NotRecheckedError,
-        RejectedError,
     )
 
     path = str(folder)

@@ -23,6 +23,7 @@ from soter.api.arguments import require_no_certificate
 from soter.api.assurance.certificate_check import (
     CertifiedProof,
     command_line,
+    compiler_used,
     proof_of,
     provenance_of,
 )
@@ -36,7 +37,7 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.report.atomic_write import own_place
-from soter.report.safety_case import SUPPORTED, CaseNode, SafetyCase
+from soter.report.safety_case import SUPPORTED, CaseNode, SafetyCase, sdoc
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -293,8 +294,6 @@ def _add_compiled(
     case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> bool:
     """Adds the goal that the C of each DM switches as the argument assumes; tries it now."""
-    from soter.api.assurance.certificate_check import compiler_used  # noqa: PLC0415 - compiles
-
     if not shown:
         return False
     text = "Every compiled RTA switch is the one that the argument is about"
@@ -444,7 +443,6 @@ def _equations(plant: PlantSymbol) -> tuple[str, ...]:
 def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
     """Writes the three files and returns their paths; SoterError D006 if one cannot be written."""
     from soter.report.html import write_text  # noqa: PLC0415 - only then
-    from soter.report.safety_case import sdoc  # noqa: PLC0415 - only then
     from soter.report.safety_case_page import write_case  # noqa: PLC0415 - only then
 
     try:

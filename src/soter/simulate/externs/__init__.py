@@ -1,1 +1,1 @@
-"""Binds externs, the parts of a system that are somebody else's code, and calls them."""
+"""Loads and calls externs, the parts of a system that are somebody else's code."""

@@ -3,7 +3,7 @@
 Purpose: `binding_warnings` gives warnings (W007) for `soter check` by reading the files' text:
 nothing is run or compiled. `wide_actions` warns (W037) of policies that may answer more than their
 topics take.
-Non-goals: refusing; `bindings.py` does that when a program runs.
+Non-goals: refusing; `callables.py` does that when a program runs.
 """
 
 from __future__ import annotations
@@ -63,10 +63,8 @@ def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tupl
 def _wide_answers(
     system: System, component: Component, node: NodeSymbol, binding: BindingText
 ) -> Iterator[Diagnostic]:
-    from soter.simulate.externs.python_extern import (  # noqa: PLC0415 - needs NumPy
-        node_answers,
-        policy_files,
-    )
+    from soter.native.bindings import policy_files  # noqa: PLC0415 - only then
+    from soter.simulate.externs.python_extern import node_answers  # noqa: PLC0415 - needs NumPy
 
     try:
         actions = iter(policy_files().action_bounds(binding))

@@ -8,7 +8,7 @@ for, with types. With `clip`, as in `soter.remote`, a number that is too large b
 that the topic takes; what is not finite is still refused. `call_outside` keeps for the externs the
 current folder and the depth of recursion that they set, and restores the processor's rounding;
 `end_copy` ends a process that an extern forked when the call ends.
-Non-goals: which extern it answers (`bindings.py`), what its answers mean
+Non-goals: which extern it answers (`native/bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
 signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own
 words and line tell best.
@@ -24,16 +24,16 @@ import traceback
 from contextlib import suppress
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.diagnostics.similar_names import closest
 from soter.language.evaluate.arithmetic import put_back
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import widened
+from soter.native.bindings import FilePolicy
 from soter.semantics.externs import Converted, Stop, convert_answer, step_function
 from soter.semantics.publication_gate import clip
 from soter.simulate.externs.python_answers import MisuseError, PlainError, failure_text
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Span
-    from soter.language.load.named_files import BindingText
     from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type
     from soter.simulate.interrupt import StopRequest
@@ -103,32 +102,6 @@ def _change_folder(folder: str) -> None:
 
 
 DEPTH = 3
-
-
-class FilePolicy:
-    """A policy from a file, an object with `step`; `assumed`: what its files leave open."""
-
-    assumed: tuple[str, ...]
-
-
-class PolicyFiles(Protocol):
-    """The interface of the add-on for learned policies, for a binding to one."""
-
-    def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
-        """The SHA-256 of the files it names, and of those they name; `SoterError` X003, X014."""
-
-    def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
-        """The range of each number that a zip answers; `SoterError` X003, X014, D007."""
-
-    def load_policy(
-        self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
-    ) -> FilePolicy:
-        """The policy; `SoterError` X003, X014, D007 at the place that declares the node."""
-
-
-def policy_files() -> PolicyFiles:
-    """The add-on for learned policies; `SoterError` D007 where it is not installed."""
-    return cast("PolicyFiles", by_name("soter.policy.policy_extern"))
 
 
 def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:

@@ -24,7 +24,7 @@ from soter.verify.problem.problem_times import (
 )
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.time_checks import map_times
-from soter.verify.problem.verification_system import verification_system_of
+from soter.verify.problem.verification_system import modes_as_topics, verification_system_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -102,9 +102,6 @@ def _latency_unknown(module: Module, said: tuple[Diagnostic, ...]) -> SwitchLate
 
 def _latency_of_induction(flat: System, module: Module) -> SwitchLatency:
     from soter.verify.induction.problem import extract_induction  # noqa: PLC0415 - only then
-    from soter.verify.problem.verification_system import (  # noqa: PLC0415 - only then
-        modes_as_topics,
-    )
 
     try:
         extract_induction(*modes_as_topics(flat, module))

@@ -26,6 +26,7 @@ from soter.language.elaborate.lints.contradictory_predicates import (
 from soter.language.elaborate.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model import typed
@@ -184,8 +185,6 @@ def doubt_constants(
     ttf_always, safer_always = _constant_truths(system, module, trials, (ttf, safer))
     if (ttf_always, safer_always) == (None, None):
         return False
-    from soter.language.evaluate.predicates import maybe_nan  # noqa: PLC0415 - seldom
-
     if maybe_nan(system, module):
         return False  # ranges do not hold for a NaN, which counts as danger
     name = f"of module `{symbol.name}`"

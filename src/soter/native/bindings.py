@@ -1,0 +1,332 @@
+"""Finds what answers each extern of a system, for builds and for runs.
+
+Purpose: `bind` enters the bindings of the program (`from "python:..."`) and the user's (`--bind
+X=...`, `.bind("X", f)`); bindings to C reach the generated program. Mistakes are diagnostics: U001,
+U005, X002, X003, X014. `file_hashes` gives the SHA-256 of the files that a binding names, and of
+those that they need: runs and logs tell it, since other weights are another controller, and the
+program's hash does not cover them.
+Non-goals: the callables of a run (`simulate/externs/`); hashes of what Python imports, and of
+objects that are bound from Python: nobody can name their files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, cast
+
+from soter.addons import by_name
+from soter.core.steps import lower
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, mistake
+from soter.diagnostics.similar_names import nearest_or_all
+from soter.language.load.named_files import FORMS, ReadError, binding_of, read_bytes
+from soter.native.cache import included
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from typing import TypeGuard
+
+    from soter.core.core import CoreSystem
+    from soter.diagnostics.diagnostic import Span
+    from soter.language.load.named_files import BindingText
+    from soter.language.model.system import Component, System
+    from soter.language.model.typed import FunSymbol
+    from soter.language.model.types import Type
+
+    Shapes = Sequence[tuple[str, Type]]
+
+
+class FilePolicy:
+    """A policy from a file, an object with `step`; `assumed`: what its files leave open."""
+
+    assumed: tuple[str, ...]
+
+
+class PolicyFiles(Protocol):
+    """The interface of the add-on for learned policies, for a binding to one."""
+
+    def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
+        """The SHA-256 of the files it names, and of those they name; `SoterError` X003, X014."""
+
+    def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
+        """The range of each number that a zip answers; `SoterError` X003, X014, D007."""
+
+    def load_policy(
+        self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
+    ) -> FilePolicy:
+        """The policy; `SoterError` X003, X014, D007 at the place that declares the node."""
+
+
+def policy_files() -> PolicyFiles:
+    """The add-on for learned policies; `SoterError` D007 where it is not installed."""
+    return cast("PolicyFiles", by_name("soter.policy.policy_extern"))
+
+
+def file_hashes(bound: object) -> dict[str, str]:
+    """The SHA-256 of each file by name; empty if no text binds it; `SoterError` X003, X014."""
+    binding = binding_of(bound) if isinstance(bound, str) else None
+    if binding is None:
+        return {}
+    if binding.kind == "c":
+        texts = included(binding.file)
+        return {str(p): _sha256(t.encode("utf-8", "surrogateescape")) for p, t in texts.items()}
+    if not binding.is_policy:
+        return {binding.file: _sha256(read_bytes(Path(binding.file)))}
+    return policy_files().sha256_of_files(binding)
+
+
+def _sha256(raw: bytes) -> str:
+    return hashlib.sha256(raw).hexdigest()
+
+
+@dataclass(eq=False)
+class Extern:
+    """An extern of a system: a node, a plant, or a function that its code calls.
+
+    `bound`: nothing (None), a text `python:file.py:name` or `c:file.c:name`, or any object.
+    """
+
+    name: str
+    kind: str
+    span: Span
+    component: Component | None = None
+    fun: FunSymbol | None = None
+    bound: object = None
+
+
+@dataclass(eq=False)
+class Bindings:
+    """The externs of a system, and Core with the C functions as they are bound."""
+
+    system: System
+    core: CoreSystem
+    externs: list[Extern] = field(default_factory=list)
+
+    def texts(self) -> dict[str, str]:
+        """`binding_text` of each extern, for people and logs."""
+        return {x.name: binding_text(x.bound) for x in self.externs}
+
+    def files(self) -> dict[str, dict[str, str]]:
+        """SHA-256 of the files that answer each extern, by name; SoterError X003, X014."""
+        return {x.name: file_hashes(x.bound) for x in self.externs}
+
+
+def check_text(name: str, text: str) -> str:
+    """A binding that is given as text, after a check of its file; `SoterError` U001."""
+    binding = binding_of(text)
+    if binding is None:
+        raise mistake(
+            "U001",
+            f"`{name}` cannot be bound to `{text}`",
+            f"write {', '.join(f'NAME={form}' for form in FORMS.values())}",
+        )
+    for file in binding.files:
+        if not Path(file).is_file():
+            raise mistake("X003", f"there is no file `{file}` to bind `{name}` to")
+    return text
+
+
+def check_target(name: str, target: object) -> None:
+    """`SoterError` U001, X002, X003 for an object that can answer no extern at all."""
+    if isinstance(target, str):
+        check_text(name, target)
+    elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
+        raise SoterError((not_callable(name, target),))
+
+
+def require_named(systems: Sequence[System], name: str) -> None:
+    """`SoterError` U005 where none of a program's systems has an extern of that name."""
+    quick = [(s, list(_extern_components(s))) for s in systems]
+    if not systems or any(_is_named(externs, name) for _, externs in quick):
+        return
+    externs = [x for s in systems for x in _all_externs(s, lower(s))]
+    if not _is_named(externs, name):
+        own = [d for s in systems if (d := _own_code(s, name)) is not None]
+        raise SoterError(
+            (own[0] if own else _unknown_extern("no system of this program", externs, name),)
+        )
+
+
+def bind(system: System, given: Mapping[str, object]) -> Bindings:
+    """Binds every extern of the system; `given` overrides the program.
+
+    A name is a full one (`d.M.Learned`), the last part of it, or that of the declaration; the
+    most exact wins, and one name may stand for several instances. Bindings to C are entered in
+    the system's components. SoterError U005 for names of nothing that could be bound.
+    """
+    core = lower(system)
+    externs = list(_all_externs(system, core))
+    problems = [_no_extern(system, externs, name) for name in given if not _is_named(externs, name)]
+    if problems:
+        raise SoterError(tuple(problems))
+    _assign(externs, given)
+    _enter_c(core, externs)
+    return Bindings(system, core, externs)
+
+
+def require_linked(bindings: Bindings) -> None:
+    """Reads the C that is compiled into a program before work that errors would waste: X003."""
+    require_read([x for x in bindings.externs if is_c(x.bound)], lambda x: file_hashes(x.bound))
+
+
+def require_read(externs: Iterable[Extern], read: Callable[[Extern], object]) -> None:
+    """Reads what answers each extern; `SoterError` with all that could not be read."""
+    problems: list[Diagnostic] = []
+    for extern in externs:
+        declared = Label(extern.span, "declared here")
+        try:
+            read(extern)
+        except ReadError as error:
+            why = f"cannot read the code of `{extern.name}`, `{extern.bound}`: {error}"
+            problems.append(Diagnostic("X003", why, declared))
+        except SoterError as error:
+            problems += [replace(d, primary=declared) for d in error.diagnostics]
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def bind_again(bindings: Bindings, given: Mapping[str, object]) -> Bindings:
+    """The same system with other Python objects under the same names and texts."""
+    externs = [replace(x) for x in bindings.externs]
+    _assign(externs, given)
+    return Bindings(bindings.system, bindings.core, externs)
+
+
+def _assign(externs: list[Extern], given: Mapping[str, object]) -> None:
+    for exactness in (2, 1, 0):
+        for name, target in given.items():
+            for extern in externs:
+                if exactness in _match_levels(extern, name):
+                    extern.bound = check_text(name, target) if isinstance(target, str) else target
+
+
+def bind_somewhere(systems: Sequence[System], given: Mapping[str, object]) -> None:
+    """SoterError U005 for a name that no system of a program has an extern for."""
+    problems: list[Diagnostic] = []
+    for name, target in given.items():
+        problem_lists = [_problems_of_binding(system, name, target) for system in systems]
+        if all(problem_lists):
+            problems += problem_lists[0] if problem_lists else ()
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def _problems_of_binding(system: System, name: str, target: object) -> tuple[Diagnostic, ...]:
+    try:
+        bind(system, {name: target})
+    except SoterError as error:
+        return error.diagnostics
+    return ()
+
+
+# ---------------------------------------------------------------- the externs of a system
+
+
+def _extern_components(system: System) -> Iterable[Extern]:
+    for x in system.components:
+        if x.extern:
+            declared = x.node or x.plant
+            assert declared is not None
+            kind = "plant" if x.plant else "node"
+            yield Extern(x.name, kind, declared.span, component=x, bound=x.binding)
+
+
+def _all_externs(system: System, core: CoreSystem) -> Iterable[Extern]:
+    yield from _extern_components(system)
+    for f in core.functions:
+        if f.result is None:
+            symbol = system.program.funs[f.source_name]
+            yield Extern(symbol.name, "function", symbol.span, fun=symbol, bound=symbol.source)
+
+
+def _match_levels(extern: Extern, name: str) -> tuple[int, ...]:
+    """The ways in which a name fits an extern, as exactness, 0 the least; empty: it does not."""
+    levels = []
+    if name == extern.name:
+        levels.append(0)  # the last one entered wins
+    if name == extern.name.rpartition(".")[2]:
+        levels.append(1)
+    if name in _declared_names(extern):
+        levels.append(2)
+    return tuple(levels)
+
+
+def _declared_names(extern: Extern) -> tuple[str, ...]:
+    x = extern.component
+    symbol = extern.fun or (x.node or x.plant if x else None)
+    return (symbol.name, symbol.name.rpartition(".")[2]) if symbol else ()
+
+
+def _is_named(externs: list[Extern], name: str) -> bool:
+    return any(_match_levels(x, name) for x in externs)
+
+
+def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
+    nowhere = _unknown_extern(f"system `{system.name}`", externs, name)
+    return _own_code(system, name) or nowhere
+
+
+def _own_code(system: System, name: str) -> Diagnostic | None:
+    """The error for a name that stands for something that is no extern; None: it is unknown."""
+    for x in system.components:
+        own = x.node or x.plant
+        if own is not None and name in (x.name, x.name.rpartition(".")[2], own.name):
+            return Diagnostic(
+                "U005",
+                f"`{name}` has code of its own: only an extern can be bound",
+                Label(own.span, "declared here"),
+                helps=("declare it as `extern`, or `replace` it by an extern in a system",),
+            )
+    return None
+
+
+def _unknown_extern(where: str, externs: list[Extern], name: str) -> Diagnostic:
+    names = list(dict.fromkeys(x.name for x in externs))
+    known = nearest_or_all(name, [*names, *(n.rpartition(".")[2] for n in names)])
+    has = "has an" if where.startswith("no ") else "has no"
+    help_ = known or "there are no externs at all"
+    return Diagnostic("U005", f"{where} {has} extern `{name}`", helps=(help_,))
+
+
+def not_callable(name: str, bound: object) -> Diagnostic:
+    """X002 for an object that can answer no extern."""
+    what = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
+    help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
+    return Diagnostic("X002", f"extern `{name}` is bound to {what}", helps=(help_,))
+
+
+def binding_text(bound: object) -> str:
+    """Words for what an extern is bound to."""
+    if bound is None:
+        return "nothing"
+    if isinstance(bound, str):
+        return bound
+    module = getattr(bound, "__module__", type(bound).__module__)
+    name = getattr(bound, "__qualname__", type(bound).__qualname__)
+    return f"{module}.{name}"
+
+
+# ---------------------------------------------------------------- bindings to C
+
+
+def is_c(bound: object) -> TypeGuard[str]:
+    """Whether it is a binding to C."""
+    return isinstance(bound, str) and bound.startswith("c:")
+
+
+def _enter_c(core: CoreSystem, externs: list[Extern]) -> None:
+    """Tells the code generator which externs are C, and which no longer are."""
+    for extern in externs:
+        text = extern.bound if isinstance(extern.bound, str) else None
+        if extern.component is not None:
+            extern.component.binding = text
+    sources = {x.name: x.bound for x in externs if x.fun is not None}
+    core.functions = tuple(
+        [
+            replace(f, source=bound if is_c(bound := sources[f.source_name]) else None)
+            if f.source_name in sources
+            else f
+            for f in core.functions
+        ]
+    )
