@@ -372,7 +372,8 @@ PAGES = (
     ),
     Made("mavlink.md", r"had the law after (\d+) ms at most \(bound (\d+)\)", DEATHS),
     Made("mavlink.md", r"had SC's\ncommand after (\d+) ms at most \(bound (\d+)\)", DEATHS),
-    Made("newcomers.md", r"in silence; (\d+) after mending", "@Slips of newcomers"),
+    Made("newcomers.md", r"last two sets (\d+) of 68", "@Slips of newcomers"),
+    Made("newcomers.md", r"of 68 and (\d+) of 60", "@Slips of newcomers"),
     Made("recheck.md", "| step", READING),
     Made("real-logs.md", "```40 legs", "@Go-to legs that PX4 flew", times=SIMULATED),
     Made(
