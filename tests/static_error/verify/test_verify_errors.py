@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.file_listing import files_below, files_in
-from soter.diagnostics.codes import all_codes, explain
+from soter.diagnostics.codes import all_codes
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
 from soter.language.elaborate.views_for_proofs import systems_by_view
@@ -19,6 +19,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.command import refuse_forced
 from soter.verify.problem.extract import extract
 from tables import all_rows
+from unit.diagnostics.page_examples import mended, wrong
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,12 +60,8 @@ def test_a_program_without_a_problem_gets_the_expected_diagnostic(
 
 @all_rows("code", CODES)
 def test_pages_of_these_codes_say_the_truth(code: str) -> None:
-    page = explain(code)
-    assert page is not None
-    (wrong,) = re.findall(r"^```soter,wrong\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    (mended,) = re.findall(r"^```soter\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    assert {d.code for d in problems("page.soter", wrong)} == {code}
-    assert problems("page.soter", mended) == ()
+    assert {d.code for d in problems("page.soter", wrong(code))} == {code}
+    assert problems("page.soter", mended(code)) == ()
 
 
 def test_every_code_that_extraction_reports_has_a_page_and_a_program() -> None:

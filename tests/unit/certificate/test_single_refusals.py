@@ -220,9 +220,7 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
 def test_a_start_is_asked_with_the_values_with_which_runs_start(
     begins: tuple[float, ...], asked: bool
 ) -> None:
-    facts = SimpleNamespace(
-        parameters=[SimpleNamespace(begins=begins)], controls=[], start_ns=7
-    )
+    facts = SimpleNamespace(parameters=[SimpleNamespace(begins=begins)], controls=[], start_ns=7)
     starts: list[int] = []
     case: Any = SimpleNamespace(
         model=SimpleNamespace(facts=facts, parameter=(2.0,)),

