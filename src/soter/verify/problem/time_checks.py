@@ -93,12 +93,10 @@ def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule, *, sta
     `stacked`: whether the module has another one as its AC, or is the AC of another one.
     """
     verify = symbol.verify
-    kind = next((g.kind for g in verify.groups if g.kind != "grid"), "")
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
         "of an abstraction": bool(verify.abstracts or verify.views),
         "by tubes (`rest`)": symbol.rest is not None,
-        f"with `{kind}`": bool(kind),
         "with a `failsafe`": bool(symbol.failsafe),
         "with a `shield`": symbol.shield is not None,
         "of modules that stand one over the other": stacked,
