@@ -204,7 +204,7 @@ def mode(seed: int, rng: Rng) -> Module:
         [0.0, wind],
         [1.0, 1.0],
         when,
-        cells=() if rng.random() < 0.5 else (60, 60),
+        cells=(60, 60),
     )
 
 
@@ -269,7 +269,7 @@ def pole(seed: int, rng: Rng) -> Module:
 
 
 def chain(seed: int, rng: Rng) -> Module:
-    """Position, speed, lagged acceleration; a polytope."""
+    """Position, speed, lagged acceleration."""
     rate = _between(rng, 8.0, 25.0)
     control = _between(rng, 1.0, 4.0)
     speed = _between(rng, 0.5, 1.4)
@@ -284,6 +284,7 @@ def chain(seed: int, rng: Rng) -> Module:
         [0.0, _round(0.03 * control * rng.random()), 0.0],
         [3.0, _round(np.sqrt(6.0 * control)), _round(1.05 * control)],
         times(rng, periods=(10, 20), use=rng.choice([0.2, 0.6])),
+        cells=(40, 40, 16),
     )
 
 
@@ -429,12 +430,9 @@ def shielded(seed: int, rng: Rng) -> Module:
 
 
 def of_commands(inner: Module, rng: Rng) -> Module:
-    """The same with a shield; on a grid."""
-    cells = inner.cells or (60,) * inner.n
+    """The same with a shield."""
     shield = int(rng.choice([3, 4, 5]))
-    return replace(
-        inner, family=f"shielded {inner.family}", cells=cells, shield=shield, nodes=inner.nodes
-    )
+    return replace(inner, family=f"shielded {inner.family}", shield=shield, nodes=inner.nodes)
 
 
 FAMILIES: dict[str, Callable[[int, Rng], Module]] = {

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from unittest.mock import patch
 
 import numpy as np
-from bench.adversary.random_modules import Face, GroupOfTables, Module, with_rows, with_tables
+from bench.adversary.random_modules import Face, GroupOfTables, Module, with_tables
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
@@ -107,14 +107,6 @@ def armed(proof: Proof) -> Machine:
     if module.ttf or result is None:
         return machine
     case = result.cases[0]
-    if case.polytopes:
-        deployed = case.polytopes[0].deployed
-        assert deployed is not None
-        outer, inner = (
-            np.column_stack([p.faces[0], np.nextafter(p.faces[1], np.inf)]) for p in deployed
-        )
-        with_rows(module, machine, outer, inner)
-        return machine
     with_tables(machine, [_tables(part) for part in case.groups])
     if module.shield:
         machine.c.shield, machine.c.toward = module.shield, module.toward

@@ -89,7 +89,6 @@ class Module:
     box: tuple[float, ...]
     times: Times
     cells: tuple[int, ...] = ()
-    """Empty: a polytope."""
     terms: tuple[tuple[int, int, int, float], ...] = ()
     """(kind, of state, to state, factor)."""
     first: tuple[float, ...] = ()
@@ -284,12 +283,10 @@ system S {{ p: P; module M;{beside} until 10s; }}
         return f"  ttf {ttf};\n  safer {safer};\n"
 
     def _grid(self) -> str:
-        at, word = ("q", "polytope") if self.abstract else ("y", "polytope")
-        ranges = [
-            f"{at}.x{i} in [{-c!r}, {c!r}]" + (f" / {self.cells[i]}" if self.cells else "")
-            for i, c in enumerate(self.box)
-        ]
-        clause = f"{'grid' if self.cells else word} {', '.join(ranges)};"
+        at = "q" if self.abstract else "y"
+        both = enumerate(zip(self.box, self.cells, strict=True))
+        ranges = [f"{at}.x{i} in [{-c!r}, {c!r}] / {n}" for i, (c, n) in both]
+        clause = f"grid {', '.join(ranges)};"
         if self.apart:
             clause = " ".join(f"grid {r};" for r in ranges)
         if self.abstract:
@@ -452,14 +449,6 @@ def with_tables(machine: Machine, groups: list[GroupOfTables]) -> None:
             c.tops[g] = machine.pointer(group.tops, "u1")
         if group.lasting is not None:
             c.lasting[g] = machine.pointer(group.lasting, "u1")
-
-
-def with_rows(module: Module, machine: Machine, outer: Array, inner: Array) -> None:
-    """Computed predicates of a polytope: rows (coefficients, limit) of S_0 and S_(m-2)."""
-    for which, rows in enumerate((outer, inner)):
-        full = np.insert(rows, module.n, 0.0, axis=1)
-        machine.c.faces[which] = len(full)
-        machine.c.face[which] = machine.pointer(full)
 
 
 def declared(module: Module, start: tuple[float, ...]) -> Module:

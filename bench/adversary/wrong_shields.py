@@ -329,10 +329,6 @@ REFUSED: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "M027",
         (("until 5s;", "until 5s; faults { overrun Keep.Any by 5ms at 60 per 1h; }"),),
     ),
-    "a polytope": (
-        "R007",
-        (("grid at in [-3.0, 2.0] / 250;", "polytope at in [-3.0, 2.0];"),),
-    ),
     "an axis without ends": (
         "R007",
         (

@@ -2,9 +2,9 @@
 
     .venv/bin/python bench/recheck/forged.py [--count 100] [--seed 1] [--jobs 2]
 
-Purpose: certificates of grids, polytopes, inductions, deployed and composed systems are forged in
-eighteen ways (`forgeries.py`, `late_forgeries.py`): sets, claims, times, inputs, programs, names,
-sizes, shields, duals, numbers, and what is swapped between certificates and systems. Each is
+Purpose: certificates of grids, inductions, deployed and composed systems are forged in
+seventeen ways (`forgeries.py`, `late_forgeries.py`): sets, claims, times, inputs, programs, names,
+sizes, shields, numbers, and what is swapped between certificates and systems. Each is
 checked in a child with a minute of a processor and a limit of memory. An accepted one is *false*
 where it confirms of a program, a system, a module and values of parameters what `soter verify` does
 not prove of exactly these, also not on a finer grid; where it ends with exit code 0 and a claim

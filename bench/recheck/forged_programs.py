@@ -13,7 +13,6 @@ from bench.recheck.small_modules import PROGRAMS as SMALL
 from unit.certificate.test_claims_without_tables import PROGRAMS as IN_PART
 from unit.certificate.test_induction_values import ARRAYS
 from unit.certificate.test_nodes_that_take_time import SAID, TAKES
-from unit.certificate.test_polytope_certificates import program as polytope_program
 from unit.certificate.test_recheck_induction import PLANNER
 from unit.verify.test_composition import COUPLED
 
@@ -38,7 +37,6 @@ PROGRAMS: dict[str, tuple[str, str]] = {
     "flying": ("grid", SMALL["flying"]),
     "shielded": ("grid", SHIELDED),
     "in part": ("grid", IN_PART["a grid"]),
-    "polytope": ("polytope", polytope_program()),
     "induction": ("induction", PLANNER + FORCED.replace("p: P; module M", "module Planner")
                   .replace("force M", "node Follower; force Planner")),
     "arrays": ("induction", ARRAYS),

@@ -309,31 +309,12 @@ def _work(made: Forged, dice: Dice) -> None:
         key = dice.choice(["H_ns", "A_ns", "d_ns", "j_ns", "h0_ns", "A_sc_ns"])
         entry["times"][key] = dice.choice([10**9, 60 * 10**9, 3600 * 10**9, 10**15])
         made.name = f"{key} {entry['times'][key]}"
-    elif group["kind"] == "polytope":
-        _more_instants(made, group, dice)
     else:
         key = dice.choice([k for k in ("K", "Q", "W", "W_N") if k in group])
         name = group[key]
         data = made.contents[name]
         made.contents[name] = bytes(255 if b or dice.random() < 0.5 else 0 for b in data)
         made.name = f"{key} 255"
-
-
-def _more_instants(made: Forged, group: dict[str, Any], dice: Dice) -> None:
-    how = dice.choice(["periods", "periods", *group["instants"], "multipliers"])
-    if how == "periods":
-        group["periods"] = dice.choice([2000, 20_000, 99_999, 100_000, 10**9])
-        made.name = f"periods {group['periods']}"
-    elif how == "multipliers":
-        part = dice.choice(list(group["multipliers"].values()))
-        for record in part:
-            record["of"][0] = 1 << 24
-        made.name = "multipliers of 2^24 rows"
-    else:
-        end = group["instants"][how][-1]
-        many = dice.choice([1_000, 10_000])
-        group["instants"][how] = [end * k // (many - 1) for k in range(many)]
-        made.name = f"{many:,} instants of {how}"
 
 
 def _sizes(made: Forged, dice: Dice) -> None:

@@ -1,4 +1,4 @@
-"""Five more ways to forge a certificate: what verdicts, shields, duals, extremes and nodes add.
+"""Four more ways to forge a certificate: what verdicts, shields, extremes and nodes add.
 
 Purpose: kinds of forgeries of what came after the first twelve (`forgeries.py`), which bases each
 of them needs, and commands of a forged shield that lead out of K by a calculation of its own.
@@ -145,9 +145,6 @@ def exchanged(made: Forged, dice: Dice) -> None:
         return
     groups = [g for e in made.manifest["modules"] for c in e["cases"] for g in c["groups"]]
     group, other = dice.choice(groups), dice.choice(groups)
-    if group["kind"] == "polytope":
-        duals(made, dice)
-        return
     mine, theirs = (dice.choice([n for n in "KRQW" if n in g]) for g in (group, other))
     made.name = f"{mine} and {theirs}"
     if dice.random() < 0.3:
@@ -181,41 +178,6 @@ def _exchanged_of_induction(made: Forged, entry: dict[str, Any], dice: Dice) -> 
         key = dice.choice(["latching", "k", "returns", "hyperperiod_ns"])
         entry[key] = dice.choice([0, 1, 2, 3, True, False, None, [], 1.0])
         made.name += f" {key} {entry[key]}"
-
-
-def duals(made: Forged, dice: Dice) -> None:
-    """Multipliers of another claim, scaled, of another sign, of other faces; wider half-spaces."""
-    entry = made.entry(dice)
-    group = dice.choice(dice.choice(entry["cases"])["groups"])
-    names = [n for n in made.contents if "_m" in n]
-    one, two = dice.choice(names), dice.choice(names)
-    made.name = how = dice.choice(
-        ["swapped", "claims", "scaled", "turned", "halved", "reversed", "wider", "fewer", "rows"]
-    )
-    data = np.frombuffer(made.contents[one], dtype="<f8").reshape(-1, 3).copy()
-    if how == "swapped":
-        made.contents[one], made.contents[two] = made.contents[two], made.contents[one]
-    elif how == "claims":
-        parts = group["multipliers"]
-        a, b = dice.choice(list(parts)), dice.choice(list(parts))
-        parts[a], parts[b] = parts[b], parts[a]
-    elif how in ("scaled", "turned", "halved"):
-        data[:, 2] *= {"scaled": 1 + 1e-6, "turned": -1.0, "halved": 0.5}[how]
-        made.contents[one] = data.tobytes()
-    elif how == "reversed":
-        made.contents[one] = data[::-1].tobytes()
-    elif how == "rows":
-        data[:, dice.randrange(2)] += dice.choice([-1, 1])
-        made.contents[one] = data.tobytes()
-    elif how == "fewer":
-        part = dice.choice(list(group["instants"]))
-        group["instants"][part] = dice.choice([group["instants"][part][::2], [0]])
-    else:
-        name = dice.choice([n for n in made.contents if "faces" in n or "box" in n])
-        wide = np.frombuffer(made.contents[name], dtype="<f8") * dice.choice([1.01, 0.99, 1.5, -1])
-        made.contents[name] = wide.tobytes()
-        made.name += f" {name}"
-    made.name += f" {one} {two}"
 
 
 # ---------------------------------------------------------------- verdicts
@@ -267,8 +229,7 @@ def _only_claimed(made: Forged) -> None:
         claims = {n for n, verdict in entry["claims"].items() if verdict == "proved"}
         for group in (g for c in entry.get("cases", []) for g in c["groups"]):
             for name in unclaimed(group, claims, computed="tables" in entry):
-                whole, _, part = name.rpartition(".")
-                del (group[whole] if whole else group)[part]
+                del group[name]
         if "P2b" not in claims and "recover_ns" in entry:
             entry["recover_ns"] = None
     named = json.dumps(made.manifest["modules"])
@@ -281,7 +242,6 @@ LATE_KINDS: dict[str, Callable[[Forged, Dice], None]] = {
     "shields": shields,
     "extremes": extremes,
     "exchanged": exchanged,
-    "duals": duals,
     "verdicts": verdicts,
 }
 
@@ -290,6 +250,4 @@ def fits(kind: str, base: Base) -> bool:
     """Whether a base has what a kind forges."""
     if kind == "shields":
         return "shield" in base.text
-    if kind == "duals":
-        return base.family == "polytope"
     return kind != "facts" or any(name in base.name for name in ("shielded", "taking"))

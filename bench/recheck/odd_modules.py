@@ -104,7 +104,7 @@ rta M {{
 system S default {{ p: P; module M; until 10s; }}
 """
 TIMES = "late dm 2ms, sc 1ms; response dm 1ms, sc 1ms; acts within 1ms; recover within 30s;"
-SUBJECTS = ("grid", "grid", "grid", "grid", "computed", "map", "map", "two", "rest", "polytope")
+SUBJECTS = ("grid", "grid", "grid", "grid", "computed", "map", "map", "two", "rest", "grid")
 
 
 class Maker:
@@ -175,7 +175,7 @@ def module(number: int) -> tuple[str, str]:
     kind = rng.choice(SUBJECTS)
     numbers, depth = (SMOOTH if kind == "rest" else NUMBERS), rng.choice((1, 1, 2, 2, 3))
     read, own = Maker(rng, "x", numbers), Maker(rng, "pwu", numbers)
-    law = f"-2.0 * x + {read.small(0.05 if kind == 'polytope' else 0.15, depth)}"
+    law = f"-2.0 * x + {read.small(0.15, depth)}"
     if rng.random() < 0.3:
         limit = f"0.3 * abs({read.small(0.9, 1)})"
         law = f"clamp({law}, {limit} - 1.0, 1.0 - {limit})"
@@ -188,8 +188,6 @@ def module(number: int) -> tuple[str, str]:
     claims += "grid p.q in [-2.0, 2.0] / 40; }" if kind == "two" else "}"
     if kind == "grid":
         claims = claims.replace("}", TIMES + " }")
-    if kind == "polytope":
-        claims = "verify { polytope x in [-1.25, 1.25]; }"
     if kind == "rest":
         claims = f"rest {read.near(0.5, inside=True)} within 5s;"
     return kind, PROGRAM.format(

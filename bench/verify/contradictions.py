@@ -2,7 +2,7 @@
 
     .venv/bin/python bench/verify/contradictions.py [--modules N] [--stiff N] [--seed N] [--seconds]
 
-Purpose: modules on grids and polytopes, inductions, instances, dials that nobody reads, jitter that
+Purpose: modules on grids, inductions, instances, dials that nobody reads, jitter that
 stands alone, control arms, and groups that no command moves under schemes that may diverge. Each is
 verified with a certificate, rechecked, and run: by `soter run` for several seeds, and with an AC,
 disturbances and errors at their bounds in seeded patterns. Contradictions: *proved, rejected*, but
@@ -97,11 +97,6 @@ def program(number: int, *, stiff: bool) -> tuple[str, str]:
     if rng.random() < 0.05:
         text = re.sub(r"(node Sc period \w+[^{]*\{)", r"\1 jitter 2ms;", text)
     kind = "stiff" if stiff else "grid"
-    if not stiff and rng.random() < 0.25 and "grid " in text:
-        line = re.search(r"grid (.*);", text)
-        assert line is not None
-        text = text.replace(line[0], "polytope " + re.sub(r" / \d+", "", line[1]) + ";")
-        kind = "polytope"
     if rng.random() < 0.2:
         return f"{kind}, instances", _instances(text, rng)
     return kind, text

@@ -47,17 +47,27 @@ BESIDE = """soter 1;
 import "autopilot.soter" as fence;
 import "corridor.soter" as corridor;
 input topic whim: Vec3 in [-1.5, 1.5];
+topic shown: fence.Motion;
 node Shake period 10ms {
   subscribes whim;
   publishes fence.accel;
   step { publish fence.accel = whim; }
 }
+plant Lags period 5ms {
+  reads fence.accel;
+  drives shown = { p: p, v: v, a: a, b: b };
+  state p: Vec3; state v: Vec3; state a: Vec3; state b: Vec3;
+  der p = v;
+  der v = b - fence.LOOP.drag * v + fence.Off(vec3(SHARE, SHARE, SHARE));
+  der b = fence.LOOP.lag * (a - b);
+  der a = fence.LOOP.lag * (fence.accel - a);
+}
 system Highs {
-  l: fence.Loop; x: corridor.East; y: corridor.North; z: corridor.Above;
+  l: Lags; m: fence.Loop; x: corridor.East; y: corridor.North; z: corridor.Above;
   node Shake; input whim every 300ms; until 2500ms;
 }
 system Lows {
-  l: fence.Loop; x: corridor.West; y: corridor.South; z: corridor.Below;
+  l: Lags; m: fence.Loop; x: corridor.West; y: corridor.South; z: corridor.Below;
   node Shake; input whim every 300ms; until 2500ms;
 }
 """
@@ -65,7 +75,7 @@ system Lows {
 
 @pytest.mark.parametrize(("system", "sign"), [("Highs", 1.0), ("Lows", -1.0)])
 @pytest.mark.parametrize("share", [-1.0, 0.0, 0.5])
-def test_walls_are_the_identified_loop_in_other_coordinates(
+def test_the_fences_loop_and_walls_are_the_lags_in_other_coordinates(
     tmp_path: Path, system: str, sign: float, share: float
 ) -> None:
     """The same commands and the same residual: the same distances, whatever is flown."""
@@ -80,11 +90,12 @@ def test_walls_are_the_identified_loop_in_other_coordinates(
             f"[-fence.LOOP.{bound}, fence.LOOP.{bound}]",
             f"[{held}, {held}]",
         )
-    (folder / "beside.soter").write_text(BESIDE, encoding="utf-8")
+    (folder / "beside.soter").write_text(BESIDE.replace("SHARE", str(share)), encoding="utf-8")
     program = soter.load(folder / "beside.soter")
     run = program.simulate(system, seed=5, sha256=False)
-    known = {n: program.constant(f"corridor.{n}") for n in ("LAMBDA", "T", "SHARE", "W_OF_B")}
+    known = {n: program.constant(f"corridor.{n}") for n in ("LAMBDA", "T", "SHARE")}
     rate, start = known["LAMBDA"], program.constant("corridor.START_ROOM")
+    w_of_b = program.constant("fence.W_OF_B")
     p, v, a, b = (run.array(f"l.truth.{n}") for n in "pvab")
     assert run.violations == 0
     assert np.abs(v).max() > 0.5
@@ -92,9 +103,10 @@ def test_walls_are_the_identified_loop_in_other_coordinates(
         "p": p,
         "q1": p + v / rate,
         "q": p + known["T"] * v + b / rate**2,
-        "w": known["SHARE"] * v + known["W_OF_B"] * b + a / rate,
+        "w": known["SHARE"] * v + w_of_b * b + a / rate,
     }
     for name, state in states.items():
+        assert np.abs(run.array(f"m.truth.{name}") - state).max() < 1e-6, name
         for k, axis in enumerate("xyz"):
             wall = run.array(f"{axis}.truth.{name}")
             expected = sign * state[:, k] if name == "w" else start - sign * state[:, k]
@@ -104,7 +116,7 @@ def test_walls_are_the_identified_loop_in_other_coordinates(
 
 def test_the_follower_shows_those_coordinates() -> None:
     program = soter.load(EXAMPLES / "autopilot" / "corridor.soter")
-    known = {n: program.constant(n) for n in ("LAMBDA", "T", "SHARE", "W_OF_B")}
+    known = {n: program.constant(f"fence.{n}") for n in ("LAMBDA", "T", "SHARE", "W_OF_B")}
     start = program.constant("drone.START")
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     v, a, b = ({**zero, "y": s} for s in (1.5, -0.7, 0.4))

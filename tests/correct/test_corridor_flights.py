@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.certificate.cell_sets import Block, Grid
-    from soter.certificate.groups import Task
+    from soter.certificate.grid.grid_group import Task
     from soter.language.model.typed import TypedProgram
     from soter.verify.claims.results import VerifyReport
 

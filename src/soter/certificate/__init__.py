@@ -4,9 +4,9 @@ In reading order:
 - `folder.py` reads the folder, and the program in it; `rechecker.py` asks claim by claim.
 - `reading/` reads the problem and its times off the program; `terms/` has its expressions over Arb.
 - `case_check.py` asks the claims of one combination of parameter values, group by group;
-  `groups.py` is what it may ask of a group, `proof_methods.py` the table of methods.
+  `proof_methods.py` says what claims rest on, and has the methods of whole modules.
 - `cell_sets.py`, `cell_predicates.py`: sets of cells, and on which of them a predicate holds.
-- `grid/`, `polytope/`, `induction/`, `tubes/`: the methods by which claims are shown.
+- `grid/`, `induction/`, `tubes/`: the methods by which claims are shown.
 - Extras: `handovers.py` (jumps of a view's state), `failsafe_law.py` (the law in the place of SC).
 - `scope.py`: what a verdict is about and rests on; `vacuous_proofs.py`: whether it says anything;
   `report.py`: the verdicts and errors; `flight_check.py`: verdicts in the log of a flight.

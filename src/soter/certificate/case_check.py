@@ -8,8 +8,8 @@ when they were forked; only answers come back. There is no thread: this process 
 not 0, an index is there, an assertion holds) that no group shows cell by cell.
 `survives_the_start`, an extra, shows that SC's first steps publish values in their sets and cannot
 fault: on defaults, or, where not all that SC reads is published at once, on any values.
-Non-goals: how a group shows a claim (`groups.py`), certificates (`rechecker.py`); which of SC's
-outputs count (`reading/derived_times.py`: the first one on a state does).
+Non-goals: how a group shows a claim (`grid/grid_group.py`), certificates (`rechecker.py`); which of
+SC's outputs count (`reading/derived_times.py`: the first one on a state does).
 
 The argument: a state of the module is one of each group. Each part of `safe` is the share of one
 group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let
@@ -58,11 +58,12 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from soter.certificate.cell_sets import Axes, Cells
-    from soter.certificate.groups import Extents, Group, GroupCheck, Task
+    from soter.certificate.grid.grid_group import GridCheck, GridGroup, Task
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
     from soter.language.model.system import Module, System, Topic
 
+    Extents = tuple[tuple[float, float], ...]
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
@@ -193,13 +194,13 @@ class CaseCheck:
     """Shows the claims about one combination of parameter values, of all groups."""
 
     model: CaseModel
-    groups: Sequence[Group]
+    groups: Sequence[GridGroup]
     claims: set[str]
     entry: dict[str, Any]
     workers: int
     lawful: Sequence[Cells] | None = None
     """K_fs of each group, where SC is to keep the state in what the fail-safe law keeps."""
-    checks: list[GroupCheck] = field(default_factory=list)
+    checks: list[GridCheck] = field(default_factory=list)
     tasks: list[Task] = field(default_factory=list)
     done: float = 0.0
     """The work of the tasks that are done, in the unit of `Task`."""
@@ -237,7 +238,7 @@ class CaseCheck:
 
     def _certain_cells(self, expr: typed.TypedExpr, *, errors: bool) -> list[Cells]:
         """For each group the cells of its part on which a predicate certainly holds."""
-        parts = [g.cells_asked(errors=errors) for g in self.groups]
+        parts = [g.cells_asked for g in self.groups]
         inside = narrowed_extents(self.model.extents, parts)
         model = CaseModel(self.model.facts, self.model.parameter, inside)
         return certain_cells(model, parts, expr, errors=errors)
@@ -248,12 +249,12 @@ class CaseCheck:
         shown = self._certain_cells(facts.symbol.safe, errors=False)
         for check, cells in zip(self.checks, shown, strict=True):
             check.note_safe_cells(cells)
-        parts = [g.cells_asked(errors=False) for g in self.groups]
+        parts = [g.cells_asked for g in self.groups]
         for topic in bounded_topics(facts):
             shown = cells_published_in_set(self.model, parts, topic)
-            each = zip(self.checks, shown, strict=True)
-            inside = [c.stays_in_topic_set(topic, cells, self.checks) for c, cells in each]
-            facts.in_sets[topic] = all(inside) and facts.in_sets.get(topic, True)
+            for check, cells in zip(self.checks, shown, strict=True):
+                check.stay_in_topic_set(topic, cells)
+        facts.in_sets = tuple(bounded_topics(facts))
         self._add_tasks(c.show_core() for c in self.checks)
 
     def _ask_predicates(self) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from soter.certificate.cell_sets import Cells
-    from soter.certificate.groups import Group
+    from soter.certificate.grid.grid_group import GridGroup
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component, Module, System
 
@@ -40,7 +40,7 @@ class FailsafeLaw(NamedTuple):
     """
 
     facts: Facts
-    groups: list[list[Group]]
+    groups: list[list[GridGroup]]
 
 
 BEGINS = ("P1c", "P2a", "P3", "start")
@@ -51,7 +51,7 @@ def read_law(
     facts: Facts,
     entry: dict[str, Any],
     claims: set[str],
-    read: Callable[[dict[str, Any]], list[Group]],
+    read: Callable[[dict[str, Any]], list[GridGroup]],
 ) -> FailsafeLaw:
     """The law and its groups, from the entry of a module; `read` gives the groups of a case.
 

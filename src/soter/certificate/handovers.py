@@ -43,14 +43,14 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.groups import Group
+    from soter.certificate.grid.grid_group import GridGroup
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import Said
     from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
 
     Box = list[tuple[arb, arb]]
-    Groups = Sequence[Sequence[Group]]
+    Groups = Sequence[Sequence[GridGroup]]
     Jumps = Mapping[str, Sequence["Jump"]]
     """Name of an abstracting plant -> its jumps; nothing where a module has no `enters`."""
 
@@ -164,7 +164,7 @@ def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
 # ---------------------------------------------------------------- where `enters` holds
 
 
-def why_not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
+def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.TypedExpr) -> str:
     """Why it is not shown that `expr` holds only in R(H), in one case; "" where it is.
 
     `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
@@ -223,13 +223,13 @@ def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, flo
 
 def _where_outside_grid(
     model: CaseModel,
-    groups: Sequence[Group],
+    groups: Sequence[GridGroup],
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
     """Where `expr` may hold outside the grid, in words; "" where it cannot."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
-    for axes in (g.cells_asked(errors=False) for g in groups):
+    for axes in (g.cells_asked for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
             low, high = reach[state]
             first, last = edges[0], edges[-1]

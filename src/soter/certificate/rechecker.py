@@ -48,7 +48,7 @@ from soter.certificate.folder import (
     refuse_cells,
 )
 from soter.certificate.handovers import jumps_of
-from soter.certificate.proof_methods import GROUPS, MODULES, refuse_unclaimed
+from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import (
     leave_out,
@@ -88,7 +88,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from soter.certificate.failsafe_law import FailsafeLaw
-    from soter.certificate.groups import Group
+    from soter.certificate.grid.grid_group import GridGroup
     from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
@@ -272,7 +272,7 @@ class Claimed:
     """The claims of a module's entry, and `groups` for each combination of parameter values."""
 
     claims: set[str]
-    groups: list[list[Group]]
+    groups: list[list[GridGroup]]
     law: FailsafeLaw | None
 
 
@@ -291,7 +291,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
     if given != [*map(list, facts.cases())]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
 
-    def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[Group]:
+    def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[GridGroup]:
         only_keys(case, "parameter groups", "a case")
         if not (case["groups"] or claims & OF_SETS):
             raise NotRecheckedError("no sets were found: P2a, P3 and the start were not proved")
@@ -351,7 +351,7 @@ def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers:
         model = CaseModel(
             facts,
             values,
-            narrowed_extents(facts.extents, [g.cells_asked(errors=False) for g in own]),
+            narrowed_extents(facts.extents, [g.cells_asked for g in own]),
         )
         if facts.left_out:
             refuse_read(model)
@@ -365,12 +365,15 @@ def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers:
 
 
 def compare_tables(
-    certificate: Certificate, facts: Facts, cases: list[list[Group]], entries: list[dict[str, Any]]
+    certificate: Certificate,
+    facts: Facts,
+    cases: list[list[GridGroup]],
+    entries: list[dict[str, Any]],
 ) -> None:
     """Compare the DM's table of each group with the sets of all cases, or RejectedError."""
     if len(entries) != len(cases[0]):
         raise RejectedError("the tables of the DM are not one for each group")
-    if any([g.kind for g in case] != [g.kind for g in cases[0]] for case in cases):
+    if any(len(case) != len(cases[0]) for case in cases):
         raise RejectedError("the cases have other groups, and the DM has one table for all")
     for same, entry in zip(zip(*cases, strict=True), entries, strict=True):
         same[0].compare(certificate, facts, same, entry)
@@ -416,17 +419,17 @@ def _state_extents(
 
 def read_groups(
     certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]
-) -> list[Group]:
-    """The groups of a case, in the order of the methods.
+) -> list[GridGroup]:
+    """The groups of a case.
 
     RejectedError where they do not fit the program, NotRecheckedError of another kind.
     """
     names = {s.name: i for i, s in enumerate(facts.states)}
-    groups: list[Group] = []
+    groups: list[GridGroup] = []
     for entry in entries:
-        if entry.get("kind") not in list(GROUPS):
+        if entry.get("kind") != "grid":
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
-        method = GROUPS[entry["kind"]].group()
+        method = group_on_cells()
         only_keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
         states, edges = [], []
         for axis in entry["axes"]:
@@ -439,13 +442,11 @@ def read_groups(
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         unbounded = tuple(s in facts.unbounded for s in states)
         wraps = tuple(s in facts.turning for s in states)
-        if any(wraps) and entry["kind"] != "grid":
-            raise RejectedError("an axis wraps around that is none of cells")
         grid = Grid(tuple(edges), unbounded * any(unbounded), wraps * any(wraps))
         groups.append(method.read(certificate, facts, entry, Axes(tuple(states), grid)))
     if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")
-    return sorted(groups, key=lambda g: list(GROUPS).index(g.kind))
+    return groups
 
 
 def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
@@ -472,7 +473,7 @@ def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> 
     claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
     for k in sorted({0, len(values) - 1}):  # the first and the last
         groups = claimed.groups[k]
-        ranges = narrowed_extents(facts.extents, [g.cells_asked(errors=False) for g in groups])
+        ranges = narrowed_extents(facts.extents, [g.cells_asked for g in groups])
         model = CaseModel(facts, values[k], ranges)
         case = CaseCheck(model, groups, set(), entry, 1)
         with telling(None):

@@ -113,18 +113,17 @@ class RecheckedModule:
 
     `not_rechecked`: why its claims were not checked, none of which is confirmed then; `vacuous`:
     why that says next to nothing, as AC never has, or keeps, control; `unseen`: why that was not
-    looked at. `stays`: `recover never`; `in_flight`: its DM decides by a check of its own, of
-    which what it rests on is confirmed; `safe`: as the program writes it; `half_spaces`: of K, of
-    all groups. `parameters`: each of the program with the value that was checked; `otherwise`:
-    those to which the program gives another value in that system, with that one; `contradicted`: a
-    `set` does. `times`: in ns, by their names in a manifest, what the claims were held to; `shown`:
-    what was confirmed beside the claims.
+    looked at. `stays`: `recover never`; `in_flight`: its DM decides by a check of its own, of which
+    what it rests on is confirmed; `safe`: as the program writes it. `parameters`: each of the
+    program with the value that was checked; `otherwise`: those to which the program gives another
+    value in that system, with that one; `contradicted`: a `set` does. `times`: in ns, by their
+    names in a manifest, what the claims were held to; `shown`: what was confirmed beside the
+    claims.
     """
 
     name: str
     claims: dict[str, str]
     cells: int = 0
-    half_spaces: int = 0
     confirmed: list[str] = field(default_factory=list)
     not_rechecked: str = ""
     vacuous: str = ""

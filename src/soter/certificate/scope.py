@@ -205,8 +205,8 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
 def confirmed_facts(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
     """The facts that are confirmed beside the claims, and no assumptions any more."""
     entries = []
-    for index, inside in facts.in_sets.items():
-        if inside and not facts.symbol.verify.abstracts:
+    for index in facts.in_sets:
+        if not facts.symbol.verify.abstracts:
             name = facts.system.topics[index].name
             text = f"what plants publish lies in the declared set of {name} for every state that "
             entries.append((f"set {name}", text + "SC keeps, errors included"))
@@ -318,7 +318,7 @@ def _unproved_sets(facts: Facts) -> Iterator[str]:
     """
     links, own = facts.symbol.verify.abstracts, {c.name for c in facts.plants}
     for index in bounded_topics(facts):
-        if links or not facts.in_sets.get(index, False):
+        if links or index not in facts.in_sets:
             yield facts.system.topics[index].name
     for c in facts.flying.components:
         if c.plant is not None and (links or c.name not in own):

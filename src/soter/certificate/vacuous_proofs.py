@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.groups import Group
+    from soter.certificate.grid.grid_group import GridGroup
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
 
-    Groups = Sequence[Sequence[Group]]
+    Groups = Sequence[Sequence[GridGroup]]
     """The groups of each combination of parameter values."""
 
 READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
@@ -56,7 +56,7 @@ def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
     for values, of_case in zip(facts.cases(), groups, strict=True):
         try:
             if facts.computed:
-                found, unseen = _vacuous_tables(facts, of_case)
+                found, unseen = next(filter(None, (g.why_ac_never for g in of_case)), ""), ""
             elif _taken_by_age(facts):
                 found, unseen = f"{KEEPS} (`ttf` holds of whatever is fresh)", ""
             else:
@@ -77,15 +77,6 @@ def why_safe_says_nothing(facts: Facts) -> str:
     if not topic_reads(safe):
         return READS_NOTHING
     return HOLDS_ANYWAY if always_by_parts(safe, facts.system, scope) else ""
-
-
-def _vacuous_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
-    """`why_vacuous` of tables: on S_0 AC keeps control, on S_(m-2) it gets control back."""
-    for g in groups:
-        found, unseen = g.why_ac_never(_random_states(facts, np.random.default_rng(0), [g]))
-        if found or unseen:
-            return found, unseen
-    return "", ""
 
 
 def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
@@ -127,7 +118,7 @@ def _taken_by_age(facts: Facts) -> bool:
 
 
 def _vacuous_conditions(
-    facts: Facts, values: tuple[int, ...], groups: Sequence[Group]
+    facts: Facts, values: tuple[int, ...], groups: Sequence[GridGroup]
 ) -> tuple[str, str]:
     """`why_vacuous` of `ttf` and `safer`, on estimates of states drawn from K of all groups."""
     ttf, safer = facts.ttf, facts.symbol.safer
@@ -167,10 +158,10 @@ def on_drawn(count: int, drawn: int) -> str:
 
 
 def _random_states(
-    facts: Facts, chance: np.random.Generator, groups: Sequence[Group]
+    facts: Facts, chance: np.random.Generator, groups: Sequence[GridGroup]
 ) -> Iterator[NDArray[np.float64]]:
     """Random states, of each group's K together; a state without a group anywhere in its range."""
-    parts = [g.random_points(facts, chance) for g in groups]
+    parts = [g.random_points(chance) for g in groups]
     for _ in range(DRAWN):
         x = np.array([chance.uniform(*ends) for ends in facts.extents])
         for g, part in zip(groups, parts, strict=True):

@@ -270,11 +270,8 @@ def _say(report: Report, folder: str, console: Console) -> None:
 
 
 def _size_of_sets(module: RecheckedModule) -> str:
-    """How many cells and half-spaces the checked sets of a module have."""
-    if module.in_flight:
-        return "no sets"
-    sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
-    return ", ".join([*sizes, *[f"{module.half_spaces:,} half-spaces"] * bool(module.half_spaces)])
+    """How many cells the checked sets of a module have."""
+    return "no sets" if module.in_flight else f"{module.cells:,} cells"
 
 
 def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:

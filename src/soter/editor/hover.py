@@ -340,7 +340,6 @@ WORDS: dict[str, str] = {
     "toward": "`shield 8 toward sc;`: what is not permitted is moved toward SC's command.",
     "verify": "What `soter verify` is to know: over which states, how late things are.",
     "grid": "States that are analysed together, in cells: `grid p.x in [0, 1] / 200;`.",
-    "polytope": "States with linear dynamics, analysed together by half-spaces.",
     "open": "`open to c`: one more cell, nothing is claimed beyond; `open`: the axis has no ends.",
     "to": "The far end of an open axis.",
     "abstracts": "A plant by simpler ones, each on a part of its state.",

@@ -7,13 +7,13 @@ In reading order:
   page; `proof_cache.py` keeps verdicts on this machine.
 - `problem/` reads what is to be shown, and its times, off a flat system: a `Problem`.
 - `verify_module.py` gives verdicts on one module over sets of states; its table has the method for
-  each kind of problem. The table of `proof_methods.py` has those for groups of states.
+  each kind of problem. `proof_methods.py` writes its entry in a certificate.
 - `enclose/` writes and runs C that encloses Core. `claims/` asks claims of groups of states.
-- `grid/` (with `engine/`, in C) and `polytope/` prove groups of states: by cells, by half-spaces.
+- `grid/` (with `engine/`, in C) proves groups of states, on cells.
 - `induction/` and `tubes/` prove whole modules: with z3; by tubes that SC's runs do not leave.
 - Equal names: `problem/problem.py` has the `Problem` of every proof, `induction/problem.py` and
   `tubes/problem.py` make kinds of it for their methods. `claims/claims.py` asks all groups of a
-  case; `grid/claims.py` and `polytope/claims.py` answer for one group. Each `verify.py` turns what
+  case; `grid/claims.py` answers for one group. Each `verify.py` turns what
   its method found into the verdicts on a module.
 - `refute.py` looks for runs of an `attacked_system.py` that leave C; `counterexample.py` keeps and
   replays them. `diagnosis/` tells why a claim is not proved, and which changes help.

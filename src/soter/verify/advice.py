@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.current_phase import between, phase, share_done
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
 from soter.language.model.system import LEVELS_LEAST
@@ -33,12 +33,10 @@ from soter.verify.claims.claims import compute_levels, find_way_back, make_table
 from soter.verify.claims.results import PROVED
 from soter.verify.diagnosis.variations import at_periods
 from soter.verify.enclose.compiled_enclosures import library_of
-from soter.verify.grid.claims import Grids, grids
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.set_figures import volume_share
 from soter.verify.problem.extract import cases, extract, require_sets
 from soter.verify.problem.time_checks import why_late_commands_uncovered
-from soter.verify.proof_methods import method_of
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -46,9 +44,10 @@ if TYPE_CHECKING:
 
     from soter.core.layout import Bools
     from soter.language.model.system import Module, System
-    from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.grid.claims import GridProof
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem
 
@@ -214,13 +213,9 @@ def advise(
 ) -> Advice:
     """Sweeps Delta over multiples of the declared one, and m over `levels`.
 
-    `SoterError` U001 where a group is no grid, R031 for a module that is proved by induction.
+    `SoterError` R031 for a module that is proved by induction.
     """
     require_sets(problem)
-    for other in (m.kind for m in map(method_of, problem.groups) if not isinstance(m, Grids)):
-        message = f"module `{problem.name}` has a `{other}` group"
-        notes = ("the sweep compares shares of grids",)
-        raise SoterError((Diagnostic("U001", message, notes=notes),))
     library, _ = library_of(problem)
     level_numbers = sorted({*levels, problem.levels})
     periods = _periods(problem, factors)
@@ -352,7 +347,7 @@ def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list
 
 def _case_for_problem(case: Case, problem: Problem) -> Case:
     """The case with the same engines and sets for another problem, without failures."""
-    proofs: list[GroupProof] = [replace(p, found=replace(p.found)) for p in grids(case.proofs)]
+    proofs: list[GridProof] = [replace(p, found=replace(p.found)) for p in case.proofs]
     return replace(case, problem=problem, proofs=proofs, failures=[], spent={}, counts={})
 
 
@@ -381,7 +376,7 @@ def _least_share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float
     def of(part: GroupSets, engine: GridGroup) -> float:
         return volume_share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
 
-    return min((1.0, *(prod(of(g.found, g.engine) for g in grids(c.proofs)) for c in done)))
+    return min((1.0, *(prod(of(g.found, g.engine) for g in c.proofs) for c in done)))
 
 
 CLOSE = 0.1

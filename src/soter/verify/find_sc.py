@@ -289,10 +289,8 @@ UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
     """A law for the only group of a problem; `SoterError` U009 where none was found."""
-    if len(problem.groups) != 1 or problem.groups[0].representation != "grid":
-        raise _no_controller_error(
-            problem.module, "it has several groups, or one that is no grid", UNSUPPORTED
-        )
+    if len(problem.groups) != 1:
+        raise _no_controller_error(problem.module, "it has several groups", UNSUPPORTED)
     if problem.parameters or any(e.high > e.low for e in problem.errors):
         why = "parameters and measurement errors are not supported yet"
         raise _no_controller_error(problem.module, why, UNSUPPORTED)

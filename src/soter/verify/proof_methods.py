@@ -1,10 +1,9 @@
-"""The methods that prove groups of states (grid, polytope), and the certificate entry of a module.
+"""The certificate entry of a module, and the tables of its DM.
 
-Purpose: `method_of` gives the `Method` for a group; groups, and a DM's tables of them, are always
-in the order of the table `METHODS`. `entry_over_sets` writes times, ranges, cases, claims and
-computed predicates of a module proved over sets of states (docs/verification.md, section 4).
-Non-goals: what a method is asked (`claims/case.py`); a group's own sets (`grid/claims.py`,
-`polytope/tables.py`); methods that prove whole modules (`verify_module.py`).
+Purpose: `entry_over_sets` writes times, ranges, cases, claims and computed predicates of a module
+proved over sets of states (docs/verification.md, section 4).
+Non-goals: a group's own sets (`grid/claims.py`); methods that prove whole modules
+(`verify_module.py`).
 """
 
 from __future__ import annotations
@@ -16,41 +15,18 @@ from soter.certificate.folder import OF_SETS
 from soter.certificate.proof_methods import unclaimed
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.verify.claims.results import PROVED, UNCLAIMED
-from soter.verify.grid.claims import Grids
-from soter.verify.polytope.claims import Polytopes
+from soter.verify.deploy.level_tables import table
 from soter.verify.problem.problem import TUBES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.verify.claims.case import Case, GroupProof, Method
     from soter.verify.claims.results import CaseSets, ModuleResult
-    from soter.verify.deploy.level_tables import LevelTable
-    from soter.verify.problem.problem import Group, Interval, Leaf, Problem
+    from soter.verify.deploy.level_tables import Estimates, GroupTable, LevelTable
+    from soter.verify.problem.problem import Interval, Leaf, Problem
 
-    Pairs = list[object]
-
-
-METHODS: dict[str, Method] = {m.kind: m for m in (Grids(), Polytopes())}
-
-
-def method_of(group: Group) -> Method:
-    """The method that proves a group."""
-    return METHODS[group.representation]
-
-
-def in_method_order(groups: Sequence[Group]) -> list[Group]:
-    """Groups in the order of the methods."""
-    order = list(METHODS)
-    return sorted(groups, key=lambda g: order.index(g.representation))
-
-
-def by_method(case: Case) -> Iterator[tuple[Method, list[GroupProof]]]:
-    """Each method that a case has groups for, with its proofs."""
-    for method in METHODS.values():
-        proofs = [p for p in case.proofs if method_of(p.group) is method]
-        if proofs:
-            yield method, proofs
+    Pairs = list[Estimates]
+    """(S_0, S_(m-2)) of each group."""
 
 
 def pairs_of(case: CaseSets) -> Pairs:
@@ -58,10 +34,10 @@ def pairs_of(case: CaseSets) -> Pairs:
     return [p.pair for p in case.proofs if p.pair is not None]
 
 
-def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[LevelTable]:
+def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[GroupTable]:
     """A table for each group, in order, of what holds in every case, by its pair in each."""
-    every = zip(in_method_order(problem.groups), zip(*cases, strict=True), strict=True)
-    return [method_of(g).table(problem, g, pairs) for g, pairs in every]
+    every = zip(problem.groups, zip(*cases, strict=True), strict=True)
+    return [table(problem, g, pairs) for g, pairs in every]
 
 
 def entry_over_sets(
@@ -187,12 +163,10 @@ def _case_entries(
 def _case_entry(
     problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes], claims: set[str]
 ) -> dict[str, object]:
-    numbers: dict[str, int] = {}
     groups = []
-    for proof in case.proofs:
-        k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
+    for k, proof in enumerate(case.proofs):
         own: dict[str, bytes] = {}
-        group = proof.entry(problem, f"{stem}_{proof.mark}{k}", own)
+        group = proof.entry(problem, f"{stem}_{k}", own)
         _drop_unclaimed_sets(group, own, claims, computed=problem.computed)
         files.update(own)
         groups.append(group)
@@ -204,9 +178,8 @@ def _drop_unclaimed_sets(
 ) -> None:
     """Removes sets that no proved claim needs, with their files; K is then written as empty."""
     for name in unclaimed(group, claims, computed=computed):
-        *inside, own = name.split(".")
-        del (group[inside[0]] if inside else group)[own]
-    if group["kind"] == "grid" and not OF_SETS & claims:
+        del group[name]
+    if not OF_SETS & claims:
         files[group["K"]] = bytes(len(files[group["K"]]))
     named = json.dumps(group)
     for name in [n for n in files if json.dumps(n) not in named]:

@@ -55,18 +55,19 @@ from soter.verify.diagnosis.vacuity import (
     OF_NOTHING,
     at_the_start,
     say_of_nothing,
-    small_cores,
     vacuity,
 )
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
+from soter.verify.grid.claims import HOW as HOW_ON_GRIDS
+from soter.verify.grid.claims import proved_in_words
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.induction import verify as induction
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.problem.extract import cases
 from soter.verify.problem.problem import Assumption
 from soter.verify.problem.supported_constructs import note_on_ages
-from soter.verify.proof_methods import entry_over_sets, in_method_order, method_of
+from soter.verify.proof_methods import entry_over_sets
 from soter.verify.tubes.verify import entry as tubes_entry
 from soter.verify.tubes.verify import verify_by_tubes
 
@@ -152,7 +153,7 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *given_up_note(done), *small_cores(done), *notes),
+        notes=(*refinement_note(done), *given_up_note(done), *notes),
         cells_why=chosen.failed if chosen.size else "",
         levels_why=chosen.why,
         added=(
@@ -357,8 +358,7 @@ def _law_in_words(problem: Problem, lawful: list[FailsafeClaim]) -> str:
 def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding:
     if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
         return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stays))
-    first = method_of(in_method_order(problem.groups)[0])
-    finding = Finding(PROVED, method=first.how[claim])
+    finding = Finding(PROVED, method=HOW_ON_GRIDS[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
     names = [p.name for p in problem.parameters]
     for case in done:
@@ -379,14 +379,13 @@ def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding
 def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Finding) -> str:
     many = f" for each of {len(done)} parameter values" if len(done) > 1 else ""
     if claim == "P2a":
-        finding.counts = {"cells": 0, "longest": 0, "rounds": 0}
-        return f"SC keeps C from K: {'; '.join(_methods_in_words(done, claim, finding))}{many}"
+        text, finding.counts = proved_in_words(done, claim)
+        return f"SC keeps C from K: {text}{many}"
     if claim in ("ttf", "safer"):
         if problem.computed:
             return f"`{claim}` is computed from the sets{many}"
-        finding.counts = {"cells": 0, "boxes": 0}
         what = {"ttf": "not ttf", "safer": "safer"}[claim]
-        where = ", ".join(_methods_in_words(done, claim, finding))
+        where, finding.counts = proved_in_words(done, claim)
         nothing = "" if any(finding.counts.values()) else OF_NOTHING
         return f"{nothing}{what} implies R(H), {where}{many}"
     if claim == "P2b":
@@ -397,15 +396,6 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
             many = f" after a command of it acts first{many}"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     return f"initial states lie in R({show_ns(problem.times.start)})"
-
-
-def _methods_in_words(done: list[Case], claim: str, finding: Finding) -> list[str]:
-    """Words on what each method has proved of a claim; the finding gets the counts."""
-    used = {id(m): m for g in in_method_order(done[0].problem.groups) for m in (method_of(g),)}
-    said = [m.proved_in_words(done, claim) for m in used.values()]
-    for _, counts in said:
-        finding.counts.update(counts)
-    return [text for text, _ in said if text]
 
 
 def _p3_finding(result: ModuleResult, seconds: float) -> Finding:

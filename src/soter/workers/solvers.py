@@ -1,18 +1,16 @@
-"""z3 and HiGHS: Ctrl-C while z3 is at work, and HiGHS without its prints.
+"""Ctrl-C while z3 is at work.
 
 Purpose: `ask_solver` asks z3 in a thread, so that the main one gets Ctrl-C and interrupts the
 solver. Elsewhere `ctrl_c_waits` holds Ctrl-C back to the next question or `raise_if_interrupted`: a
 `KeyboardInterrupt` in a `__del__` or a conversion of ctypes is lost, and z3's own handler swallows
-the signal. `new_highs` makes a solver of linear programs that writes nothing to standard output.
+the signal.
 Non-goals: what is asked; runs (`simulate/interrupt.py`); threads other than the main one, which get
 no signals.
 """
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -88,39 +86,3 @@ def _ask(solver: Any, answers: list[Any]) -> None:  # noqa: ANN401 - z3 has no t
         answers.append(solver.check())
     except BaseException as error:  # noqa: BLE001 - the asking thread raises it again
         answers.append(error)
-
-
-STDOUT = 1
-
-
-def new_highs() -> Any:  # noqa: ANN401 - an untyped module
-    """A solver without a problem; ImportError where `highspy` is not installed."""
-    import highspy  # noqa: PLC0415 - an extra
-
-    with _no_standard_output():
-        solver = highspy.Highs()  # type: ignore[no-untyped-call, unused-ignore]
-    solver.setOptionValue("output_flag", False)
-    solver.setOptionValue("threads", 1)
-    return solver
-
-
-@contextmanager
-def _no_standard_output() -> Iterator[None]:
-    """Let the constructor print its version where nobody reads: it is made before its options.
-
-    HiGHS 1.16 writes to the descriptor, so Python's `sys.stdout` cannot hold it back.
-    """
-    sys.stdout.flush()
-    try:
-        kept = os.dup(STDOUT)
-    except OSError:  # the process has no standard output
-        yield
-        return
-    try:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, STDOUT)
-        os.close(nowhere)
-        yield
-    finally:
-        os.dup2(kept, STDOUT)
-        os.close(kept)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from test_deployed_kinds import BELT, CAR, LINE, POINT  # type: ignore[import-not-found]
+from test_deployed_kinds import BELT, LINE  # type: ignore[import-not-found]
 from test_deployed_sets import GRID, SHIELDED, SHIELDED_ROBOT  # type: ignore[import-not-found]
 
 import soter
@@ -94,7 +94,6 @@ MOVED = SHIELDED.replace("shield 4", "shield 4 toward sc")
 KINDS = {
     "grid": GRID,
     "map": (BELT, LINE),
-    "polytope": (POINT, CAR),
     "shield": (SHIELDED, SHIELDED_ROBOT),
     "moved": (MOVED, SHIELDED_ROBOT),
     "rest": (PLAIN, TRAIN),
@@ -103,7 +102,6 @@ KINDS = {
 TAKEN = {
     "grid": {"built.edges", "built.entries"},
     "map": {"built.edges", "built.entries"},
-    "polytope": {"built.outer", "built.inner"},
     "shield": {"built.edges", "built.entries", "built.commands", "problem.controls"},
     "moved": {"built.edges", "built.entries", "built.commands", "problem.controls"},
     "rest": {"claims.ways", "claims.cut", "problem.within_ns", "problem.drifts", "problem.errors"},
@@ -200,7 +198,7 @@ class Robot:
             def sets(self, problem: Problem) -> None:
                 del problem
 
-            def built(self, problem: Problem, tables: list[Any]) -> None:
+            def built(self, problem: Problem, tables: Any) -> None:
                 heard.extend((problem, tables))
 
         there = self.program.declared().proved
@@ -252,8 +250,6 @@ ROBOTS: dict[str, Robot] = {}
 @pytest.fixture
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
     kind: str = request.param
-    if kind == "polytope":
-        pytest.importorskip("highspy")
     if kind not in ROBOTS:
         ROBOTS[kind] = Robot(tmp_path_factory.mktemp(kind), kind)
     return ROBOTS[kind]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from test_deployed_kinds import BELT, CAR, LINE, POINT  # type: ignore[import-not-found]
+from test_deployed_kinds import BELT, LINE  # type: ignore[import-not-found]
 from test_deploying import PROVED, VEHICLE  # type: ignore[import-not-found]
 
 import soter
@@ -27,14 +27,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 GRID = (PROVED, VEHICLE.replace("point.soter", "proved.soter"))
-KINDS = {"grid": GRID, "map": (BELT, LINE), "polytope": (POINT, CAR)}
+KINDS = {"grid": GRID, "map": (BELT, LINE)}
 
 
 @pytest.fixture(scope="module", params=list(KINDS))
 def proved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A proved program, its certificate, and a robot that deploys it."""
-    if request.param == "polytope":
-        pytest.importorskip("highspy")
     folder = tmp_path_factory.mktemp(request.param)
     for name, text in zip(("proved.soter", "robot.soter"), KINDS[request.param], strict=True):
         (folder / name).write_text(text)

@@ -15,7 +15,7 @@ import soter
 from correct.test_shield import SMALL
 from generators.handover_program import of_walls
 from soter.cli.main import main
-from unit.api.test_deployed_kinds import BELT, PLANNER, POINT
+from unit.api.test_deployed_kinds import BELT, PLANNER
 from unit.api.test_deploying import PROVED
 from unit.certificate.tubes.test_forged_rest import PLAIN
 
@@ -52,11 +52,6 @@ OPEN: dict[str, tuple[str, list[tuple[str, str]], str]] = {
     "map, a bold ttf": (BELT, [WRITTEN, BOLD["ttf"]], "P3 ttf"),
     "map, a bold safer": (BELT, [WRITTEN, BOLD["safer"]], "P3 safer"),
     "map, a safer far off": (BELT, [WRITTEN, FAR], "P2b"),
-    "half-spaces, a strong wind": (POINT, [("[-0.1, 0.1]", "[-1.5, 1.5]")], ALL),
-    "half-spaces, a start outside": (POINT, [BESIDE], "start"),
-    "half-spaces, a bold ttf": (POINT, [WRITTEN, BOLD["ttf"]], "P3 ttf"),
-    "half-spaces, a bold safer": (POINT, [WRITTEN, BOLD["safer"]], "P3 safer"),
-    "half-spaces, a safer far off": (POINT, [WRITTEN, FAR], "P2b"),
     "shield, SC drives away": (SMALL, [("clamp(-2.0", "clamp(2.0")], ALL),
     "shield, a start outside": (SMALL, [("state x: float;", "state x: float = 1.99;")], "start"),
     "shield, a short time": (SMALL, [("late dm", "recover within 1ms; late dm")], "P2b"),
@@ -89,8 +84,6 @@ def test_a_proof_that_stays_open_is_accepted_in_part(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text, edits, claims = OPEN[name]
-    if name.startswith("half-spaces"):
-        pytest.importorskip("highspy")
     for old, new in edits:
         assert old in text, old
         text = text.replace(old, new)

@@ -219,7 +219,7 @@ TRAPS: dict[str, Callable[[dict[str, Any]], None]] = {
     "a group twice": lambda m: entry_of(m)["cases"][0].update(
         groups=2 * entry_of(m)["cases"][0]["groups"]
     ),
-    "a polytope": lambda m: entry_of(m)["cases"][0]["groups"][0].update(kind="polytope"),
+    "another kind": lambda m: entry_of(m)["cases"][0]["groups"][0].update(kind="polytope"),
     "a set outside": lambda m: entry_of(m)["cases"][0]["groups"][0].update(K="sets/../SEAL"),
     "a table less": lambda m: entry_of(m)["cases"][0]["groups"][0].pop("Q"),
     "nothing claimed": lambda m: entry_of(m).update(claims={}),

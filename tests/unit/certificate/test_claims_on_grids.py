@@ -11,8 +11,7 @@ import pytest
 from soter.certificate.cell_sets import Cells, Grid, volume
 from soter.certificate.grid import grid_group, group_claims
 from soter.certificate.grid.estimates_and_shield import least_levels, packed_levels
-from soter.certificate.grid.grid_group import BLOCKS, SMALL, GridCheck, block_tasks
-from soter.certificate.groups import LOOK
+from soter.certificate.grid.grid_group import BLOCKS, LOOK, SMALL, GridCheck, block_tasks
 from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
@@ -120,11 +119,11 @@ def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
     for members, fine in (((0, 1, 1, 0), True), ((1, 1, 0, 1), False)):
         check = check_of(tables([0, 1, 1, 0]), system=topic)
         if fine:
-            assert check.stays_in_topic_set(3, Cells(LINE, bools(*members)), []) is True
+            check.stay_in_topic_set(3, Cells(LINE, bools(*members)))
             assert check.allowed.tolist() == [False, True, True, False]
         else:
             with pytest.raises(RejectedError, match="`seen` lies"):
-                check.stays_in_topic_set(3, Cells(LINE, bools(*members)), [])
+                check.stay_in_topic_set(3, Cells(LINE, bools(*members)))
 
 
 def test_a_free_phase_is_shown_where_something_may_be_left(monkeypatch: pytest.MonkeyPatch) -> None:

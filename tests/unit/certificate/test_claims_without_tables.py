@@ -48,9 +48,6 @@ PROGRAMS = {
     "a shield": ONE.replace("LAW", "0.0")
     .replace("METHOD", f"{GRID} levels 2;")
     .replace("ac Any", "shield 4; ac Any"),
-    "half-spaces": ONE.replace("LAW", "0.0").replace(
-        "METHOD", "polytope seen.x in [-1.0, 1.0], seen.v in [-1.0, 1.0];"
-    ),
     "one of two groups": ONE.replace("LAW", "0.0")
     .replace("METHOD", TWO)
     .replace("c: Cart;", "c: Cart; o: Oven;")

@@ -20,7 +20,6 @@ from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.estimates_and_shield import least_levels, packed_levels
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import GroupTables
-from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import compare_tables
 from soter.certificate.report import RejectedError
 from soter.language.front_end import check_file, system_of
@@ -215,11 +214,10 @@ def test_the_table_is_what_holds_in_every_case() -> None:
 def test_the_dm_has_one_table_for_each_group_whatever_the_case() -> None:
     nothing: Any = None
     tables: Any = SimpleNamespace(states=(0,))
-    cells, half_spaces = GridGroup(tables), PolytopeGroup(tables)
+    cells = GridGroup(tables)
     asked: Any = (
         ([[cells]], [], "not one for each group"),
         ([[cells]], [{}, {}], "not one for each group"),
-        ([[cells], [half_spaces]], [{}], "the cases have other groups"),
         ([[cells], [cells, cells]], [{}], "the cases have other groups"),
     )
     for cases, entries, why in asked:

@@ -13,7 +13,7 @@ import pytest
 
 from soter.certificate import rechecker
 from soter.certificate.folder import MANIFEST_KEYS, NotACertificateError
-from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.report import (
@@ -121,17 +121,14 @@ def read_groups(
 ) -> list[Any]:
     """With groups that hold what they are given."""
 
-    def method(kind: str) -> Any:
-        group = SimpleNamespace(
-            required=("kind", "axes", "K"),
-            optional=("R",),
-            read=lambda _, __, entry, axes: SimpleNamespace(
-                kind=kind, entry=entry, states=axes.states, grid=axes.grid
-            ),
-        )
-        return SimpleNamespace(group=lambda: group)
-
-    monkeypatch.setattr(rechecker, "GROUPS", {k: method(k) for k in GROUPS})
+    group = SimpleNamespace(
+        required=("kind", "axes", "K"),
+        optional=("R",),
+        read=lambda _, __, entry, axes: SimpleNamespace(
+            entry=entry, states=axes.states, grid=axes.grid
+        ),
+    )
+    monkeypatch.setattr(rechecker, "group_on_cells", lambda: group)
     facts = copy.copy(facts)
     facts.extents = ((-3.0, 3.0), (-1.0, 1.0))
     for name, value in kinds.items():
@@ -149,18 +146,6 @@ def test_groups_hold_each_state_once(two: Facts, monkeypatch: pytest.MonkeyPatch
     for wrong in ([], [group_entry(P)], [group_entry(P, Q), group_entry(Q)], [group_entry(P, P)]):
         with pytest.raises(RejectedError, match="exactly once"):
             read_groups(two, wrong, monkeypatch)
-
-
-def test_groups_stand_in_the_order_of_their_methods(
-    two: Facts, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kinds = list(GROUPS)
-    for first, second in itertools.product(kinds, repeat=2):
-        entries = [group_entry(P) | {"kind": first}, group_entry(Q) | {"kind": second}]
-        found = read_groups(two, entries, monkeypatch)
-        assert [g.kind for g in found] == sorted((first, second), key=kinds.index)
-        if first == second:
-            assert [g.states for g in found] == [(0,), (1,)]
 
 
 def test_axes_without_ends_are_those_of_the_program(
@@ -197,15 +182,15 @@ def test_groups_that_are_none(two: Facts, monkeypatch: pytest.MonkeyPatch, words
 def test_the_dm_has_a_table_for_each_group() -> None:
     asked: list[Any] = []
 
-    def group(kind: str, name: str) -> Any:
-        return SimpleNamespace(kind=kind, compare=lambda _, __, same, entry: asked.append(
+    def group(name: str) -> Any:
+        return SimpleNamespace(compare=lambda _, __, same, entry: asked.append(
             (name, [s.name for s in same], entry)
         ), name=name)  # fmt: skip
 
     none: Any = None
     cases: list[list[Any]] = [
-        [group("grid", "a"), group("polytope", "b")],
-        [group("grid", "c"), group("polytope", "d")],
+        [group("a"), group("b")],
+        [group("c"), group("d")],
     ]
     rechecker.compare_tables(none, none, cases, [{"n": 1}, {"n": 2}])
     assert asked == [("a", ["a", "c"], {"n": 1}), ("b", ["b", "d"], {"n": 2})]
@@ -213,7 +198,7 @@ def test_the_dm_has_a_table_for_each_group() -> None:
     for entries in counts:
         with pytest.raises(RejectedError, match="one for each group"):
             rechecker.compare_tables(none, none, cases, entries)
-    cases[1].reverse()
+    cases[1].pop()
     with pytest.raises(RejectedError, match="other groups"):
         rechecker.compare_tables(none, none, cases, [{}, {}])
 

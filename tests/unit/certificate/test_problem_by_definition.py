@@ -440,8 +440,8 @@ def test_only_all_times_make_p1c_proved(tmp_path: Path) -> None:
 def test_what_keeps_to_its_set_is_no_assumption(facts: Facts) -> None:
     own = copy.copy(facts)
     (index,) = (t.index for t in facts.system.topics if t.name == "y")
-    for inside, said, confirmed in (({}, True, False), ({index: False}, True, False),
-                                    ({index: True}, False, True)):  # fmt: skip
+    inside: tuple[int, ...]
+    for inside, said, confirmed in (((), True, False), ((index,), False, True)):
         own.in_sets = inside
         assert ("set y" in keys(own)) is said
         assert [c.key for c in confirmed_facts(own, {})] == ["set y"] * confirmed

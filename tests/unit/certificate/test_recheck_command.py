@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from concurrent.futures import BrokenExecutor
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
@@ -15,8 +14,6 @@ from soter.api.program import load
 from soter.certificate import rechecker
 from soter.certificate.case_check import CLAIMS
 from soter.certificate.grid.group_claims import FREE_PIECES
-from soter.certificate.polytope.certificate_tables import HalfSpaces
-from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import (
@@ -29,8 +26,6 @@ from soter.certificate.report import (
     RejectedError,
     Report,
 )
-from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.vacuous_proofs import _vacuous_tables
 from soter.cli.main import main
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.front_end import check_file
@@ -344,43 +339,6 @@ def test_it_has_an_exit_code_a_word_and_a_json_value(
     assert "REJECTED" not in out
     assert "NOT RE-CHECKED" in page.read_text()
     assert "Not re-checked: " in page.read_text()
-
-
-# ---------------------------------------------------------------- half-spaces of a DM
-
-BOX = HalfSpaces((-1.0, -1.0), (1.0, 1.0), (), ())
-THIN = HalfSpaces((-1.0, -1.0), (1.0, 1.0), ((1.0, 1.0), (-1.0, -1.0)), (1e-6, 1e-6))
-ALL = [((1.0, 0.0), exact(2.0))]
-
-
-def looked_at(core: HalfSpaces, back: Any, kept: Any, start: float = 0.0) -> tuple[str, str]:
-    at = SimpleNamespace(low=start, high=start)
-    facts: Any = SimpleNamespace(states=[at, at], extents=((-1.0, 1.0), (-1.0, 1.0)))
-    tables: Any = SimpleNamespace(
-        states=(0, 1), core=core, constraint=BOX, gives_back=back, leaves=kept
-    )
-    return _vacuous_tables(facts, [PolytopeGroup(tables)])
-
-
-def below(limit: float) -> list[tuple[tuple[float, ...], Any]]:
-    """x <= limit."""
-    return [((1.0, 0.0), exact(limit))]
-
-
-@pytest.mark.parametrize("core", [BOX, THIN])
-def test_half_spaces_are_looked_at(core: HalfSpaces) -> None:
-    assert looked_at(core, ALL, ALL) == ("", "")
-    assert looked_at(core, below(-0.9), ALL) == ("", "")  # a twentieth of them
-    never, unseen = looked_at(core, below(-1.5), ALL)
-    assert (never[:29], unseen) == ("as far as was seen AC never h", "")
-    assert "give it back on none of 2,000 states drawn from K" in never
-    hardly, _ = looked_at(core, ALL, below(-0.999))
-    assert "AC" in hardly
-    assert "keeps control" in hardly
-
-
-def test_where_no_state_of_k_is_known_nothing_is_said() -> None:
-    assert looked_at(THIN, ALL, ALL, start=0.9) == ("", "no state of K was drawn")
 
 
 ROTATION = """soter 1;

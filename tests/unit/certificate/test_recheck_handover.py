@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,7 +14,6 @@ from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Cells
 from soter.certificate.handovers import jumps_of
-from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import NotRecheckedError
@@ -342,15 +340,6 @@ def test_a_jump_that_is_not_shown_whole_is_not_told(tmp_path: Path, proved: Prov
     )
     assert "without showing it" in left
     assert right == ""
-
-
-def test_half_spaces_are_not_looked_at(tmp_path: Path, proved: Proved) -> None:
-    other, ((grid,),), claims = proved[2][0]
-    facts = facts_of(tmp_path, of_walls())[0]
-    facts.times, facts.extents = other.times, other.extents
-    tables: Any = SimpleNamespace(states=grid.states)
-    (jumps,) = jumps_of(facts, [[PolytopeGroup(tables)]], claims).values()
-    assert jumps[0].why == "half-spaces are not looked at"
 
 
 def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path) -> None:

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Grid
-from soter.certificate.grid.grid_group import BLOCK, BLOCKS, SMALL, block_tasks
-from soter.certificate.groups import LOOK
+from soter.certificate.grid.grid_group import BLOCK, BLOCKS, LOOK, SMALL, block_tasks
 from soter.diagnostics.current_phase import telling_shares
 
 SIDE = 70

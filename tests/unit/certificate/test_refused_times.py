@@ -86,7 +86,6 @@ GRID = next(x for x in PROGRAMS["written"].splitlines() if "grid" in x)
 PREDICATES = [x for x in PROGRAMS["written"].splitlines() if x.startswith(("  ttf", "  safer"))]
 BESIDE: dict[str, Pairs] = {
     "cells": (),
-    "half-spaces": ((GRID, "    polytope x;"),),
     "a law": (("  verify {", "  failsafe u = 0.0;\n  verify {"),),
     "a shield": (*((x, "") for x in PREDICATES), ("  verify {", "  shield 4;\n  verify {")),
 }

@@ -14,7 +14,6 @@ import pytest
 from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.groups import GroupCheck
 from soter.certificate.reading import case_model, problem, supported_constructs
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
@@ -128,7 +127,6 @@ def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPat
     for kept, linear in itertools.product((True, False), repeat=2):
         check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
         assert GridCheck.shows_rates_defined.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
-    assert not GroupCheck.shows_rates_defined.fget(None)  # type: ignore[attr-defined]
 
 
 def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:

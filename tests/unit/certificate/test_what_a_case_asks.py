@@ -47,7 +47,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
             show_core=lambda: noted(f"core {k}"),
             note_safe_cells=lambda cells: asked.append(f"safe {k} {cells}"),
             show_predicate=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
-            stays_in_topic_set=lambda t, cells, _: noted(f"published {k} {t} {cells}", k == 0),
+            stay_in_topic_set=lambda t, cells: noted(f"published {k} {t} {cells}"),
             show_return=lambda cells: noted(f"home {k} {cells}"),
             holds_to_return=k + 1,
         )
@@ -55,14 +55,14 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     groups = [
         SimpleNamespace(
             check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
-            cells_asked=lambda **_: "part",
+            cells_asked="part",
             states=(k,),
         )
         for k in range(2)
     ]
     symbol = SimpleNamespace(safe="safe", safer="safer", verify=SimpleNamespace(recover=None))
     known = {"unbounded": set(), "times": {"H_ns": 7}, "computed": False, "between_ns": 3}
-    own = SimpleNamespace(symbol=symbol, ttf="ttf", in_sets={}, **{**known, **facts})
+    own = SimpleNamespace(symbol=symbol, ttf="ttf", in_sets=(), **{**known, **facts})
     monkeypatch.setattr(case_check, "nothing_reads", lambda _, n: asked.append(f"reads {n}"))
     monkeypatch.setattr(case_check, "rates_are_defined", lambda _, s: asked.append(f"rates {s}"))
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
@@ -104,7 +104,7 @@ def test_what_is_asked_of_each_group(
     made, asked = case(monkeypatch, claims)
     made._collect()
     assert asked == ["kept 0 None", "kept 1 None", "rates [(1,)]", *wanted]
-    assert made.model.facts.in_sets == ({"t": False} if claims != {"P1a"} else {})
+    assert made.model.facts.in_sets == (("t",) if claims != {"P1a"} else ())
 
 
 def test_of_computed_predicates_levels_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,25 +113,6 @@ def test_of_computed_predicates_levels_are_asked(monkeypatch: pytest.MonkeyPatch
     made._collect()
     assert asked[:4] == ["kept 0 l0", "kept 1 l1", "reads 2", "rates [(1,)]"]
     assert asked[4:] == [*KERNEL, *FREE, "levels 0 3", "levels 1 3"]
-
-
-@pytest.mark.parametrize("before", [None, False, True])
-@pytest.mark.parametrize("now", [False, True])
-def test_a_topic_is_in_its_set_where_it_is_in_all_cases(
-    monkeypatch: pytest.MonkeyPatch, before: bool | None, now: bool
-) -> None:
-    made, _ = case(monkeypatch, {"P2a"})
-    made.model.facts.in_sets = {} if before is None else {"t": before}
-    made.checks = [
-        SimpleNamespace(
-            note_safe_cells=lambda _: None,
-            stays_in_topic_set=lambda *_, k=k: now or k == 0,
-            show_core=list,
-        )
-        for k in range(2)
-    ]
-    made._ask_core()
-    assert made.model.facts.in_sets == {"t": now and before is not False}
 
 
 def test_predicates_that_are_not_there_are_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -135,13 +135,13 @@ def test_a_page_that_cannot_be_written_is_d006_and_one_of_no_judgement_u001(
 
 @pytest.fixture
 def certificate(soter: Soter, here: Path) -> Path:
-    """A small certificate: of the tank, as a polytope."""
+    """A small certificate: of the tank, of which nothing claims that AC gets control back."""
     pytest.importorskip("flint", reason="the extra `prove` is not installed")
     page = (ROOT / "docs" / "prove-your-module.md").read_text("utf-8")
     tank = re.search(r"^```soter prove=tank.soter\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert tank is not None
     safer = "safer level > 0.4 && level < 1.6;"
-    verify = f"{safer} verify {{ polytope level in [0.2, 1.8]; }}"
+    verify = f"{safer} verify {{ grid level in [0.2, 1.8] / 20; }}"
     (here / "tank.soter").write_text(tank[1].replace(safer, verify))
     soter("verify", "tank.soter", "--cert", "proof", "--no-refute")
     return here / "proof"

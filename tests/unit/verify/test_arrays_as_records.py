@@ -129,7 +129,6 @@ def test_the_same_joints_have_the_same_sets_and_certificates_that_are_accepted(
     [
         (ARRAYS, "grid j.q[LAST] in [0.0, 1.0] / 2; grid j.q[LAST - 1] in [0.0, 1.0] / 2;", (1, 0)),
         (ARRAYS, "grid a.q[1] in [0.0, 1.0] / 2, j.q[0] in [0.0, 1.0] / 2;", (1, 0)),
-        (ARRAYS, "polytope a.q[1] in [0.0, 1.0]; polytope j.q[0] in [0.0, 1.0];", (1, 0)),
         (JOINTS_OF_TWO, "grid j[LAST].q in [0.0, 1.0] / 2; grid a.q[0] in [0.0, 1.0] / 3;", (1, 0)),
     ],
 )

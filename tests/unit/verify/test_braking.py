@@ -156,7 +156,7 @@ def test_runs_that_go_one_way_stay_in_what_the_engine_says() -> None:
         law = extract(flat, flat.modules[0]).law
         assert law is not None
         case = claims.open_case(law, library_of(law)[0], law.groups, ())
-        engine: GridGroup = case.proofs[0].engine  # type: ignore[attr-defined]
+        engine: GridGroup = case.proofs[0].engine
         kept = fallen = 0
         for _ in range(40):
             low = np.array([rng.uniform(5.0, 40.0), rng.uniform(0.0, 8.0)])

@@ -142,8 +142,8 @@ def test_of_what_one_plant_publishes_all_modules_say_the_same(tmp_path: Path) ->
     assert (report.verdict, report.together) == ("proved", "proved")
     assert whose(report, "b.pull") == ("its plant can publish no more, by KeepX: proved", False)
     (core,) = report["KeepX"].cases[0].proofs
-    kept = core.found.core > 0  # type: ignore[attr-defined]
-    ends = core.engine.edges[0][[kept.argmax(), len(kept) - kept[::-1].argmax()]]  # type: ignore[attr-defined]
+    kept = core.found.core > 0
+    ends = core.engine.edges[0][[kept.argmax(), len(kept) - kept[::-1].argmax()]]
     assert 0.0 < 0.4 * max(abs(ends)) <= 0.5
     wider = report["KeepX"].notes
     assert any("`pull` takes only [-0.5, 0.5]" in n for n in wider)

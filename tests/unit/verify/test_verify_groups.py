@@ -154,18 +154,6 @@ system S { b: Belt; module M; }
     assert slow.findings["P1c"].verdict == "undecided"
 
 
-def test_a_polytope_ends_where_sc_is_clamped() -> None:
-    pytest.importorskip("highspy")
-    module_result = result_of(
-        ("grid pos.y in [-3.0, 3.0] / 240;", "polytope pos.y in [-3.0, 3.0];")
-    )
-    assert module_result.findings["P2a"].verdict == "proved"
-    assert module_result.shares["core"] < 0.5 / 3.0
-    assert {module_result.findings[p].verdict for p in ("P3", "ttf", "safer")} == {"undecided"}
-    assert {axis[0] for r in module_result.findings["ttf"].regions for axis in r.axes} == {"s.y"}
-    assert len(module_result.cases[0].polytopes) == 1
-
-
 @pytest.mark.long
 def test_a_finer_grid_settles_borders_and_forgets_no_failure(
     monkeypatch: pytest.MonkeyPatch,

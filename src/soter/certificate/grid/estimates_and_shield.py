@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Block
     from soter.certificate.folder import Certificate
+    from soter.certificate.grid.grid_group import Entry
     from soter.certificate.grid.group_claims import GroupTables
-    from soter.certificate.groups import Entry
     from soter.certificate.reading.module_facts import Facts
 
     Show = Callable[[Block], Iterator[Block]]

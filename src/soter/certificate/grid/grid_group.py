@@ -1,8 +1,8 @@
 """The method of grids: a group's tables of cells, and its claims as inclusions, cell by cell.
 
 Purpose: `GridGroup` reads the tables of one group (K, R, Q, W, S: `certificate/__init__.py`).
-`GridCheck` turns each claim (`groups.py`) into tasks about blocks of cells (docs/verification.md,
-section 3).
+`GridCheck` turns each claim, as `case_check.py` asks for it, into tasks about blocks of cells
+(docs/verification.md, section 3).
 Non-goals: the inclusions themselves (`group_claims.py`), estimates and the table of a DM with
 computed predicates (`estimates_and_shield.py`).
 """
@@ -41,7 +41,6 @@ from soter.certificate.grid.group_claims import (
 )
 from soter.certificate.grid.resting import RESTS, resting_cells_unshown
 from soter.certificate.grid.sc_chains import points_inwards
-from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.vacuous_proofs import GETS, KEEPS
@@ -53,12 +52,19 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Axes, Block
     from soter.certificate.folder import Certificate
-    from soter.certificate.groups import Entry, Task
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
     from soter.language.model import typed
 
+    Entry = dict[str, Any]
+    """A part of a manifest."""
+    Task = tuple[Callable[[], str], float]
+    """A function that shows a part of a claim, and gives "", or what went wrong; and what that is
+    likely to cost, in holds of one cell, for the progress alone."""
+
+LOOK = 0.05
+"""The cost of looking at a cell, where following it for one hold costs 1."""
 BLOCKS = 24
 """Into how many blocks a grid is dealt out to the processors, at least."""
 BLOCK = 1_000
@@ -71,10 +77,12 @@ HOLDS_TRIED = 2
 """The most holds for which a trial follows SC from each of them."""
 
 
-class GridGroup(Group):
-    """One group of which a certificate has tables of cells."""
+class GridGroup:
+    """One group of states, of which a certificate has tables of cells.
 
-    kind = "grid"
+    RejectedError, NotRecheckedError where these are wrong.
+    """
+
     required, optional = ("kind", "axes", "K"), ("R", "Q", "Q_axes", "W", "W_N", "S")
 
     def __init__(self, tables: GroupTables) -> None:
@@ -106,9 +114,9 @@ class GridGroup(Group):
         """The one table of K, shaped as the grid."""
         return [self.tables.core]
 
-    def cells_asked(self, *, errors: bool) -> Axes:
-        """The cells of the grid, also for estimates."""
-        del errors
+    @property
+    def cells_asked(self) -> Axes:
+        """The cells on which predicates are asked, also of estimates."""
         return self.tables
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
@@ -135,10 +143,10 @@ class GridGroup(Group):
             if shield:
                 read_shield(certificate, facts, g, entry)
 
-    def cells_kept_by_law(self, law: Sequence[Group]) -> Cells:
+    def cells_kept_by_law(self, law: Sequence[GridGroup]) -> Cells:
         """The cells that the law keeps; RejectedError where these are cells of another grid."""
         own = self.tables
-        for other in (g.tables for g in law if isinstance(g, GridGroup)):
+        for other in (g.tables for g in law):
             if other.states == own.states and other.grid.edges == own.grid.edges:
                 return Cells(own.grid, other.core > 0)
         raise RejectedError("the law is looked at on other cells than SC")
@@ -163,19 +171,18 @@ class GridGroup(Group):
         names = ", ".join(model.facts.states[s].name for s in self.states)
         return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
-    def why_ac_never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """Read off the table of the DM alone; `drawn` (one a state) is not needed."""
-        del drawn
+    @property
+    def why_ac_never(self) -> str:
+        """Why the DM's table never gives or leaves AC control; "": it does."""
         given, levels = self.tables.given_back, self.tables.levels
         if given is not None and not given.any():
-            return f"{GETS} (the table gives it back on no estimate)", ""
+            return f"{GETS} (the table gives it back on no estimate)"
         if levels and not levels[0].any():
-            return f"{KEEPS} (the table leaves it in control on no estimate)", ""
-        return "", ""
+            return f"{KEEPS} (the table leaves it in control on no estimate)"
+        return ""
 
-    def random_points(self, facts: Facts, chance: np.random.Generator) -> Iterator[list[float]]:
-        """Random points of K: each cell as often, and anywhere in it."""
-        del facts
+    def random_points(self, chance: np.random.Generator) -> Iterator[list[float]]:
+        """Random points of K, one number a state: each cell as often, and anywhere in it."""
         inside = np.argwhere(self.tables.core > 0)
         while len(inside):
             cell = inside[chance.integers(len(inside))]
@@ -183,8 +190,12 @@ class GridGroup(Group):
             yield [chance.uniform(*pair) for pair in ends]
 
 
-class GridCheck(GroupCheck):
-    """The claims about a group on a grid, under one combination of parameter values."""
+class GridCheck:
+    """The claims about a group, in the order in which they are asked, each where it is claimed.
+
+    RejectedError, NotRecheckedError where one does not hold. What takes long is left to tasks,
+    which may run in other processes. It is of one combination of parameter values.
+    """
 
     def __init__(self, model: CaseModel, tables: GroupTables, lawful: Cells | None) -> None:
         self.model, self.tables, self.grid = model, tables, tables.grid
@@ -230,12 +241,11 @@ class GridCheck(GroupCheck):
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
-    def stays_in_topic_set(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
+    def stay_in_topic_set(self, topic: int, cells: Cells) -> None:
         """SC has to keep the state in `cells`: a plant that publishes anything else stops.
 
         RejectedError where K holds other cells.
         """
-        del checks
         if (self.kernel.members & ~cells.members).any():
             name = self.model.facts.system.topics[topic].name
             raise RejectedError(
@@ -243,7 +253,6 @@ class GridCheck(GroupCheck):
                 f"`{name}` lies in its declared set: elsewhere it stops"
             )
         self.allowed &= cells.members
-        return True
 
     def show_core(self) -> Iterable[Task]:
         """Show that SC leads from each cell of K back to K, after as many holds as the cell says.

@@ -110,9 +110,9 @@ class Facts:
     """Whether a certificate has cells at rest: then a rate may jump, and no claim may rest on
     solutions being unique."""
     levels: int = 3
-    in_sets: dict[int, bool] = field(default_factory=dict)
-    """Topic -> whether all that is published of a state that SC keeps was shown to lie in its set;
-    none before P2a is shown."""
+    in_sets: tuple[int, ...] = ()
+    """The topics of which it was shown that all that is published of a state that SC keeps lies in
+    their sets; none before P2a is shown."""
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""
 

@@ -41,8 +41,6 @@ from soter.language.model.types import leaves, show_ns
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-CALLED = {"polytope": "half-spaces"}
-"""How a kind of groups is told, if not by its word."""
 DELAYS = {
     "J_dm_ns": ("late dm", "late_dm"),
     "J_sc_ns": ("late sc", "late_sc"),
@@ -66,7 +64,7 @@ def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], li
     The DM compares the stamps of what plants publish to it. The stamp of a node does not show what
     the node has read: that has to come by one way to all numbers of the estimate, and from one
     topic where sensors may be silent. Of what SC reads each state has an age of its own in chains
-    and tubes, so that no state may come by two topics of different ages; half-spaces have one age.
+    and tubes, so that no state may come by two topics of different ages.
     DiffersError where this is not so.
     """
     by_dm, by_sc = (
@@ -83,7 +81,7 @@ def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], li
         return
     shown = [_states_behind(facts, index) for index in reads[1]]
     twice = sum(map(len, shown)) > len(set[object]().union(*shown))
-    if twice or any(g.kind == "polytope" for g in facts.symbol.verify.groups):
+    if twice:
         raise DiffersError("what SC reads may show several instants, and counts as one")
 
 
@@ -212,7 +210,6 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
         "`rest`": symbol.rest is not None,
         "`failsafe`": bool(symbol.failsafe),
         "`shield`": symbol.shield is not None,
-        **{CALLED.get(k, f"`{k}`"): k != "grid" for k in (g.kind for g in symbol.verify.groups)},
         "views": bool(facts.view or symbol.verify.views),
     }
     for what, is_there in beside.items():

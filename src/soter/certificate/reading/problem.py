@@ -238,7 +238,7 @@ def _read_axes(facts: Facts) -> None:
                 facts.leaves[state] = (_topic_of_axis(facts, axis.topic), axis.path)
             if axis.unbounded:
                 facts.unbounded.add(state)
-            elif axis.low is not None and axis.high is not None:
+            else:
                 ends = axis.low, axis.high if axis.open is None else axis.open
                 low, high = (float(number_of(facts, e)) for e in ends)
                 facts.axes[state] = low, high

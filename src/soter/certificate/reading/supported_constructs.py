@@ -75,7 +75,7 @@ DECLARATIONS: dict[type, str] = {
     "progress enters span",
     t.ViewSymbol: "name block span",
     t.AbstractionLink: "instance name plant value span",
-    t.TypedAxisGroup: "kind axes span",
+    t.TypedAxisGroup: "axes span",
     t.TypedGridAxis: "topic path low high cells span instance plant open unbounded",
     t.PlantSymbol: "name span period extern source reads drives states initial initial_range "
     "disturbances lets der next method substeps measured truth read_spans",

@@ -56,7 +56,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
                 raise
             facts.times["d_ns"] = facts.own.delay  # older reads may be too much for our bounds
             show()
-    facts.in_sets = dict.fromkeys(bounded_topics(facts), True)  # a part of C
+    facts.in_sets = tuple(bounded_topics(facts))  # a part of C
     report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
     report.confirmed = [c for c in CLAIMS if c in claims]
     assumed = [*_map_assumptions(problem), *_largest_assumptions(problem), SOUND]

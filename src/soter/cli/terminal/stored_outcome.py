@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 NAME = "proof-outcome"
 FILE = "outcome.json"
-PACKAGES = ("cffi", "highspy", "numpy", "z3-solver")
+PACKAGES = ("cffi", "numpy", "z3-solver")
 """Installed packages whose version a result may depend on."""
 LIST_MAX = 1024 * 1024
 PAINT = re.compile(r"\x1b\[[0-9;]*m")

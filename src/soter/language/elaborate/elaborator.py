@@ -614,8 +614,6 @@ class Elaborator(Topics):
 
     def _axis(self, axis: typed.TypedGridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)
-        if axis.low is None or axis.high is None:
-            return
         span = axis.low.span.to(axis.high.span)
         interval = self.interval(axis.low, axis.high, span, "a grid axis")
         if interval is not None and interval[0] == interval[1]:

@@ -489,16 +489,16 @@ class TypedGridAxis(Shown):
     """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
 
     Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
-    the state, and `plant` is what the instance is made of. `low` and `high` may be missing, and
-    `cells` is, where the axis belongs to a polytope. `open`: one more cell from `high` up to there,
-    beyond which nothing is claimed. `unbounded`: one more cell at either end, without an outer end.
+    the state, and `plant` is what the instance is made of. `open`: one more cell from `high` up to
+    there, beyond which nothing is claimed. `unbounded`: one more cell at either end, without an
+    outer end.
     """
 
     topic: TopicSymbol | None
     path: tuple[str, ...]
-    low: TypedExpr | None
-    high: TypedExpr | None
-    cells: TypedExpr | None
+    low: TypedExpr
+    high: TypedExpr
+    cells: TypedExpr
     span: Span
     instance: str = ""
     plant: PlantSymbol | None = None
@@ -508,9 +508,8 @@ class TypedGridAxis(Shown):
 
 @dataclass(eq=False, repr=False)
 class TypedAxisGroup(Shown):
-    """States that are analysed together; `kind` is "grid" or "polytope"."""
+    """States that are analysed together on a grid."""
 
-    kind: str
     axes: tuple[TypedGridAxis, ...]
     span: Span
 

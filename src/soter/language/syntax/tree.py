@@ -505,23 +505,22 @@ class NodeDecl(Decl):
 
 @node()
 class GridAxis(Node):
-    """`motion.x in [a, b] / cells open to c` of a verify block; a polytope's axes have no cells.
+    """`motion.x in [a, b] / cells open to c` of a verify block.
 
     `unbounded`: `open` without an end.
     """
 
     path: DottedPath
-    interval: IntervalExpr | None
-    cells: SyntaxExpr | None
+    interval: IntervalExpr
+    cells: SyntaxExpr
     open: SyntaxExpr | None = None
     unbounded: bool = False
 
 
 @node()
 class AxisGroup(Node):
-    """`grid a ..., b ...;` or `polytope a, b;`: axes that are analysed together."""
+    """`grid a ..., b ...;`: axes that are analysed together."""
 
-    kind: str
     axes: tuple[GridAxis, ...]
     span: Span
 

@@ -8,9 +8,9 @@ force). They also say to what plants cut C (a plant stops rather than publish ou
 set), whether the proof covers the integration scheme that flies, and P1. Each group enters its own
 failures; what concerns several groups is done here.
 Symbols: head of `verify/grid/sets.py`; the index g is one group's part.
-Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, `verify/grid/`,
-`verify/polytope/`), refinement and verdicts (`verify_module.py`), the error of a scheme
-(`enclose/scheme_error.py`). That long arrays and lists stay in their sets is an assumption.
+Non-goals: where control begins (`start.py`), how a group is proved (`verify/grid/`), refinement and
+verdicts (`verify_module.py`), the error of a scheme (`enclose/scheme_error.py`). That long arrays
+and lists stay in their sets is an assumption.
 
 P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `postpone_p2b`
 leaves it to an attempt on a finer grid; if there is none, the module is undecided whatever P2b
@@ -42,24 +42,18 @@ from soter.verify.claims.product_sets import (
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, Finding, ModuleResult
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.enclosed_steps import room_of
-from soter.verify.grid.claims import grids
+from soter.verify.grid import claims as grid_claims
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import RESTS
 from soter.verify.problem.problem import EVERY_SOLUTION, SCHEME, subjects_in_words
 from soter.verify.problem.problem_times import DELAYS, horizon_in_words
-from soter.verify.proof_methods import (
-    by_method,
-    in_method_order,
-    method_of,
-    pairs_of,
-    tables_of_groups,
-)
+from soter.verify.proof_methods import pairs_of, tables_of_groups
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from soter.language.model.system import Bound
-    from soter.verify.claims.product_sets import SetFactor
+    from soter.verify.claims.product_sets import CellsPart
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Assumption, Group, Problem
 
@@ -89,10 +83,10 @@ def open_case(
     """
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     case.holds = HOLDS if problem.declared_groups else 0
-    for i, group in enumerate(in_method_order(groups)):
+    for i, group in enumerate(groups):
         old = None if before is None else before.proofs[i]
         if old is None or before is None or old.group != group:
-            case.proofs.append(method_of(group).new_proof(case, group))
+            case.proofs.append(grid_claims.new_proof(case, group))
             continue
         old.fresh = False
         case.proofs.append(old)
@@ -103,33 +97,21 @@ def open_case(
     return case
 
 
-def set_factors(case: Case, predicate: str) -> list[SetFactor] | None:
-    """For every group a set of its states on which a predicate holds; None where none was found."""
-    all_parts: list[SetFactor] = []
-    for method, proofs in by_method(case):
-        parts = method.parts(case, proofs, predicate)
-        if parts is None:
-            return None
-        all_parts += parts
-    return all_parts
-
-
 def compute_constraint(case: Case) -> bool:
     """Gives every group its part of C, and checks their product; False: there is no C.
 
     Enters a failure of P2a where SC may fault or publish outside its sets on C.
     """
-    parts = set_factors(case, "constraint")
+    parts = grid_claims.set_factors(case, "constraint")
     if parts is None:
         case.fail("P2a", "no state was found on which `safe` holds")
         return False
     if not product_holds(case.forms, parts, "constraint"):
         hint = "put states that `safe` compares with each other into one line"
-        hint += "".join(method.hint for method, _ in by_method(case))
         case.fail("P2a", "`safe` is no product over the groups", hint=hint)
         return False
     if case.problem.has_core_hint:
-        hinted = _cut_to_core_hint(case, parts)
+        hinted = grid_claims.cut_to_hint(case, parts)
         if hinted is None:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
@@ -143,7 +125,7 @@ def compute_constraint(case: Case) -> bool:
     return True
 
 
-def _claim_of_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
+def _claim_of_law(case: Case, parts: Sequence[CellsPart]) -> FailsafeClaim:
     """Computes K_fs, the core of the fail-safe law, on the same groups, and C cut to it."""
     problem = case.problem.law
     assert problem is not None
@@ -161,18 +143,6 @@ def _claim_of_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
         except UnboundedError as error:
             return FailsafeClaim(parts, parts, str(error))
     return cut_to_law_core(law.sets, parts)
-
-
-def _cut_to_core_hint(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
-    """The parts of C on which the program's `core e;` holds, too; None where it holds nowhere."""
-    left = dict(zip(map(id, case.proofs), parts, strict=True))
-    core_parts: list[SetFactor] = []
-    for method, proofs in by_method(case):
-        inside = method.cut_to_hint(case, proofs, [left[id(p)] for p in proofs])
-        if inside is None:
-            return None
-        core_parts += inside
-    return core_parts
 
 
 def compute_core(case: Case) -> bool:
@@ -223,17 +193,12 @@ def make_tables(cases: Sequence[Case]) -> None:
     """
     problem = cases[0].problem
     pairs = [pairs_of(case.sets) for case in cases]
-    if any(len(p) != len(problem.groups) for p in pairs) or any(map(has_unproved_levels, cases)):
+    if any(len(p) != len(problem.groups) for p in pairs):
         return
     level_tables = tables_of_groups(problem, pairs)
     for case in cases:
         for proof, table in zip(case.proofs, level_tables, strict=True):
             proof.take_table(case, table)
-
-
-def has_unproved_levels(case: Case) -> bool:
-    """Whether some group has levels that were not proved, which no DM may use."""
-    return any(p.has_unproved_levels(case) for p in case.proofs)
 
 
 def after_core(case: Case) -> None:
@@ -269,7 +234,7 @@ def find_way_back(case: Case) -> None:
     check_return_time(case)
 
 
-def _targets(case: Case) -> list[SetFactor] | None:
+def _targets(case: Case) -> list[CellsPart] | None:
     """For each group the states all of whose estimates satisfy `safer`; None: a failure of P2b."""
     if case.problem.computed:
         parts_by_proof = [p.states_given_back(case) for p in case.proofs]
@@ -279,7 +244,7 @@ def _targets(case: Case) -> list[SetFactor] | None:
             return None
         return target_parts
     predicate = case.problem.returning
-    parts = set_factors(case, predicate)
+    parts = grid_claims.set_factors(case, predicate)
     if parts is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")
         return None
@@ -327,16 +292,10 @@ def postpone_p2b(case: Case) -> bool:
 
 
 def find_way_back_for_report(case: Case) -> None:
-    """Runs a postponed `find_way_back` for a limited time; a part of an answer is not kept.
-
-    With groups that are not on grids there is no limit.
-    """
+    """Runs a postponed `find_way_back` for a limited time; a part of an answer is not kept."""
     not_looked_at = [f for f in case.failures if f.cut]
     assert not_looked_at, "a case that may be proved has no budget"
     case.failures = [f for f in case.failures if not f.cut]
-    if len(list(grids(case.proofs))) < len(case.proofs):
-        find_way_back(case)
-        return
     until = time.process_time() + max(LEAST_S, sum(case.spent.values()))
     try:
         with cancelled_when(lambda: time.process_time() > until):

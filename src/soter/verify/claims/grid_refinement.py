@@ -209,8 +209,7 @@ def with_halved_cells(axis: Axis, near: Bools) -> Axis:
 
 def cells_of(problem: Problem) -> int:
     """How many cells the grids of all groups have together."""
-    grids = (g for g in problem.groups if g.representation == "grid")
-    return sum(prod(len(a.edges) - 1 for a in g.axes) for g in grids)
+    return sum(prod(len(a.edges) - 1 for a in g.axes) for g in problem.groups)
 
 
 def smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
@@ -290,7 +289,7 @@ def _size(group: Group) -> int:
 
 
 def _merged_group(group: Group, most: int) -> Group:
-    if group.representation != "grid" or _size(group) <= most:
+    if _size(group) <= most:
         return group
     step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
     return replace(group, axes=tuple(_every_nth_edge(a, step) for a in group.axes))

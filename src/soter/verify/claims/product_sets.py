@@ -1,6 +1,6 @@
 """Sets that are products over groups, and the check that a predicate holds on such a product.
 
-Purpose: a `SetFactor` is one group's part of a set. `product_holds` checks that a predicate is true
+Purpose: a `CellsPart` is one group's part of a set. `product_holds` checks that a predicate is true
 all over the product of such parts (docs/verification.md, Groups); `why_sc_leaves_sets`, that SC
 does not fault there nor publish outside its sets. `FailsafeClaim` cuts C to K_fs, the core of the
 module with its fail-safe law in the place of SC: SC then has to keep that instead of C, so that the
@@ -11,7 +11,6 @@ Non-goals: dynamics; computing K_fs (`claims.py`), its problem
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -53,58 +52,15 @@ def points_to_try(problem: Problem) -> list[Floats]:
     return [np.clip(p, low, high) for p in (start, np.zeros_like(low), low / 2 + high / 2)]
 
 
-class SetFactor(ABC):
-    """A set over one group's states, as a factor of a product: one box, or cells (`divisible`).
-
-    A block is a list of slices of cells, one an axis; it is empty for a part without cells.
-    """
-
-    divisible = False
-
-    @abstractmethod
-    def hull(self, block: Block | None = None) -> Block | None:
-        """The smallest block that holds all of the set in `block`; None where nothing is in it.
-
-        Without `block` it holds all of the set.
-        """
-
-    @abstractmethod
-    def ranges(self, block: Block) -> Ranges:
-        """The ranges (low, high) of a block, by state."""
-
-    def first(self, block: Block) -> Block:
-        """A block that is one cell of the set within `block`."""
-        return block
-
-    def suffices(self, predicate: str) -> bool:
-        """Whether a predicate surely holds on this set, wherever the other groups are."""
-        del predicate
-        return False
-
-
-@dataclass(frozen=True)
-class BoxPart(SetFactor):
-    """A set that is a box: the ranges of some states."""
-
-    box: Ranges
-
-    def hull(self, block: Block | None = None) -> Block | None:
-        """The one block there is, which has no slices."""
-        return [] if block is None else block
-
-    def ranges(self, block: Block) -> Ranges:
-        """The ranges of the box."""
-        del block
-        return self.box
-
-
 @dataclass(frozen=True, eq=False)
-class CellsPart(SetFactor):
-    """A set of cells of a grid."""
+class CellsPart:
+    """A set of cells of one group's grid, as a factor of a product.
+
+    A block is a list of slices of cells, one an axis.
+    """
 
     engine: GridGroup
     cells: Bools
-    divisible = True
 
     def hull(self, block: Block | None = None) -> Block | None:
         """The smallest block around the cells of the set in a block."""
@@ -131,22 +87,21 @@ class CellsPart(SetFactor):
         return bool((self.engine.definitely(predicate) | ~self.cells).all())
 
 
-def product_holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str) -> bool:
+def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str) -> bool:
     """Whether a predicate is true all over the product of the parts; False also where unknown.
 
     It is evaluated on the product of the sets' blocks. Where it is unknown there, a block is split
     along its longest axis: that of a group which, at one cell alone, decides the predicate, or else
     the longest block.
     """
-    divisible = [p for p in parts if p.divisible]
-    if len(divisible) == 1 and divisible[0].suffices(predicate):
+    if len(parts) == 1 and parts[0].suffices(predicate):
         return True
     conjuncts = forms.conjuncts(predicate)
     return all(_holds_on_product(forms, parts, part) for part in conjuncts or [predicate])
 
 
 def _holds_on_product(
-    forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str
+    forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str
 ) -> bool:
     """`product_holds` for one conjunct: splits blocks until it is true on each of them."""
     todo = [tuple(p.hull() for p in parts)]
@@ -181,7 +136,7 @@ def _hull(cells: Bools, block: Block) -> Block | None:
     return slices
 
 
-def _box(forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence[Block]) -> Floats:
+def _box(forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block]) -> Floats:
     box = np.array(forms.whole)
     for part, block in zip(parts, blocks, strict=True):
         for state, ends in part.ranges(block).items():
@@ -195,7 +150,7 @@ def _longest_side(block: Block) -> int:
 
 
 def _split(
-    forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence[Block], predicate: str
+    forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block], predicate: str
 ) -> list[tuple[Block | None, ...]] | None:
     """The two products that a split makes; None where all blocks are single cells."""
     best: int | None = None
@@ -227,7 +182,7 @@ def _split(
 
 
 def why_sc_leaves_sets_on_product(
-    problem: Problem, forms: CompiledEnclosures, parts: Sequence[SetFactor]
+    problem: Problem, forms: CompiledEnclosures, parts: Sequence[CellsPart]
 ) -> str:
     """Why SC might publish outside its sets, or fault, on the hull of the sets; "" if it cannot.
 
@@ -280,7 +235,6 @@ NOT_FOR_LAWS = (
     "a law is looked at where plants flow (`der`), nobody else moves them, and no node stands "
     "between the module and its actuators"
 )
-OTHER_CELLS = "a law is not looked at on a"
 NOTHING_KEPT = "no set was found that the law keeps"
 VAIN = 0.001
 """The share of C's cells that may stay in C and never come back to K_fs: with more it is given up.
@@ -294,8 +248,6 @@ NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
 
 def hint_for_law(why: str) -> str:
     """Advice where the fail-safe law is not shown; `why`: that of its `FailsafeClaim`."""
-    if why.startswith(OTHER_CELLS):
-        return "a `grid` for what the law moves"
     if why == NOTHING_INSIDE:
         return "an SC that stays where the law can take over; a finer grid"
     return (
@@ -311,8 +263,8 @@ class FailsafeClaim:
     `cells`: the numbers of cells of K_fs and of C, of all groups together.
     """
 
-    parts: Sequence[SetFactor]
-    whole: Sequence[SetFactor]
+    parts: Sequence[CellsPart]
+    whole: Sequence[CellsPart]
     why: str = ""
     cells: tuple[int, int] = (0, 0)
     law: CaseSets | None = None
@@ -328,21 +280,19 @@ class FailsafeClaim:
         self.parts, self.why = self.whole, why
 
 
-def claim_without_law(problem: Problem, parts: Sequence[SetFactor]) -> FailsafeClaim | None:
+def claim_without_law(problem: Problem, parts: Sequence[CellsPart]) -> FailsafeClaim | None:
     """The claim where no law has to be examined; None: there is one."""
     if problem.law is not None:
         return None
     return FailsafeClaim(parts, parts, problem.law_unread or NO_LAW)
 
 
-def cut_to_law_core(law: CaseSets, parts: Sequence[SetFactor]) -> FailsafeClaim:
+def cut_to_law_core(law: CaseSets, parts: Sequence[CellsPart]) -> FailsafeClaim:
     """The claim with C cut to K_fs; `law` has the law's sets, on the same cells as `parts`."""
-    core_parts: list[SetFactor] = []
+    core_parts: list[CellsPart] = []
     kept = of = 0
     for proof, part in zip(law.proofs, parts, strict=True):
-        core = getattr(proof.found, "core", None)
-        if not isinstance(part, CellsPart) or core is None or core.shape != part.cells.shape:
-            return FailsafeClaim(parts, parts, f"{OTHER_CELLS} {proof.group.representation}")
+        core = proof.found.core
         core_parts.append(CellsPart(part.engine, part.cells & (core > 0)))
         kept, of = kept + int((core > 0).sum()), of + int(part.cells.sum())
     return FailsafeClaim(core_parts, parts, "", (kept, of), law)

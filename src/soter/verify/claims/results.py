@@ -8,7 +8,6 @@ Non-goals: computing or printing anything.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -22,10 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.report.proof_page import RegionFigure
-    from soter.verify.polytope.extract_group import ExtractedGroup
-    from soter.verify.polytope.half_spaces import Polytope
-    from soter.verify.polytope.proofs import PolytopeSets
+    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Assumption, Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
@@ -261,72 +257,16 @@ class GroupSets:
 
 
 @dataclass(eq=False)
-class PolytopePart:
-    """The sets of a polytope group under one combination of parameter values.
-
-    `limits`: C_g, a box over the group's own states; `multipliers`: the proof, by its parts;
-    `shares`: how large the sets are, by random samples, for people.
-    """
-
-    group: Group
-    limits: list[tuple[float, float]] = field(default_factory=list)
-    model: ExtractedGroup | None = None
-    sets: PolytopeSets | None = None
-    multipliers: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
-    shares: dict[str, float] = field(default_factory=dict)
-    boxes: dict[str, int] = field(default_factory=dict)
-    """How many boxes were examined for an inclusion, by predicate."""
-    deployed: tuple[Polytope, Polytope] | None = None
-    """S_0 and S_(m-2) as the DM holds them, up to rounding, as for grids."""
-    return_ns: int = 0
-
-
-class GroupResult(ABC):
-    """The result for one group under one combination of parameter values.
-
-    `found`: its sets, in a class of the method that proves it.
-    """
-
-    group: Group
-    found: object
-    mark = ""
-    """A part of its file names in a certificate, different for each method."""
-
-    @property
-    def cells(self) -> int:
-        """How many cells its grid has; 0 without a grid."""
-        return 0
-
-    @property
-    @abstractmethod
-    def pair(self) -> object | None:
-        """S_0 and S_(m-2) of computed predicates, for the method's tables; None: it has none."""
-
-    @abstractmethod
-    def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The group's entry in a certificate; the files that it names are added to `files`."""
-
-    @abstractmethod
-    def figures(self, note: str) -> list[RegionFigure]:
-        """The figures of its regions, for the report."""
-
-
-@dataclass(eq=False)
 class CaseSets:
     """The results of all groups under one combination of parameter values."""
 
     parameter: tuple[int, ...]
-    proofs: Sequence[GroupResult]
+    proofs: Sequence[GridProof]
 
     @property
     def groups(self) -> list[GroupSets]:
-        """The sets of the grids."""
-        return [p.found for p in self.proofs if isinstance(p.found, GroupSets)]
-
-    @property
-    def polytopes(self) -> list[PolytopePart]:
-        """The sets of the polytopes."""
-        return [p.found for p in self.proofs if isinstance(p.found, PolytopePart)]
+        """The sets of the groups."""
+        return [p.found for p in self.proofs]
 
 
 @dataclass(eq=False, repr=False)

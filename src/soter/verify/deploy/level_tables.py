@@ -5,8 +5,7 @@ that of a grid: it holds the level of each cell of estimates (0: ttf, 1: in S_0,
 four cells a byte. `predicates` writes `ttf` and `safer` as checked expressions, which the
 interpreter, Core and C treat like any other; `Writer` builds such trees, which all stand at one
 place of the program's text.
-Non-goals: the sets (`grid/estimate_sets.py`), when they are computed (`missing_predicates.py`),
-half-spaces (`polytope/tables.py`).
+Non-goals: the sets (`grid/estimate_sets.py`), when they are computed (`missing_predicates.py`).
 
 Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then
 compares the estimate with the two breakpoints of the cell it found: comparisons are exact, so an
@@ -146,14 +145,11 @@ class Writer:
 class EstimateSamples:
     """Estimates on which the compiled DM is tried.
 
-    `points` (n, states); `surely` (n,): the level of each; `least` (n,): the least level that it
-    must be given. `whole`: whether there is one for every cell.
+    `points` (n, states): one for every cell; `levels` (n,): the level of each.
     """
 
     points: NDArray[np.float64]
-    surely: NDArray[np.uint8]
-    least: NDArray[np.uint8]
-    whole: bool
+    levels: NDArray[np.uint8]
 
 
 class LevelTable(ABC):
@@ -278,8 +274,7 @@ class GroupTable(LevelTable):
         grids = np.meshgrid(*middle, indexing="ij")
         points = np.stack(grids, axis=-1).reshape(-1, len(middle))
         sure = self.wide
-        levels = self.entries.ravel()[sure]
-        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+        return EstimateSamples(np.ascontiguousarray(points[sure]), self.entries.ravel()[sure])
 
     @property
     def wide(self) -> Bools:

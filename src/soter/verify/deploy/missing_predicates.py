@@ -27,15 +27,16 @@ from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, store
 from soter.verify.claims import claims
 from soter.verify.claims.choice import choose, with_way_back
-from soter.verify.claims.claims import compute_levels, has_unproved_levels
+from soter.verify.claims.claims import compute_levels
 from soter.verify.claims.grid_refinement import announce_work, cells_of
 from soter.verify.deploy.level_tables import GroupTable, grid_ends, predicates
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
+from soter.verify.grid.claims import pack, unpack
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.inputs import topics_seen_by_dm
-from soter.verify.proof_methods import in_method_order, method_of, pairs_of, tables_of_groups
+from soter.verify.proof_methods import pairs_of, tables_of_groups
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long
@@ -43,6 +44,7 @@ from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck, TubeLevels
 from soter.version import VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -52,12 +54,12 @@ if TYPE_CHECKING:
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.deploy.level_tables import LevelTable
+    from soter.verify.deploy.level_tables import Estimates, LevelTable
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
 
-    Found = list[LevelTable]
+    Found = Sequence[LevelTable]
     Sets = tuple[Problem, list[Pairs]]
     """A problem with the chosen cells and number of levels, and the pairs of sets of every case."""
 
@@ -118,7 +120,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
         install(flat, module, problem, level_tables)
-        every = zip(in_method_order(problem.groups), level_tables, strict=True)
+        every = zip(problem.groups, level_tables, strict=True)
         share = prod(table.share(group) for group, table in every)
         what = f"AC may have control on {share:.1%} of the estimates (S_0)"
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
@@ -287,7 +289,7 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
     An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin).
     It is 1, which promises nothing beyond the next look, where that argument has a gap: the table
     is that of several cases, but levels are nested in each case alone; on a map a state may come
-    to lie on the border of a cell; half-spaces are read with a little less than S_0.
+    to lie on the border of a cell; a check in flight has no levels.
     """
     alone = sum(1 for _ in cases(problem)) == 1
     inside = problem.kind == "flow" and all(isinstance(x, GroupTable) for x in level_tables)
@@ -331,7 +333,7 @@ def _compute_sets(problem: Problem, library: ReachLibrary) -> Sets | None:
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
         return None
-    return None if any(map(has_unproved_levels, chosen.done or ())) else (problem, pairs)
+    return problem, pairs
 
 
 def _all_cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
@@ -384,7 +386,7 @@ def _cache_key(problem: Problem, library: ReachLibrary) -> str:
         problem.errors,
         problem.others,
         problem.parameters,
-        [(g.representation, g.axes) for g in problem.declared_groups or problem.groups],
+        [g.axes for g in problem.declared_groups or problem.groups],
         replace(problem.times, declared=frozenset()),
         sorted(problem.times.declared),
         "chosen" if problem.levels_open else problem.levels,
@@ -426,8 +428,8 @@ def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
     for k, axis in enumerate(a for group in problem.groups for a in group.axes):
         arrays[f"{EDGES}{k}"] = np.array(axis.edges)
     for i, case in enumerate(pairs):
-        for j, (group, pair) in enumerate(zip(in_method_order(problem.groups), case, strict=True)):
-            for name, array in method_of(group).pack(pair).items():
+        for j, pair in enumerate(case):
+            for name, array in pack(pair).items():
                 arrays[f"{i}_{j}_{name}"] = array
 
     def make(work: Path) -> None:
@@ -445,7 +447,7 @@ def _cached_sets(key: str, problem: Problem) -> Sets | None:
     try:
         with np.load(folder / FILE) as data:
             problem = replace(_with_chosen_cells(data, problem), levels=int(data[LEVELS]))
-            groups = in_method_order(problem.groups)
+            groups = problem.groups
             return problem, [
                 [_stored_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
                 for i, _ in enumerate(cases(problem))
@@ -467,6 +469,6 @@ def _with_chosen_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 
     return replace(problem, groups=tuple(groups), declared_groups=declared)
 
 
-def _stored_pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive
+def _stored_pair(data: Any, name: str, group: Group) -> Estimates:  # noqa: ANN401 - an open archive
     own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
-    return method_of(group).unpack(group, own)
+    return unpack(group, own)

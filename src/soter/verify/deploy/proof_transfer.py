@@ -19,9 +19,10 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import faultless, without_held_topics
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.verify.claims.results import PROVED
+from soter.verify.grid.claims import pair_in_certificate
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import texts
-from soter.verify.proof_methods import built_entry, in_method_order, method_of
+from soter.verify.proof_methods import built_entry
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.folder import Certificate
     from soter.language.model.system import Module, System
-    from soter.verify.deploy.level_tables import LevelTable
+    from soter.verify.deploy.level_tables import Estimates, LevelTable
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
 
@@ -53,16 +54,17 @@ def certified_sets(
     given, every = entries[0].get("cases", []), list(cases(problem))
     if [tuple(c["parameter"]) for c in given] != every:
         return None
-    groups = in_method_order(problem.groups)
+    groups = problem.groups
     case_pairs = []
     for case in given:
         if len(case["groups"]) != len(groups):
             return None
         both = zip(groups, case["groups"], strict=True)
         pairs = [_boundary_sets(certificate, problem, group, entry) for group, entry in both]
-        if any(pair is None for pair in pairs):
+        known = [pair for pair in pairs if pair is not None]
+        if len(known) < len(pairs):
             return None
-        case_pairs.append(pairs)
+        case_pairs.append(known)
     return case_pairs
 
 
@@ -141,16 +143,16 @@ def _resolve_names(
 
 def _boundary_sets(
     certificate: Certificate, problem: Problem, group: Group, entry: dict[str, Any]
-) -> object | None:
+) -> Estimates | None:
     """S_0 and S_(m-2) of a group; None where the entry is that of another group, or has none."""
     names = [problem.quantities.states[a.state].name for a in group.axes]
-    if entry["kind"] != group.representation or [a["state"] for a in entry["axes"]] != names:
+    if entry["kind"] != "grid" or [a["state"] for a in entry["axes"]] != names:
         return None
     try:
         edges = [certificate.edges(a["edges"]) for a in entry["axes"]]
         if edges != [tuple(a.edges) for a in group.axes]:
             return None
-        return method_of(group).pair_in_certificate(certificate, group, entry)
+        return pair_in_certificate(certificate, group, entry)
     except (RejectedError, ValueError):
         return None
 

@@ -31,7 +31,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless, with_changed_topics
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.shared_library import Library, library
-from soter.verify.claims.case import SPENT, settled
+from soter.verify.claims.case import settled
 from soter.verify.claims.grid_refinement import cells_of, with_merged_cells
 from soter.verify.claims.results import (
     ASSUMED,
@@ -281,8 +281,8 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
     announce(lambda: _first_verdict(result))
     explain(done, result, trials.go_on)
     announce(lambda: "\n".join(f"{result.name}: {c.text}" for f in findings for c in f.causes))
-    if all(f.verdict != UNDECIDED for f in findings) or any(SPENT in f.text for f in findings):
-        return  # where work was cut short no change makes less of it
+    if all(f.verdict != UNDECIDED for f in findings):
+        return
     p2a = result.findings["P2a"]
     of_sc = p2a.verdict == REFUTED or any(c.kind == HABIT for c in p2a.causes)
     helped = _KeptChanges(NotProved(result.problem, failing, done, p2a.leaving, of_sc))

@@ -26,16 +26,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.core.layout import Floats
-    from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
+    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Problem
 
 
 RARE_SHARE = 0.01
 """Below this share of a group's K (of C_g for K itself) a headline says so: decision 45."""
 DRAWN = 2000
-FEW_STATES = 0.2
-"""Below this share of a polytope's ranges a note says what makes K larger."""
 ENOUGH = 0.1
 """Drawing ends early where this share of at least `FEW` states lets AC have control."""
 FEW = 100
@@ -111,22 +110,6 @@ def _vacuous_safe(problem: Problem) -> Vacuity | None:
     if always_by_parts(safe, problem.system, problem.module.scope):
         return Vacuity(NEVER, "safe", 0.0, HOLDS_ANYWAY)
     return None
-
-
-def small_cores(done: Sequence[Case]) -> tuple[str, ...]:
-    """A note for each polytope whose K is a small share of its ranges, with advice for a larger."""
-    least: dict[str, float] = {}
-    for case in done:
-        for proof in case.proofs:
-            share = proof.shares(case).get("core", 1.0) if proof.mark == "p" else 1.0
-            if 0.0 < share < FEW_STATES:
-                names = ", ".join(a.name for a in proof.group.axes)
-                least[names] = min(least.get(names, 1.0), share)
-    return tuple(
-        f"SC keeps {names} on {share:.1%} of their ranges only: K ends where SC comes to a clamp, "
-        "so smaller gains make it larger; or the ranges are wider than what is flown"
-        for names, share in least.items()
-    )
 
 
 def _parameter_values(case: Case) -> str:
@@ -210,9 +193,6 @@ def _never_lets(case: Case, predicate: str) -> bool:
     if case.problem.computed:
         return False  # an empty set is a failure of its own
     box = case.forms.whole.copy()
-    for proof in case.proofs:
-        for state, ends in proof.estimates.items():
-            box[state] = ends
     return not case.forms.truth(predicate, box) & LETS[predicate]
 
 
@@ -226,8 +206,6 @@ def _taken_by_age(case: Case) -> bool:
         return False
     ages = fresh_ages_ns(problem.system, problem.module, problem.times.age_dm)
     ends = dict(enumerate(case.forms.whole.tolist()))
-    for proof in case.proofs:
-        ends.update(proof.estimates)
     off = errors_of(problem)
     within = {
         leaf: (ends[s][0] - off.get(s, 0.0), ends[s][1] + off.get(s, 0.0))
@@ -263,7 +241,7 @@ class _StateDrawer:
         self.drawn = {id(g): g.random_states(self.chance, DRAWN) for g in self.groups}
         self.anchors = self._anchors()
 
-    def share(self, own: GroupProof) -> float:
+    def share(self, own: GridProof) -> float:
         """The share of one group's states, with other groups at the anchor where it is largest."""
         best = 0.0
         for anchor in self.anchors:
@@ -272,7 +250,7 @@ class _StateDrawer:
                 break
         return best
 
-    def _share_at(self, own: GroupProof, anchor: Floats) -> float:
+    def _share_at(self, own: GridProof, anchor: Floats) -> float:
         states = [a.state for a in own.group.axes]
         count = 0
         for k, values in enumerate(self.drawn[id(own)], 1):

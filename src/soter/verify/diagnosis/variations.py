@@ -25,7 +25,6 @@ from soter.language.model.types import show_ns
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
-from soter.verify.grid.claims import GridProof
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun
+    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Axis, Problem
 
     Ends = dict[int, tuple[float, float]]
@@ -138,8 +138,7 @@ def _declared_grids(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
     """The grids of all cases, on the cells of the problem."""
     for case in (last.first or last for last in done):
         for proof in case.proofs:
-            if isinstance(proof, GridProof):
-                yield proof, case
+            yield proof, case
 
 
 def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
@@ -239,9 +238,8 @@ def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
 
 
 def _change_cells(found: NotProved) -> Iterator[Change]:
-    grids = [g for g in found.problem.groups if g.representation == "grid"]
-    smaller = replace(smaller_cells(found.problem, grids), declared_groups=())
-    if grids and cells_of(smaller) <= CELLS_MAX["P2a"]:
+    smaller = replace(smaller_cells(found.problem, found.problem.groups), declared_groups=())
+    if cells_of(smaller) <= CELLS_MAX["P2a"]:
         yield smaller, lines_of(smaller)
 
 
@@ -339,7 +337,7 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]
-    if any(a.open or a.unbounded or a.wraps for a in group.axes) or group.representation != "grid":
+    if any(a.open or a.unbounded or a.wraps for a in group.axes):
         return None
     axes = tuple(_unbounded_axis(a) if a.state == state else a for a in group.axes)
     states = list(problem.states)
@@ -417,11 +415,7 @@ def _unbounded_axis(axis: Axis) -> Axis:
 
 def lines_of(problem: Problem) -> str:
     """The `grid` lines of a problem."""
-    return " ".join(
-        f"grid {', '.join(_axis_in_words(a) for a in g.axes)};"
-        for g in problem.groups
-        if g.representation == "grid"
-    )
+    return " ".join(f"grid {', '.join(_axis_in_words(a) for a in g.axes)};" for g in problem.groups)
 
 
 def _axis_in_words(axis: Axis) -> str:

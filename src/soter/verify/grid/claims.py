@@ -1,8 +1,8 @@
 """The proof method "grid": claims about one group on cells, and its entry in a certificate.
 
 Purpose: `GridProof` computes the sets of one group (C, K, R(H), S_j, Q, W: head of `sets.py`) and
-checks the claims about them cell by cell; `Grids` is the method that opens such proofs; `entry`
-writes the sets into a certificate as tables, one entry a cell.
+checks the claims about them cell by cell; `new_proof` opens one; `entry` writes the sets into a
+certificate as tables, one entry a cell.
 Non-goals: computing sets (`sets.py`), P2b (`recovery.py`), levels (`estimate_sets.py`),
 figures (`set_figures.py`); checking a certificate (`soter recheck`).
 """
@@ -10,16 +10,16 @@ figures (`set_figures.py`); checking a certificate (`soter recheck`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.claims.case import GroupProof, Method, axes_entry
+from soter.verify.claims.case import axes_entry
 from soter.verify.claims.grid_refinement import cells_of_box, regions_of
 from soter.verify.claims.product_sets import CellsPart, points_to_try, states_elsewhere
 from soter.verify.claims.results import GroupSets
-from soter.verify.deploy.level_tables import CommandTable, Estimates, GroupTable, table
+from soter.verify.deploy.level_tables import CommandTable, Estimates, GroupTable
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import estimate_sets, recovery
 from soter.verify.grid.recovery import cells_in_way
@@ -37,9 +37,7 @@ if TYPE_CHECKING:
     from soter.core.layout import Bools, Floats
     from soter.report.proof_page import RegionFigure
     from soter.verify.claims.case import Case
-    from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import Region
-    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.problem.problem import Group, Problem
 
     Arrays = Mapping[str, NDArray[np.generic]]
@@ -98,13 +96,17 @@ CROSSED_HINT = "ranges that end a little further out, where the flow points inwa
 
 
 @dataclass(eq=False)
-class GridProof(GroupProof):
-    """The proof of one group on a grid: its engine, and the sets that were found."""
+class GridProof:
+    """The proof of one group on a grid: its engine, and the sets that were found.
+
+    Claims between K and the start are asked only if it is `fresh` and every group has a K.
+    """
 
     group: Group
     engine: GridGroup
     found: GroupSets
     fresh: bool = True
+    """Whether its sets are still to be computed; else they are those of an earlier attempt."""
 
     @property
     def cells(self) -> int:
@@ -112,15 +114,14 @@ class GridProof(GroupProof):
         return self.found.allowed.size
 
     @property
-    def return_ns(self) -> int:  # type: ignore[override]
+    def return_ns(self) -> int:
         """The longest time from W to Q, in ns."""
         return self.found.return_ns
 
     # ------------------------------------------------------------ claims
 
-    def take_constraint(self, case: Case, part: SetFactor) -> None:
+    def take_constraint(self, case: Case, part: CellsPart) -> None:
         """Takes C_g, this group's part of C; the proof starts anew where it is another one."""
-        assert isinstance(part, CellsPart)
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
             case.again(self)
         if self.fresh:
@@ -191,9 +192,8 @@ class GridProof(GroupProof):
         found = GroupSets(f.group, f.allowed, f.core, f.free, f.possible, solver=f.solver)
         return GridProof(self.group, self.engine, found)
 
-    def take_table(self, case: Case, table: LevelTable) -> None:
+    def take_table(self, case: Case, table: GroupTable) -> None:
         """Takes the DM's table and computes the states from which AC may have control by it."""
-        assert isinstance(table, GroupTable)
         estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
     def start(self, case: Case, until_ns: int) -> None:
@@ -223,9 +223,8 @@ class GridProof(GroupProof):
         cells = estimate_sets.states_with_control(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
-    def recover(self, case: Case, target: SetFactor) -> None:
+    def recover(self, case: Case, target: CellsPart) -> None:
         """Computes Q and W for a target."""
-        assert isinstance(target, CellsPart)
         recovery.recover(case, self, self.engine, self.found, target.cells)
 
     # ------------------------------------------------------------ after a failure
@@ -373,114 +372,116 @@ class GridProof(GroupProof):
         return [figure(self.found, note)]
 
 
-def grids(proofs: Sequence[object]) -> list[GridProof]:
-    """The proofs among these that are on grids."""
-    return [p for p in proofs if isinstance(p, GridProof)]
+HOW = {
+    "P2a": "greatest fixpoint over chains of SC periods",
+    "P2b": "ranks over chains of SC periods",
+    "ttf": "inclusion on every cell, all errors",
+    "safer": "inclusion on every cell, all errors",
+    "start": "inclusion of the initial states",
+}
+"""How each claim is shown, in words."""
 
 
-class Grids(Method):
-    """The method that computes fixpoints over cells."""
+def new_proof(case: Case, group: Group) -> GridProof:
+    """A new proof of a group, with an engine of its own.
 
-    kind = "grid"
-    how = {  # noqa: RUF012 - a table
-        "P2a": "greatest fixpoint over chains of SC periods",
-        "P2b": "ranks over chains of SC periods",
-        "ttf": "inclusion on every cell, all errors",
-        "safer": "inclusion on every cell, all errors",
-        "start": "inclusion of the initial states",
-    }
+    `UnboundedError` where the dynamics have no enclosure.
+    """
+    library, problem = case.forms.library, case.problem
+    engine = GridGroup.of(library, problem, group, case.parameter)
+    allowed = np.zeros(engine.shape, dtype=np.bool_)
+    core = np.zeros(engine.shape, dtype=np.uint8)
+    return GridProof(group, engine, GroupSets(group, allowed, core, solver=engine))
 
-    def new_proof(self, case: Case, group: Group) -> GridProof:
-        """A new proof of a group, with an engine of its own."""
-        library, problem = case.forms.library, case.problem
-        engine = GridGroup.of(library, problem, group, case.parameter)
-        allowed = np.zeros(engine.shape, dtype=np.bool_)
-        core = np.zeros(engine.shape, dtype=np.uint8)
-        return GridProof(group, engine, GroupSets(group, allowed, core, solver=engine))
 
-    def parts(
-        self, case: Case, proofs: Sequence[GroupProof], predicate: str
-    ) -> list[CellsPart] | None:
-        """For each group the cells on which a predicate holds, other groups' states at a point."""
-        engines = [p.engine for p in grids(proofs)]
-        if len(engines) == len(case.problem.groups) == 1:
-            return [CellsPart(engines[0], engines[0].definitely(predicate))]
-        for point in points_to_try(case.problem):
-            parts = []
-            for engine in engines:
-                elsewhere = states_elsewhere(case.problem, engine, point)
-                parts.append(CellsPart(engine, engine.definitely(predicate, ranges=elsewhere)))
-            if all(part.cells.any() for part in parts):
-                return parts
+def set_factors(case: Case, predicate: str) -> list[CellsPart] | None:
+    """For each group the cells on which a predicate holds, other groups' states at a point.
+
+    None where it holds on none. The product is checked later.
+    """
+    engines = [p.engine for p in case.proofs]
+    if len(engines) == 1:
+        return [CellsPart(engines[0], engines[0].definitely(predicate))]
+    for point in points_to_try(case.problem):
+        parts = []
+        for engine in engines:
+            elsewhere = states_elsewhere(case.problem, engine, point)
+            parts.append(CellsPart(engine, engine.definitely(predicate, ranges=elsewhere)))
+        if all(part.cells.any() for part in parts):
+            return parts
+    return None
+
+
+def cut_to_hint(case: Case, parts: Sequence[CellsPart]) -> list[CellsPart] | None:
+    """The cells of `parts` on which the program's `core e;` holds, too; None: at no point."""
+    hints = set_factors(case, "core")
+    if hints is None:
         return None
+    both = zip(parts, hints, strict=True)
+    return [CellsPart(part.engine, part.cells & hint.cells) for part, hint in both]
 
-    def cut_to_hint(
-        self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
-    ) -> list[CellsPart] | None:
-        """The cells of `parts` on which `core` holds, too; None where it holds at no point."""
-        hints = self.parts(case, proofs, "core")
-        if hints is None:
-            return None
-        both = zip(cast("Sequence[CellsPart]", parts), hints, strict=True)
-        return [CellsPart(part.engine, part.cells & hint.cells) for part, hint in both]
 
-    def proved_in_words(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
-        """The text of a finding that was proved, with its counts of cells."""
-        every = [p.found for c in done for p in grids(c.proofs)]
-        if claim == "P2a":
-            cells, of = (sum(int(n) for n in x) for x in _cell_counts(every))
-            longest = max(c.counts.get("longest", 0) for c in done)
-            rounds = max(c.counts.get("rounds", 0) for c in done)
-            span = show_ns(longest * done[0].problem.times.delta_sc)
-            rest = sum(int((g.core == RESTS).sum()) for g in every)
-            still = f"{rest:,} of them at rest, " if rest else ""
-            text = f"{cells:,} of {of:,} cells, {still}chains up to {span}"
-            return text, {"cells": cells, "longest": longest, "rounds": rounds}
-        parts = [part.lets_ac if claim == "ttf" else part.gives_back for part in every]
-        cells = sum(int(p.sum()) for p in parts if p is not None)
-        return f"on {cells:,} cells", {"cells": cells}
+def proved_in_words(done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
+    """The text of a proved P2a, `ttf` or `safer`, with its counts of cells."""
+    every = [p.found for c in done for p in c.proofs]
+    if claim == "P2a":
+        cells, of = (sum(int(n) for n in x) for x in _cell_counts(every))
+        longest = max(c.counts.get("longest", 0) for c in done)
+        rounds = max(c.counts.get("rounds", 0) for c in done)
+        span = show_ns(longest * done[0].problem.times.delta_sc)
+        rest = sum(int((g.core == RESTS).sum()) for g in every)
+        still = f"{rest:,} of them at rest, " if rest else ""
+        text = f"{cells:,} of {of:,} cells, {still}chains up to {span}"
+        return text, {"cells": cells, "longest": longest, "rounds": rounds}
+    parts = [part.lets_ac if claim == "ttf" else part.gives_back for part in every]
+    cells = sum(int(p.sum()) for p in parts if p is not None)
+    return f"on {cells:,} cells", {"cells": cells}
 
-    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> GroupTable:
-        """The DM's table of a group, of the levels in every case."""
-        return table(problem, group, cast("Sequence[Estimates]", pairs))
 
-    def pack(self, pair: object) -> dict[str, NDArray[np.generic]]:
-        """The levels as arrays to store: sets as bits, eight cells a byte, of shape (bytes,)."""
-        every = cast("Estimates", pair)
-        both = (every.outer, every.inner)
-        packed: dict[str, NDArray[np.generic]] = {
-            str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)
-        }
-        if every.commands is not None:
-            moved = every.commands.control
-            packed["command"] = np.array([-1 if moved is None else moved])
-            packed["tops"] = every.commands.tops
-            if every.commands.lasting is not None:
-                packed["lasting"] = every.commands.lasting
-        return packed
+def pack(every: Estimates) -> dict[str, NDArray[np.generic]]:
+    """The levels as arrays to store: sets as bits, eight cells a byte, of shape (bytes,)."""
+    both = (every.outer, every.inner)
+    packed: dict[str, NDArray[np.generic]] = {
+        str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)
+    }
+    if every.commands is not None:
+        moved = every.commands.control
+        packed["command"] = np.array([-1 if moved is None else moved])
+        packed["tops"] = every.commands.tops
+        if every.commands.lasting is not None:
+            packed["lasting"] = every.commands.lasting
+    return packed
 
-    def unpack(self, group: Group, arrays: Arrays) -> Estimates:
-        """The levels that `packed` stored: two sets of the grid's shape, and the shield's part."""
-        shape = tuple(len(a.edges) - 1 for a in group.axes)
-        outer, inner = (_unpacked_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
-        if "tops" not in arrays:
-            return Estimates(outer, inner)
-        moved = int(arrays["command"][0])
-        tops = np.asarray(arrays["tops"], np.uint8)
-        lasting = np.asarray(arrays["lasting"], np.uint8) if "lasting" in arrays else None
-        commands = CommandTable(None if moved < 0 else moved, tops, lasting=lasting)
-        return Estimates(outer, inner, commands)
 
-    def pair_in_certificate(
-        self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
-    ) -> Estimates | None:
-        """The levels that a certificate has of a group, without what a shield permits."""
-        levels = entry.get("S", [])
-        if not levels:
-            return None
-        shape = tuple(len(a.edges) - 1 for a in group.axes)
-        outer, inner = (certificate.bits(levels[k], shape) for k in (0, -1))
+def unpack(group: Group, arrays: Arrays) -> Estimates:
+    """The levels that `pack` stored: two sets of the grid's shape, and the shield's part.
+
+    `KeyError` or `ValueError` where these are other arrays.
+    """
+    shape = tuple(len(a.edges) - 1 for a in group.axes)
+    outer, inner = (_unpacked_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
+    if "tops" not in arrays:
         return Estimates(outer, inner)
+    moved = int(arrays["command"][0])
+    tops = np.asarray(arrays["tops"], np.uint8)
+    lasting = np.asarray(arrays["lasting"], np.uint8) if "lasting" in arrays else None
+    commands = CommandTable(None if moved < 0 else moved, tops, lasting=lasting)
+    return Estimates(outer, inner, commands)
+
+
+def pair_in_certificate(
+    certificate: Certificate, group: Group, entry: Mapping[str, Any]
+) -> Estimates | None:
+    """The levels that a certificate has of a group, without what a shield permits.
+
+    `RejectedError` where its files do not have the size that they should.
+    """
+    levels = entry.get("S", [])
+    if not levels:
+        return None
+    shape = tuple(len(a.edges) - 1 for a in group.axes)
+    outer, inner = (certificate.bits(levels[k], shape) for k in (0, -1))
+    return Estimates(outer, inner)
 
 
 def _cell_counts(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:

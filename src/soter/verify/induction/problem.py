@@ -19,7 +19,6 @@ from soter.language.model import typed
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.language.model.types import show_ns
-from soter.language.syntax.parsing.modules import VIEW_ITEMS
 from soter.verify.induction.calendar import ComponentCalendar
 from soter.verify.problem.problem import (
     FRESH,
@@ -55,9 +54,7 @@ OTHERS = (
     "enters",
 )
 """Clauses of a `verify` block that only proofs by sets use: beside `induction` they are refused."""
-METHODS = [word for word, item in VIEW_ITEMS.items() if "groups" in item.defaults]
-"""The words that ask for groups of states: methods of proofs by sets."""
-WORDS = {"groups": "`, `".join(METHODS), "acts": "acts within"}
+WORDS = {"groups": "grid", "acts": "acts within"}
 
 
 @dataclass(eq=False, kw_only=True)
@@ -197,7 +194,6 @@ def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) 
             helps=("write both",),
         )
     _refuse_controller(flat, module, diagnostics)
-    methods = " or ".join(f"`{word}`" for word in METHODS)
     for topic in topic_reads(symbol.safe):
         index = module.scope.topics[topic]
         writers = [c for c in flat.components if index in c.writes]
@@ -210,7 +206,7 @@ def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) 
                 symbol.safe.span,
                 also=((topic.span, "the topic"),),
                 notes=("induction is about what nodes publish",),
-                helps=(f"prove it on sets of states: {methods} in place of `induction`",),
+                helps=("prove it on sets of states: `grid` in place of `induction`",),
             )
 
 

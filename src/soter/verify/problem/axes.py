@@ -1,6 +1,6 @@
 """Groups and axes: which states are analysed together, over which boxes.
 
-Purpose: `Axes` reads the `grid` and `polytope` lines of a module, and makes default groups for
+Purpose: `Axes` reads the `grid` lines of a module, and makes default groups for
 bounded states that no line names. `states_that_wrap` finds the axes, of those that are a full turn
 long, whose state is read only by functions with that period, and says of the others who reads them.
 Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong; sets that wrap
@@ -121,7 +121,7 @@ class Axes:
         cells = math.prod(len(a.edges) - 1 for a in axes)
         longest = max((len(a.edges) - 1 for a in axes), default=1)
         large = len(axes) > AXES_MAX or cells > CELLS_MAX or longest > AXIS_CELLS_MAX
-        if group.kind == "grid" and large:
+        if large:
             self.diagnostics.error(
                 "R010",
                 f"this grid has {len(axes)} axes and {cells} cells",
@@ -135,20 +135,15 @@ class Axes:
                     "or use fewer cells",
                 ),
             )
-        return Group(tuple(axes), group.kind, group.span)
+        return Group(tuple(axes), group.span)
 
     def _declared_axis(self, item: typed.TypedGridAxis, state: int) -> Axis:
         leaf = self.inputs.states[state]
         name, unit = leaf.name, leaf.unit
-        if item.low is None or item.high is None:
-            extent = self.set_of(state)
-            if not all(math.isfinite(x) for x in extent):
-                self._refuse_unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
-            return Axis(state, name, extent, unit=unit)
         low, high = (
             float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
         )
-        cells = self.calculator.value(item.cells, "the number of cells") if item.cells else 1
+        cells = self.calculator.value(item.cells, "the number of cells")
         edges = self._edges(low, high, int(cells or 1), item)
         written = tuple((v, e.span.text) for v, e in ((low, item.low), (high, item.high)))
         if item.unbounded:
@@ -352,8 +347,7 @@ def states_that_wrap(
     """
     symbol = at.module.symbol
     settled = not (at.module.view or symbol.verify.enters is not None or symbol.shield is not None)
-    grids = [g for g in groups if g.representation == "grid"]
-    axes = [a for g in grids for a in g.axes if _is_turn(a, NEARLY)]
+    axes = [a for g in groups for a in g.axes if _is_turn(a, NEARLY)]
     found: set[int] = set()
     readers: dict[str, str] = {}
     for axis in axes if settled else ():

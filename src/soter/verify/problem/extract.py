@@ -243,7 +243,6 @@ def _check_shield(
         "nodes between the module and its plants": nodes_behind or _may_delay_command(at, ways),
         "an SC that reads what the DM does not": reads_more,
         "views": bool(at.module.view),
-        "groups that are no grids": any(g.representation != "grid" for g in groups),
         "an AC that runs between the steps of its plant": kind == "map"
         and _ac_runs_between_steps(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),

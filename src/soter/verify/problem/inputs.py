@@ -5,7 +5,7 @@ verification system (docs/verification.md, section 1), and reports what the prog
 `errors_of` gives the largest error of each state's estimate, `topics_seen_by_dm` the topic that
 shows it to the DM.
 Non-goals: grids (`axes.py`), enclosures (`verify/enclose/compiled_enclosures.py`), sets of
-estimates (`grid/estimate_sets.py`, `polytope/proofs.py`).
+estimates (`grid/estimate_sets.py`).
 """
 
 from __future__ import annotations

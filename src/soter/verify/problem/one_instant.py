@@ -13,7 +13,7 @@ nodes that hear one topic of plants alone. One number may come several ways: tha
 plant by it is an assumption, printed.
 
 *SC.* It acts on what it has, stale or not. Chains and tubes give each state of a read an age of its
-own, so topics may have one each, if no state is in two of them. Half-spaces follow one age.
+own, so topics may have one each, if no state is in two of them.
 """
 
 from __future__ import annotations
@@ -89,8 +89,6 @@ def _sensed(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
 
 def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain]) -> str:
     """Why the proof of what SC does needs one age of all that it reads; "": it does not."""
-    if any(g.kind == "polytope" for g in place.module.symbol.verify.groups):
-        return "half-spaces follow reads of one age"
     seen: dict[tuple[Component, typed.Variable], int] = {}
     for topic in dict.fromkeys(w.topic.index for w in ways):
         plant = place.driven[topic]

@@ -231,11 +231,9 @@ class Axis:
 
 @dataclass(frozen=True)
 class Group:
-    """A group: states that are analysed together."""
+    """A group: states that are analysed together, on a grid."""
 
     axes: tuple[Axis, ...]
-    representation: str = "grid"
-    """"grid" or "polytope"."""
     span: Span | None = None
 
 

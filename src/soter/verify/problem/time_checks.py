@@ -88,12 +88,10 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
 def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str:
     """Why no proof covers commands later than half a period in this module; "": one does."""
     verify = symbol.verify
-    kind = next((g.kind for g in verify.groups if g.kind != "grid"), "")
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
         "of an abstraction": bool(verify.abstracts or verify.views),
         "by tubes (`rest`)": symbol.rest is not None,
-        f"with `{kind}`": bool(kind),
         "with a `failsafe`": bool(symbol.failsafe),
         "with a `shield`": symbol.shield is not None,
     }

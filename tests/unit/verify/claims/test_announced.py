@@ -12,7 +12,6 @@ import soter
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.cli.main import main
 from tables import all_rows
-from unit.certificate.test_polytope_certificates import PROGRAM as HALF_SPACES
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.induction.test_induction import PLANNER
 
@@ -29,7 +28,6 @@ OPEN = changed(
 PROGRAMS = {
     "a grid": TANK,
     "computed": OPEN,
-    "half-spaces": HALF_SPACES.replace("PREDICATES", "").replace("MORE", ""),
     "an induction": PLANNER,
 }
 
@@ -86,8 +84,6 @@ STAGES = {
     "free_phase": ("soter.certificate.grid.group_claims", "computed"),
     "rates_are_defined": ("soter.certificate.case_check", "a grid"),
     "axes_seen_by_dm": ("soter.certificate.grid.grid_group", "computed"),
-    "linear_law": ("soter.certificate.polytope.polytope_check", "half-spaces"),
-    "require_affordable": ("soter.certificate.polytope.polytope_check", "half-spaces"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
     "_check_times": ("soter.certificate.induction.induction_problem", "an induction"),
 }

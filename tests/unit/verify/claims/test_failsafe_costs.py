@@ -179,7 +179,7 @@ def test_each_module_s_law_is_given_up_for_itself(cores: list[Core]) -> None:
 def test_a_law_that_keeps_something_is_not_given_up(restore: str, damp: str) -> None:
     """It takes up to 200 holds to come back, and none of its cells is followed for nothing."""
     (proof,) = law_of(filled(SWING, RESTORE=restore, DAMP=damp)).proofs
-    engine, allowed = proof.engine, proof.found.allowed  # type: ignore[attr-defined]
+    engine, allowed = proof.engine, proof.found.allowed
     limited, free = (engine.core(allowed, vain=vain) for vain in (0.001, 0.0))
     assert np.array_equal(limited.witness, free.witness)
     assert free.cells.any()
@@ -189,7 +189,7 @@ def test_a_law_that_keeps_something_is_not_given_up(restore: str, damp: str) -> 
 
 def test_what_is_given_up_does_not_hang_on_threads() -> None:
     (proof,) = law_of(filled(TRUCK, **HOPELESS["a disturbance moves it"])).proofs
-    engine, allowed = proof.engine, proof.found.allowed  # type: ignore[attr-defined]
+    engine, allowed = proof.engine, proof.found.allowed
     told = []
     for threads in (1, 2):
         engine.threads = threads

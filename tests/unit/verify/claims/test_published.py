@@ -36,8 +36,8 @@ def proved_of(text: str) -> ModuleResult:
 def ends_of(module_result: ModuleResult) -> tuple[float, float]:
     """Of K, along its one axis; (1, 0) where there is none."""
     (proof,) = module_result.cases[0].proofs
-    kept = proof.found.core > 0  # type: ignore[attr-defined]
-    edges = proof.engine.edges[0]  # type: ignore[attr-defined]
+    kept = proof.found.core > 0
+    edges = proof.engine.edges[0]
     if not kept.any():
         return 1.0, 0.0
     return float(edges[kept.argmax()]), float(edges[len(kept) - kept[::-1].argmax()])

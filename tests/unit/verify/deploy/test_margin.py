@@ -17,9 +17,9 @@ from long_tests import examples, seeds
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.level_tables import GroupTable
 from soter.verify.deploy.missing_predicates import looks_of
-from soter.verify.polytope.tables import Facets
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import DiscreteParameter, texts
+from soter.verify.tubes.tube_check import TubeLevels
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -163,16 +163,16 @@ def test_a_late_decision_module_is_taken_off(tmp_path: Path) -> None:
 
 
 def test_levels_do_not_count_where_the_argument_has_a_gap(tmp_path: Path) -> None:
-    """Maps, half-spaces, and a table for several values of a parameter: just the next look."""
+    """Maps, checks in flight, and a table for several values of a parameter: just the next look."""
     cart(tmp_path, levels=6, command=RUSH)
     flat = system_of(check_file(str(tmp_path / "cart.soter")), "S")
     problem = extract(flat, flat.modules[0])
     assert problem.kind == "flow"
     table: Any = GroupTable((), (), np.zeros(1, dtype=np.uint8))
-    facets: Any = object.__new__(Facets)
+    check: Any = object.__new__(TubeLevels)
     sides = DiscreteParameter("side", (0, 1))
     assert looks_of(problem, [table]) == 5
-    assert looks_of(problem, [table, facets]) == 1
+    assert looks_of(problem, [table, check]) == 1
     assert looks_of(replace(problem, kind="map"), [table]) == 1
     assert looks_of(replace(problem, parameters=(sides,)), [table]) == 1
 

@@ -173,20 +173,6 @@ def test_the_worst_parameter_value_is_named() -> None:
     assert every.vacuity.text.startswith("with every parameter value AC never")
 
 
-@pytest.mark.long
-def test_a_polytope_is_measured_too() -> None:
-    grid = ("grid level in [0.2, 1.8] / 320", "polytope level in [0.2, 1.8]")
-    near = ("safer level > 0.4 && level < 1.6", "safer level > 0.9 && level < 1.1")
-    useful = proved(changed(grid, near, (TTF, "ttf level < 0.88 || level > 1.12;")))
-    assert useful.vacuity is None
-    useless = proved(changed(grid, near, (TTF, "ttf level > -5.0;")))
-    assert useless.vacuity is not None
-    assert (useless.vacuity.how_often, useless.vacuity.what) == ("never", "ttf")
-    sliver = proved(changed(grid, near, (TTF, "ttf level < 1.0 || level > 1.0005;")))
-    assert sliver.vacuity is not None
-    assert sliver.vacuity.how_often == "hardly ever"
-
-
 def test_computed_predicates_are_measured_as_deployed() -> None:
     text = changed((TTF, ""), ("safer level > 0.4 && level < 1.6;", ""))
     assert proved(text).vacuity is None

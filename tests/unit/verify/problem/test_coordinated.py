@@ -121,29 +121,6 @@ def test_looking_at_a_mode_is_proved_and_rechecked(
     assert any(a.key == "waits KeepY" for a in module.assumptions) == waits
 
 
-@pytest.mark.parametrize(
-    ("changes", "verdicts"),
-    [
-        ([], ("proved", "proved", "proved")),
-        ([OR, AND], ("proved", "proved", "assumed")),
-        ([(TTF, OR[1].replace("||", "&&"))], ("proved", "undecided", "proved")),
-        ([(SAFER, AND[1].replace("&&", "||"))], ("proved", "undecided", "assumed")),
-        ([SLOWER], ("undecided", "undecided", "undecided")),
-    ],
-    ids=["nobody", "ttf and safer", "ttf and a mode", "safer or a mode", "SC"],
-)
-def test_half_spaces_know_predicates_with_modes_and_no_law_with_one(
-    tmp_path: Path, changes: list[tuple[str, str]], verdicts: tuple[str, str, str]
-) -> None:
-    text = changed(GRID, *changes, ("grid x in [-2.0, 2.0] / 100", "polytope x in [-1.9, 1.9]"))
-    text = text.replace("-2.0 * x", "-0.4 * x").replace("-1.0 * x", "-0.3 * x")
-    text = text.replace("abs(x) > 1.6", "abs(x) > 1.2").replace("abs(x) < 1.3", "abs(x) < 1.0")
-    module_result = verified(tmp_path, text=text)["KeepX"]
-    assert tuple(module_result.findings[p].verdict for p in ("P2a", "P3", "P2b")) == verdicts
-    if "undecided" not in verdicts:
-        assert rechecked(tmp_path).safe
-
-
 @pytest.mark.long
 def test_what_is_taken_for_granted_stands_in_the_table(tmp_path: Path) -> None:
     report = verified(tmp_path, OR, AND, module=None)

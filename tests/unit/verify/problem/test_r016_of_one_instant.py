@@ -41,7 +41,6 @@ rta M {
 system S { p: P; module M; }
 """
 SILENT = ("verify {", "verify { dropout 30ms;")
-HALF_SPACES = (" / 90, vel in [-9.0, 9.0] / 90", ", vel in [-9.0, 9.0]"), ("grid", "polytope")
 WHEELS = """
 topic raw: float in [-9.0, 9.0] max_age 60ms;
 topic fast: float in [-9.0, 9.0] max_age 60ms;
@@ -100,12 +99,6 @@ CASES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "which may fall silent: each has an age of its own": ("", (SILENT,)),
     "a state in both": ("", TWICE),
     "a state in both, which may fall silent": ("SC", (*TWICE, SILENT)),
-    "half-spaces": ("", HALF_SPACES),
-    "half-spaces of topics that may fall silent": ("SC", (*HALF_SPACES, SILENT)),
-    "half-spaces of one that may": (
-        "",
-        (*HALF_SPACES, SILENT, ("clamp(-pos - vel,", "clamp(-pos,")),
-    ),
     "one by a node": (
         "the DM",
         (*FLYING, DIRECTLY, ("node", RELAY), ("NODES", "node Relay;")),

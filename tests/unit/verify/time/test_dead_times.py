@@ -101,7 +101,6 @@ def test_a_wrong_oven_is_not_proved(name: str) -> None:
     [
         [("  verify {", "  failsafe power = 0.5;\n  verify {")],
         [("  verify {", "  shield 8;\n  verify {")],
-        [("grid temp", "polytope temp"), ("] / 320", "]")],
     ],
 )
 def test_where_no_proof_is_known_it_is_refused(changes: list[tuple[str, str]]) -> None:

@@ -388,7 +388,7 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
     verify = decl.verify
     if verify is None:
         return
-    yield from ((group.kind, group.span) for group in verify.groups)
+    yield from (("grid", group.span) for group in verify.groups)
     yield from (("view", view.span) for view in verify.views)
     words = ("levels", "levels"), ("enters", "enters"), ("core", "core")
     for word, field in (*words, ("recover within", "recover")):

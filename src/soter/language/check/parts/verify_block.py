@@ -1,6 +1,6 @@
 """Checks `verify` blocks: names, types and constants of what `soter verify` needs.
 
-Purpose: turns grids, polytopes, abstractions, commands and times into a `TypedVerifyBlock`.
+Purpose: turns grids, abstractions, commands and times into a `TypedVerifyBlock`.
 Non-goals: values of the numbers (`elaborator.py`), whether they determine a problem (`verify/`).
 """
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from soter.language.syntax import tree
 
 AxisKey = tuple[object, tuple[str, ...]]
+Place = tuple["typed.TopicSymbol | None", tuple[str, ...], "typed.PlantSymbol | None"]
+"""What an axis names: (topic, path, None), or (None, path, plant) of a plant's state."""
 
 
 class VerifyChecker(CheckerPart):
@@ -131,7 +133,7 @@ class VerifyChecker(CheckerPart):
                 if (axis := self._axis(module, item, verify, scope)) is not None
                 and self._is_new_axis(axis, item, seen)
             )
-            groups.append(typed.TypedAxisGroup(group.kind, axes, group.span))
+            groups.append(typed.TypedAxisGroup(axes, group.span))
         return groups
 
     def _is_new_axis(
@@ -161,24 +163,31 @@ class VerifyChecker(CheckerPart):
     ) -> typed.TypedGridAxis | None:
         number = self.shared.number
         context = Context(scope, "a `verify` block")
-        low = high = cells = end = None
-        if item.interval is not None:
-            low = number(item.interval.low, context, FLOAT, "a bound")
-            high = number(item.interval.high, context, FLOAT, "a bound")
-        if item.cells is not None:
-            cells = number(item.cells, context, INT, "the number of cells")
+        low = number(item.interval.low, context, FLOAT, "a bound")
+        high = number(item.interval.high, context, FLOAT, "a bound")
+        cells = number(item.cells, context, INT, "the number of cells")
+        end = None
         if item.open is not None:
             end = number(item.open, context, FLOAT, "the end of an open axis")
         place = self._place(module, item.path, verify, scope)
-        if place is None or (low is not None and high is not None and is_error(low, high)):
+        if place is None or is_error(low, high):
             return None
         if is_error(*(e for e in (cells, end) if e is not None)):
             return None
-        axis, t = place
+        (topic, path, plant), t = place
         if isinstance(t, FloatType):
-            axis.low, axis.high, axis.cells, axis.open = low, high, cells, end
-            axis.unbounded = item.unbounded
-            return axis
+            return typed.TypedGridAxis(
+                topic=topic,
+                path=path,
+                low=low,
+                high=high,
+                cells=cells,
+                span=item.path.span,
+                instance="" if plant is None else item.path.parts[0].text,
+                plant=plant,
+                open=end,
+                unbounded=item.unbounded,
+            )
         self.diagnostics.error(
             "T001",
             f"expected `float`, found `{t}`",
@@ -194,7 +203,7 @@ class VerifyChecker(CheckerPart):
         path: tree.DottedPath,
         verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
-    ) -> tuple[typed.TypedGridAxis, Type] | None:
+    ) -> tuple[Place, Type] | None:
         """The leaf that an axis names, of a verification plant's state or a topic; None: error."""
         first = path.parts[0].text
         plants = {link.name: link.plant for link in module.verify.abstracts}
@@ -209,27 +218,13 @@ class VerifyChecker(CheckerPart):
         topic = self.shared.topic_path(path, scope)
         if topic is None:
             return None
-        return typed.TypedGridAxis(
-            topic=topic[0], path=topic[1], low=None, high=None, cells=None, span=path.span
-        ), topic[2]
+        return (topic[0], topic[1], None), topic[2]
 
     def _state(
         self, path: tree.DottedPath, plant: typed.PlantSymbol, scope: FileScope
-    ) -> tuple[typed.TypedGridAxis, Type] | None:
+    ) -> tuple[Place, Type] | None:
         below = part_of(self.shared, plant.truth, path.parts, scope, plant)
-        if below is None:
-            return None
-        axis = typed.TypedGridAxis(
-            topic=None,
-            path=below[0],
-            low=None,
-            high=None,
-            cells=None,
-            span=path.span,
-            instance=path.parts[0].text,
-            plant=plant,
-        )
-        return axis, below[1]
+        return None if below is None else ((None, below[0], plant), below[1])
 
     def _instances(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
         """Instance name -> plant, for all plants beside the module in some system."""

@@ -154,6 +154,13 @@ class BodyParser(StatementParser):
         word, kind = self.texts[self.i], self.kinds[self.i]
         if word == "period" and what == self.without_period:
             raise Panic  # that it stands before the body was told
+        if word == "polytope" and "grid" in items:
+            raise self.failure(
+                "S026",
+                "half-spaces (`polytope`) are gone since 1.0.0",
+                notes=("states that follow others need a grid of one cell, docs/autopilot.md, 3",),
+                helps=("write a `grid`, and where that is too dear `rest`",),
+            )
         message = f"expected an item of {what}, found {self.found()}"
         if self._at_loose_statement():
             self._loose_statements(message, items)

@@ -193,15 +193,11 @@ def pair(*parts: object) -> tuple[object, ...]:
 # ---------------------------------------------------------------- ways to read an item
 
 
-def made(make: Callable[..., Any], *steps: Step, kind: bool = False) -> Read:
-    """A reader that makes a node of what the steps read (the last reads the `;`), and its span.
+def made(make: Callable[..., Any], *steps: Step) -> Read:
+    """A reader that makes a node of what the steps read (the last reads the `;`), and its span."""
 
-    `kind`: the item's word is the node's first argument.
-    """
-
-    def read(parser: Cursor, word: str, start: int) -> Any:  # noqa: ANN401 - a node
-        found = values_of(parser, *steps)
-        return make(*([word] if kind else ()), *found, parser.span_from(start))
+    def read(parser: Cursor, _word: str, start: int) -> Any:  # noqa: ANN401 - a node
+        return make(*values_of(parser, *steps), parser.span_from(start))
 
     return read
 

@@ -1,7 +1,7 @@
 """Parses `rta` declarations (modules) and their `verify` blocks.
 
 Purpose: the tables of the items in both bodies, and the readers of these items. A `verify` block
-has grids, polytopes, abstractions, commands and times for `soter verify`.
+has grids, abstractions, commands and times for `soter verify`.
 Non-goals: what the names mean (`language/check/parts/verify_block.py`), well-formedness (P1a, P1b:
 `language/elaborate/wellformed.py`).
 """
@@ -127,20 +127,13 @@ _CELLS = group(
     word("/", "and the number of cells after the range of the axis"),
     expr("the number of cells"), _open,
 )  # fmt: skip
-_RANGE = group(
-    lambda place, within: tree.GridAxis(place, within, None),
-    dotted("a state or a field of a topic"), maybe("in", range_of("the range of the axis")),
-)  # fmt: skip
 _ABSTRACTION = group(
     tree.Abstraction, name("the name of an abstraction"),
     word(":", "after the name of the abstraction"), ref("the name of a plant"),
     assign("after the abstract plant"), expr("the abstract state"),
 )  # fmt: skip
 VIEW_ITEMS: Items = {
-    "grid": often("groups", made(tree.AxisGroup, commas(_CELLS), semicolon("the grid"), kind=True)),
-    "polytope": often(
-        "groups", made(tree.AxisGroup, commas(_RANGE), semicolon("the polytope"), kind=True)
-    ),
+    "grid": often("groups", made(tree.AxisGroup, commas(_CELLS), semicolon("the grid"))),
     "abstracts": often(
         "abstracts",
         only(

@@ -1,1 +1,0 @@
-"""Sets of states of linear groups as polytopes, and the claims proved with them."""
