@@ -32,7 +32,6 @@ from soter.report.run.record import (
     Violation,
     Way,
 )
-from soter.simulate import decisions
 from soter.simulate.result_assumptions import run_assumptions
 
 if TYPE_CHECKING:
@@ -240,7 +239,7 @@ class Mission:
     def decisions(self, module: str) -> tuple[Decision, ...]:
         """What a module's DM decided; of the planner's, what it had against the plan."""
         against = {p.time_s: f"`{p.why}`: no plan for the request" for p in self.watch.turned_down}
-        changes = [d for d in decisions.changes(self.run) if d.module == module]
+        changes = [d for d in self.run.decisions if d.module == module]
         reasons = [
             against.get(d.time_ns / 1e9, d.reason) if module == PLANNER else d.reason
             for d in changes

@@ -16,7 +16,6 @@ import numpy as np
 
 import soter
 from soter.report.run.record import Decision
-from soter.simulate import decisions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -213,7 +212,7 @@ class Exploration:
         """Every change of mode."""
         return tuple(
             Decision(d.time_ns / 1e9, d.module, d.after, d.reason, d.saw.predicates())
-            for d in decisions.changes(self.run)
+            for d in self.run.decisions
         )
 
 

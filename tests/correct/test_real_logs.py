@@ -21,7 +21,6 @@ from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import IntType, leaves
 from soter.monitor.derived_signals import slopes
-from soter.simulate.decisions import changes
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -104,7 +103,7 @@ def test_a_run_read_as_a_foreign_log_is_decided_as_it_was(
     assert list(judged.nodes) == nodes
     (module,) = run.modules.values()
     assert module.gate_faults == 0
-    told = [(c.time_ns / 1e9, c.after, c.reason) for c in changes(run)]
+    told = [(c.time_ns / 1e9, c.after, c.reason) for c in run.decisions]
     before = [change for change in told if change[0] < judged.from_s]
     told = [(judged.from_s, *change[1:]) for change in before[-1:]] + told[len(before) :]
     assert judged.from_s <= 0.02, "all was published by then"

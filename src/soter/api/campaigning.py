@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import end_of, require_writable, time_ns
 from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, kept_measurement
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fly_campaign import Workers, cluster, fly, fly_batches, require_ray
+from soter.campaign.fly_campaign import RayCluster, cluster, fly, fly_batches, require_ray
 from soter.campaign.page import write_page
 from soter.campaign.result import (
     ORDER,
@@ -226,7 +226,7 @@ def _fly_arm(
     folder: Path,
     about: CampaignIdentity,
     count: int,
-    workers: int | Workers,
+    workers: int | RayCluster,
     progress: Progress,
 ) -> FlownArm:
     began = time.perf_counter()

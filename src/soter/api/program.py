@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from soter.api.arguments import Progress, Tell
-    from soter.api.assurance.safety_case import Assurance
     from soter.api.diagrams import Diagram
     from soter.api.running import PreparedSystems
     from soter.campaign.result import Campaign
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
     from soter.native.bindings import Bindings
+    from soter.report.safety_case import Assurance
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package

@@ -32,11 +32,13 @@ from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from contextlib import AbstractContextManager
 
     from soter.campaign.batch_flights import Fleet
     from soter.campaign.compiled_unit import Recipe
     from soter.campaign.store import CampaignStore, FlightOutcome
+
+    AskFlights = Callable[[Sequence[int], int], "PendingBatch"]
+    """Asks for the flights of these numbers, from a first seed."""
 
 
 AHEAD = 4
@@ -53,29 +55,11 @@ class PendingBatch(Protocol):
         """Cancel it: nobody wants its flights any more."""
 
 
-class FlightWorkers(Protocol):
-    """Workers that fly one recipe."""
-
-    def __call__(self, numbers: Sequence[int], first_seed: int, /) -> PendingBatch:
-        """Ask for the flights of these numbers."""
-
-
-class Workers(Protocol):
-    """Something that flies instead of threads of this process."""
-
-    @property
-    def cores(self) -> int:
-        """How many batches are flown at once."""
-
-    def crew(self, recipe: Recipe) -> AbstractContextManager[FlightWorkers]:
-        """The workers for this recipe, until the block ends."""
-
-
 def fly(
     fleet: Fleet,
     store: CampaignStore,
     count: int,
-    workers: int | Workers,
+    workers: int | RayCluster,
     progress: Callable[[float], None],
 ) -> None:
     """Fly those of `count` flights that the store has not yet, in order, and store each batch."""
@@ -86,7 +70,7 @@ def fly(
 
 
 def fly_batches(
-    fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | Workers
+    fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | RayCluster
 ) -> Iterator[list[FlightOutcome]]:
     """The flights of these numbers, a batch at a time, in that order."""
     batches = deque(numbers[k : k + fleet.at_once] for k in range(0, len(numbers), fleet.at_once))
@@ -105,7 +89,7 @@ def fly_batches(
 
 
 @contextmanager
-def _threads(fleet: Fleet, workers: int) -> Iterator[FlightWorkers]:
+def _threads(fleet: Fleet, workers: int) -> Iterator[AskFlights]:
     """C runs without Python's lock, so threads are enough."""
     with ThreadPoolExecutor(workers) as pool:
         yield lambda numbers, first: pool.submit(fleet.fly, numbers, first)
@@ -168,7 +152,7 @@ class RayCluster:
     cores: int
 
     @contextmanager
-    def crew(self, recipe: Recipe) -> Iterator[FlightWorkers]:
+    def crew(self, recipe: Recipe) -> Iterator[AskFlights]:
         """Workers for a recipe: each batch goes to any process of the cluster."""
         ray = self.ray
         packed = pickle.dumps(recipe)

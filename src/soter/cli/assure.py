@@ -32,7 +32,7 @@ from soter.report.wording import visible
 if TYPE_CHECKING:
     import argparse
 
-    from soter.api.assurance.safety_case import Assurance
+    from soter.report.safety_case import Assurance
 
 EXAMPLES = f"""\
   soter verify cart.soter --cert proof/

@@ -1,6 +1,7 @@
 """A safety case as plain data, in the words of the Goal Structuring Notation, and as StrictDoc.
 
-Purpose: `SafetyCase` holds nodes by id, and finds which goals are supported, from the leaves up.
+Purpose: `SafetyCase` holds nodes by id, and finds which goals are supported, from the leaves up;
+`Assurance` is such a case with its files and what refutes it.
 `Traceability` holds hazards and requirements with the properties they lead to, and open items.
 `ExpandedPredicate` holds a module's predicate for people who do not read the program.
 `sdoc` writes a document for trace matrices of a larger project: a requirement for every goal,
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 
 MEANINGS = {
@@ -123,6 +125,8 @@ class Traceability:
 
 Kind = Literal["goal", "strategy", "solution", "context", "assumption"]
 SUPPORTED, UNDEVELOPED = "supported", "undeveloped"
+RETURNS, LAWS = "G4", "G5"
+"""Ids of the goals about P2b and fail-safe laws."""
 
 
 @dataclass
@@ -243,6 +247,31 @@ class SafetyCase:
             "validation": n.validation,
             "evidence": n.evidence,
         }
+
+
+@dataclass(frozen=True)
+class Assurance:
+    """A safety case and the files that were written.
+
+    `refuted`: a certificate that is rejected, a compiled decision module that differs, a test or a
+    flight that violates a property. `not_rechecked`: why the re-checker neither accepts nor rejects
+    the certificate; "": it does, or there is none.
+    """
+
+    case: SafetyCase
+    files: tuple[Path, ...]
+    refuted: tuple[str, ...]
+    not_rechecked: str = ""
+
+    @property
+    def lawful(self) -> bool:
+        """Whether a fail-safe law is supported for every module."""
+        return any(g.id == LAWS and self.case.status(g) == SUPPORTED for g in self.case.goals)
+
+    @property
+    def returns(self) -> bool:
+        """Whether P2b is supported for every module of which the program asks it."""
+        return all(self.case.status(g) == SUPPORTED for g in self.case.goals if g.id == RETURNS)
 
 
 def sdoc(case: SafetyCase) -> str:

@@ -1,6 +1,6 @@
 """What decision modules of a run saw and did, why, and where SC would have led from there.
 
-Purpose: `steps` gives every DM step of a trace, and `changes` every change of mode, as plain
+Purpose: `steps` gives every DM step of a trace, and `change_records` every change of mode, as plain
 records for logs, reports and terminals. For a decision module with `rest`, `TubeLooks` compiles the
 predicates of a system and asks them again about a state, with a note behind each call of `flow`,
 `safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of the tube, and the part that is not
@@ -14,7 +14,7 @@ import contextlib
 import ctypes
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -311,41 +311,35 @@ class DecisionStepRecord:
         return [] if self.why is None else self.why.words(self.before, self.after)
 
 
-class ObservedRun(Protocol):
-    """What this file needs of a run (`result.Run`)."""
-
-    system: System
-    layout: StateLayout
-    changes: list[ModeChange]
-
-
-def changes(run: ObservedRun) -> list[DecisionStepRecord]:
-    """The DM steps that changed a mode, in order of time.
+def change_records(
+    system: System, layout: StateLayout, changes: Sequence[ModeChange]
+) -> list[DecisionStepRecord]:
+    """The DM steps that changed a mode, in order of time, of a run's `changes`.
 
     For modules with `rest` a step that took control from AC has the part of the tube that failed.
     """
-    explainer = Explainer(run.system, run.layout)
-    found = [change_record(run.system, change, explainer) for change in run.changes]
-    for k, part in _failed_parts(run).items():
+    explainer = Explainer(system, layout)
+    found = [change_record(system, change, explainer) for change in changes]
+    for k, part in _failed_parts(system, changes).items():
         why = found[k].why
         assert why is not None
         found[k] = replace(found[k], why=replace(why, led=part))
     return found
 
 
-def _failed_parts(run: ObservedRun) -> dict[int, str]:
+def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, str]:
     """The failed parts of tubes, by number of the change; empty without a compiler of C."""
-    rests = [m.index for m in run.system.modules if m.symbol.rest is not None]
-    lost = [(k, c) for k, c in enumerate(run.changes) if c.to != "AC" and c.ttf and c.states]
+    rests = [m.index for m in system.modules if m.symbol.rest is not None]
+    lost = [(k, c) for k, c in enumerate(changes) if c.to != "AC" and c.ttf and c.states]
     lost = [(k, c) for k, c in lost if c.module in rests]
-    looks = compile_looks(run.system) if lost else None
+    looks = compile_looks(system) if lost else None
     words_by_change = {}
     for k, c in lost if looks is not None else ():
         assert looks is not None
         assert c.states is not None
         led = looks.follow(c.module, *c.states, judged=True)
         if led.failed:
-            words_by_change[k] = looks.failure_words(run.system.modules[c.module], led)
+            words_by_change[k] = looks.failure_words(system.modules[c.module], led)
     return words_by_change
 
 

@@ -97,7 +97,7 @@ class DecisionReason:
 
     `ttf`, `safer`: their parts (any part makes `ttf` true, all make `safer`); empty where they are
     not `known`. `owed`: how many outputs AC owed. `led`: which part of the tube around SC's runs
-    failed; only for changes of mode (`decisions.changes`).
+    failed; only for changes of mode (`change_records`).
     """
 
     known: bool

@@ -17,7 +17,7 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
 from soter.semantics.configuration import NAN_LOOKS_MAX
-from soter.simulate.decisions import DecisionStepRecord, changes, margins
+from soter.simulate.decisions import DecisionStepRecord, change_records, margins
 from soter.simulate.run_observer import moved_rows, plain_numbers
 
 if TYPE_CHECKING:
@@ -260,7 +260,7 @@ class Run:
         Each has `time_ns`, `module`, `before`, `after`, `reason`, `words` and `why`
         (docs/python.md).
         """
-        return changes(self)
+        return change_records(self.system, self.layout, self.changes)
 
     # Everything below needs a trace: SoterError U001 without one, or for an unknown name.
 

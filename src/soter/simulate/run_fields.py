@@ -8,7 +8,7 @@ Non-goals: printing; what only one example cares about, which it adds itself.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING
 
 from soter.core.layout import decode_from
 from soter.diagnostics.command_records import JsonObject, one_of
@@ -16,7 +16,7 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import FLOAT
 from soter.language.model.values import to_json
 from soter.report.wording import parameters_json
-from soter.simulate.decisions import DecisionStepRecord, PredicateValues, changes
+from soter.simulate.decisions import DecisionStepRecord, PredicateValues
 from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart
 from soter.simulate.stale_reads import Stale
 
@@ -32,7 +32,8 @@ CHANGES_MAX = 1000
 """The most mode changes in the document, which also says how many there were."""
 
 
-class ExplainedStep(Protocol):
+@dataclass(frozen=True)
+class ExplainedStep:
     """A DM step with the values on which it decided."""
 
     words: list[str]
@@ -58,7 +59,7 @@ def _duration_s(run: Run) -> float:
 
 
 def _mode_changes(run: Run) -> list[DecisionStepRecord]:
-    return changes(run)[:CHANGES_MAX]
+    return run.decisions[:CHANGES_MAX]
 
 
 def _mode_changes_total(run: Run) -> int:
@@ -74,7 +75,7 @@ def _time_s(d: DecisionStepRecord) -> float:
 
 
 def _explained_step(d: DecisionStepRecord) -> ExplainedStep | None:
-    return None if d.why is None else cast("ExplainedStep", d)
+    return None if d.why is None else ExplainedStep(d.words, d.why)
 
 
 def _value(o: Operand) -> object:

@@ -163,7 +163,7 @@ def run_chart(run: Run) -> Chart:
         time_s=time_s,
         series=_all_series(run, trace, thin)[:SERIES_MAX],
         modes=bands,
-        decisions=tuple(_decision(d) for d in decisions.changes(run)),
+        decisions=tuple(_decision(d) for d in run.decisions),
         violations=tuple(
             Violation(v.time_s, v.what, times=v.count)
             for v in run.violation_list

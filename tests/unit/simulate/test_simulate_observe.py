@@ -13,7 +13,7 @@ import pytest
 
 from soter.semantics.externs import Stop
 from soter.simulate import run_observer
-from soter.simulate.decisions import PredicateValues, changes, reason, steps
+from soter.simulate.decisions import PredicateValues, reason, steps
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.interrupt import StopRequest, stoppable
 from soter.simulate.run import NativeProgram, run_interpreted
@@ -71,7 +71,7 @@ def test_changes_are_found_across_blocks(cart: Cart, monkeypatch: pytest.MonkeyP
 
 def test_decisions_have_reasons(cart: Cart) -> None:
     run = NativeProgram(cart("Protected")).run(5 * S, 1, keep_trace=True)
-    first, second = changes(run)[:2]
+    first, second = run.decisions[:2]
     assert (first.before, first.after, first.reason) == (
         "SC",
         "AC",
@@ -84,7 +84,7 @@ def test_decisions_have_reasons(cart: Cart) -> None:
     explainer = Explainer(run.system, run.layout)
     every = list(steps(run.system, run.require_trace(), None, explainer))
     assert len(every) == 101
-    assert [d for d in every if d.before != d.after] == changes(run)
+    assert [d for d in every if d.before != d.after] == run.decisions
 
 
 def test_every_reason_is_said() -> None:

@@ -14,7 +14,7 @@ import json
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
@@ -27,26 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.api.arguments import Tell
+    from soter.api.program import Program
     from soter.campaign.store import FlightOutcome
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
-
-
-class AssuredProgram(Protocol):
-    """What a case needs of `soter.api.Program`, which this package cannot import."""
-
-    path: str
-
-    def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
-        """A new flat system with computed predicates."""
-
-    def declared(
-        self, system: str | None = None, params: Mapping[str, object] | None = None
-    ) -> System:
-        """A new flat system as it is declared."""
-
-    def explore(self, *, params: Mapping[str, object] | None, output: None) -> ExploreReport:
-        """Explores every test now."""
 
 
 OTHER_REPORT = "the report is about another program: the hashes differ"
@@ -77,7 +61,7 @@ class FlightFolder:
 
 
 def replay_flights(
-    program: AssuredProgram,
+    program: Program,
     flat: System,
     params: Any,  # noqa: ANN401 - as given
     given: FlightFolder,
@@ -195,7 +179,7 @@ def _require_sound(about: dict[str, Any], rows: list[dict[str, str]]) -> None:
 class Evidence:
     """The files given beside a certificate; `told`: test -> what its report says of it."""
 
-    program: AssuredProgram
+    program: Program
     flat: System
     params: Any
     told: dict[str, dict[str, Any]]
@@ -205,7 +189,7 @@ class Evidence:
 
     @staticmethod
     def read(
-        program: AssuredProgram,
+        program: Program,
         flat: System,
         params: Any,  # noqa: ANN401 - as given
         test_report: str | Path | None,

@@ -27,7 +27,7 @@ from soter.api.assurance.certificate_check import (
     proof_of,
     provenance_of,
 )
-from soter.api.assurance.evidence import AssuredProgram, Evidence
+from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_inlining import expanded
 from soter.api.rechecking import require_flint
@@ -37,13 +37,14 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.report.atomic_write import own_place
-from soter.report.safety_case import SUPPORTED, CaseNode, SafetyCase, sdoc
+from soter.report.safety_case import LAWS, RETURNS, SUPPORTED, Assurance, CaseNode, SafetyCase, sdoc
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.api.arguments import Progress, Tell
+    from soter.api.program import Program
     from soter.certificate.folder import Certificate
     from soter.certificate.report import RecheckAssumption, RecheckedModule
     from soter.language.model.system import Module, System
@@ -136,8 +137,8 @@ MODULES = (
     "property, all of them together are kept)"
 )
 RECHECKED = "certificate, checked again just now by the independent re-checker"
-RETURNS, LAWS, COMPILED = "G4", "G5", "G6"
-"""Ids of the goals beside the top goal."""
+COMPILED = "G6"
+"""The id of the goal about compiled switches."""
 
 
 @dataclass(frozen=True)
@@ -320,33 +321,8 @@ FILES = ("index.html", "case.json", "case.sdoc")
 FLOWN_AGAIN = 20
 
 
-@dataclass(frozen=True)
-class Assurance:
-    """A safety case and the files that were written.
-
-    `refuted`: a certificate that is rejected, a compiled decision module that differs, a test or a
-    flight that violates a property. `not_rechecked`: why the re-checker neither accepts nor rejects
-    the certificate; "": it does, or there is none.
-    """
-
-    case: SafetyCase
-    files: tuple[Path, ...]
-    refuted: tuple[str, ...]
-    not_rechecked: str = ""
-
-    @property
-    def lawful(self) -> bool:
-        """Whether a fail-safe law is supported for every module."""
-        return any(g.id == LAWS and self.case.status(g) == SUPPORTED for g in self.case.goals)
-
-    @property
-    def returns(self) -> bool:
-        """Whether P2b is supported for every module of which the program asks it."""
-        return all(self.case.status(g) == SUPPORTED for g in self.case.goals if g.id == RETURNS)
-
-
 def assure(
-    program: AssuredProgram,
+    program: Program,
     output: str | Path,
     *,
     cert: str | Path | None = None,

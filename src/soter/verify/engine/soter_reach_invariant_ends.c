@@ -1,7 +1,7 @@
 /* What does not move: ends of the grid that the plant keeps, ends that are none, and states that
  * stand still, or go one way only.
  * Purpose: the two places where rounding outward would turn a closed cell into a larger one.
- * Non-goals: finding the ends that are kept (verify/grid/grid_problem.py).
+ * Non-goals: finding the ends that are kept (verify/grid/group_model.py).
  *
  * Ends. g->kept_low[i] says that x_i' >= 0 wherever x_i lies in a strip below the lowest edge e,
  * everything else in its range. A run that is at e or above then never gets below: were x_i(t) < e,
