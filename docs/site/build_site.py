@@ -27,6 +27,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from site_menu import NAV, README, TARGETS
 from site_text import Rendered, coloured, render
 
+from soter.diagnostics.codes import explain
+
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
 LANGUAGES = {
@@ -223,8 +225,7 @@ class Site:
         folder = self.root / "src" / "soter" / "diagnostics" / "pages"
         pages = [Page(path, "codes.html", path.stem) for path in sorted(folder.glob("*.md"))]
         for page in pages:
-            text = page.source.read_text(encoding="utf-8")
-            text = re.sub(r"^# ", "## ", text)
+            text = re.sub(r"^# ", "## ", explain(page.menu) or "")
             page.done = render(text, lambda link, page=page: self._resolved(page, link))  # type: ignore[misc]
         return pages
 

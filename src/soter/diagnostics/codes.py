@@ -7,6 +7,7 @@ Non-goals: the pages themselves (`pages/*.md`), showing them on a terminal (`cli
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -95,4 +96,31 @@ def _words() -> dict[str, str]:
 @cache
 def _page(code: str) -> str:
     folder = _PAGES / "words" if code in _words().values() else _PAGES
-    return (folder / f"{code}.md").read_text(encoding="utf-8")
+    page = (folder / f"{code}.md").read_text(encoding="utf-8")
+    return _EXAMPLE.sub(_with_remedy, page)
+
+
+_EXAMPLE = re.compile(r"^```soter,wrong\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def _with_remedy(example: re.Match[str]) -> str:
+    """An example as a difference, `-` before what is wrong and `+` before what is right.
+
+    In the file a line `code  // a -> b` has b in place of a, `code  // leave out` goes, and
+    `// and: code` is a line more; without any of them the remedy is said in words.
+    """
+    lines: list[str] = []
+    for line in example[1].splitlines():
+        code, _, remedy = line.partition("  // ")
+        old, arrow, new = remedy.partition(" -> ")
+        if arrow:
+            lines += [f"- {code}", f"+ {code.replace(old, new)}"]
+        elif remedy == "leave out":
+            lines.append(f"- {code}")
+        elif line.lstrip().startswith("// and: "):
+            lines.append("+ " + line.replace("// and: ", "", 1))
+        else:
+            lines.append(f"  {line}".rstrip())
+    if not any(line[:1] in "-+" for line in lines if line):
+        return example[0]
+    return "\n".join(["```diff", *lines, "```"])

@@ -1,8 +1,4 @@
-"""The example of a page of `soter explain`: as it stands, and with the remedy in its comments.
-
-A line `code  // a -> b` says b in place of a, `code  // leave out` says nothing, and `// and: code`
-is a line more.
-"""
+"""The example of a page of `soter explain`: as it stands, and with its remedy."""
 
 from __future__ import annotations
 
@@ -18,27 +14,20 @@ def wrong(code: str) -> str:
     """The one example of a page, which gives its code."""
     page = explain(code)
     assert page is not None
-    (example,) = re.findall(r"^```soter,wrong\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    assert (example == _mended(example)) == (code in IN_WORDS)
-    return str(example)
+    if code in IN_WORDS:
+        (example,) = re.findall(r"^```soter,wrong\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+        return str(example)
+    return _side(code, "- ")
 
 
 def mended(code: str) -> str:
     """The example with its remedy; "" where that is said in words."""
-    return "" if code in IN_WORDS else _mended(wrong(code))
+    return "" if code in IN_WORDS else _side(code, "+ ")
 
 
-def _mended(example: str) -> str:
-    lines = []
-    for line in example.splitlines():
-        more = re.fullmatch(r"( *)// and: (.*)", line)
-        code, _, remedy = line.partition("  // ")
-        old, arrow, new = remedy.partition(" -> ")
-        if more is not None:
-            lines.append(more[1] + more[2])
-        elif arrow:
-            assert code.count(old) == 1, line
-            lines.append(code.replace(old, new))
-        elif remedy != "leave out":
-            lines.append(line)
-    return "\n".join(lines) + "\n"
+def _side(code: str, kept: str) -> str:
+    """One side of the difference that a page shows."""
+    (example,) = re.findall(r"^```diff\n(.*?)^```$", explain(code) or "", re.MULTILINE | re.DOTALL)
+    lines = [line for line in example.splitlines() if line[:2] in ("", "  ", kept)]
+    assert any(line[:2] in ("- ", "+ ") for line in example.splitlines()), code
+    return "".join(f"{line[2:]}\n" for line in lines)
