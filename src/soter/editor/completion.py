@@ -15,15 +15,14 @@ from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Source
 from soter.editor import hover
-from soter.editor.hover import head, shape_text
-from soter.editor.name_definitions import Definition, NameIndex, Shape
-from soter.editor.name_resolution import Members
+from soter.editor.hover import head, type_text
 from soter.language.syntax import tree
 from soter.language.syntax.tokens import NAME, lex
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.editor.name_definitions import Definition, NameIndex
     from soter.language.load.loader import LoadedFile
 
 
@@ -296,20 +295,15 @@ def _behind_dots(
     if not cursor.dotted:
         return
     first, *rest = cursor.dotted
-    members = Members(index)
-    shape: Shape | None = None
-    if first in names:
-        d = names[first]
-        instance = d.kind == "instance" or d.kind in {"module", "node"}
-        shape = d.shape
-        if instance and shape is None and isinstance(d.node, tree.Decl):
-            shape = Shape(d.node, d.file)
-    elif first == "Mode":
+    members = index.members
+    assert members is not None
+    of = names[first].of if first in names else None
+    if first == "Mode" and first not in names:
         yield from (lsp.CompletionItem(m, kind=KIND.EnumMember) for m in ("AC", "SC"))
     for name in rest:
-        shape = members.after(shape, name)
+        of = members.after(of, name)
     wanted = _wanted_behind(cursor)
-    for name, detail, kind in members.inside(shape):
+    for name, detail, kind in members.inside(of):
         if wanted is None or kind in wanted or kind in {"field", "member", "state", "len"}:
             yield lsp.CompletionItem(name, kind=ICONS.get(kind, KIND.Field), detail=detail)
 
@@ -338,7 +332,7 @@ def _word(word: str, body: str) -> lsp.CompletionItem:
 
 
 def _named(d: Definition, near: str) -> lsp.CompletionItem:
-    detail = shape_text(d.shape) if not isinstance(d.node, tree.Decl) else _one_line(head(d))
+    detail = type_text(d) if not isinstance(d.node, tree.Decl) else _one_line(head(d))
     return lsp.CompletionItem(
         d.name, kind=ICONS.get(d.kind, KIND.Variable), detail=detail, sort_text=f"{near}{d.name}"
     )

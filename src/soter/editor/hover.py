@@ -10,16 +10,10 @@ Non-goals: where the mouse is (`requests.py`); the reference (`docs/language.md`
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.name_definitions import (
-    Definition,
-    PlantTruth,
-    Shape,
-    UndeclaredArray,
-    UndeclaredRecord,
-)
 from soter.editor.protocol_conversions import path_of_span
 from soter.language.check.constants_and_types import Calculator
 from soter.language.load.loader import LoadedFile
@@ -34,6 +28,7 @@ from soter.language.syntax.parsing.systems import FAULT_ITEMS, SYSTEM_ITEMS, TES
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.editor.name_definitions import Definition
     from soter.language.front_end import CheckResult
     from soter.language.model.typed import TopicSymbol, TypedExpr, TypedProgram
 
@@ -41,6 +36,8 @@ if TYPE_CHECKING:
 LINES_MAX = 12
 """How many lines of a declaration are shown."""
 VALUE_MAX = 200
+PREFIX = re.compile(r"(?:[A-Za-z_]\w*\.)+(?=[A-Za-z_])")
+"""What stands before the names of imported types."""
 BUDGETS = (20_000, 200_000)
 """Most operations for one number, and for all numbers, as a person waits for them."""
 
@@ -64,12 +61,12 @@ def head(d: Definition) -> str:
     if isinstance(node, tree.FunDecl) and d.kind == "function":
         return " ".join(_first(node.span.text, "{").split()).rstrip(";")
     if d.kind in {"field", "argument"}:
-        return f"({d.kind}) {d.name}: {shape_text(d.shape)}"
+        return f"({d.kind}) {d.name}: {type_text(d)}"
     if d.kind == "member":
         assert isinstance(node, tree.TypeDecl)
         return f"(member) {node.name.text}.{d.name}"
     if d.kind in {"let", "loop variable"} and getattr(node, "type", None) is None:
-        return f"({d.kind}) {d.name}: {shape_text(d.shape)}"
+        return f"({d.kind}) {d.name}: {type_text(d)}"
     text = getattr(node, "span", d.span).text
     if d.kind == "instance":
         text = _first(text, "{").rstrip()
@@ -200,25 +197,14 @@ def shown(t: Type, value: Value) -> str:
     return text if len(text) <= VALUE_MAX else text[:VALUE_MAX] + "..."
 
 
-def shape_text(shape: Shape | None) -> str:
-    """A shape as a type is written."""
-    if shape is None or not shape.of:
-        return "?"
-    of = shape.of
-    if isinstance(of, str):
-        return of
-    if isinstance(of, LoadedFile):
+def type_text(d: Definition) -> str:
+    """The type of a definition as it is written, else as the checker says it."""
+    written = d.node[1] if isinstance(d.node, tuple) else getattr(d.node, "type", None)
+    if isinstance(written, tree.TypeExpr):
+        return " ".join(written.span.text.split())
+    if isinstance(d.of, LoadedFile):
         return "import"
-    if isinstance(of, PlantTruth):
-        return f"{of.plant.name.text}.truth"
-    if isinstance(of, UndeclaredRecord):
-        fields = ", ".join(f"{name.text}: {shape_text(s)}" for name, s in of.fields)
-        return f"{{ {fields} }}" if fields else "{}"
-    if isinstance(of, UndeclaredArray):
-        return f"{shape_text(of.element)}[{of.length}]"
-    if isinstance(of, tree.Decl):
-        return of.name.text
-    return " ".join(of.span.text.split())
+    return "?" if d.of is None else PREFIX.sub("", getattr(d.of, "name", None) or str(d.of))
 
 
 PLACES: dict[str, tuple[str, ...]] = {

@@ -1,9 +1,8 @@
 """The index of names: what each name means at each place; it answers every request about names.
 
 Purpose: holds definitions, their uses in all files of a program, which locals are visible where,
-and the shape of what a name stands for (what may follow a dot), as far as the text shows it.
-Non-goals: finding them out (`name_resolution.py`); whether the program is right
-(`language/check/`).
+and what a name stands for (what may follow a dot), as the checker found it.
+Non-goals: finding them out (`name_resolution.py`, `language/check/`).
 """
 
 from __future__ import annotations
@@ -18,52 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.diagnostics.diagnostic import Source, Span
+    from soter.editor.name_resolution import Members
     from soter.language.load.loader import LoadedFile
-    from soter.language.syntax import tree
-
-
-@dataclass(frozen=True)
-class PlantTruth:
-    """`plant.truth`: the states of a plant as fields."""
-
-    plant: tree.PlantDecl
-
-
-@dataclass(frozen=True)
-class UndeclaredRecord:
-    """A record literal where no type is expected: name and shape of each field."""
-
-    fields: tuple[tuple[tree.Name, Shape | None], ...]
-
-
-@dataclass(frozen=True)
-class UndeclaredArray:
-    """An array literal where no type is expected: the shape of an element, and their number."""
-
-    element: Shape
-    length: int
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What a name or an expression stands for, so what may follow a dot after it.
-
-    `of` is a type expression; the name of a builtin type; a declaration, for a name that means one
-    or an instance of one; `PlantTruth`; `UndeclaredRecord`; `UndeclaredArray`; or a file, for the
-    name of an import.
-    """
-
-    of: (
-        tree.TypeExpr
-        | tree.Decl
-        | PlantTruth
-        | UndeclaredRecord
-        | UndeclaredArray
-        | LoadedFile
-        | str
-    )
-    file: LoadedFile
-    """The file in which the names in `of` are looked up."""
 
 
 @dataclass(eq=False)
@@ -76,7 +31,8 @@ class Definition:
     """Where the name is declared."""
     node: object
     file: LoadedFile
-    shape: Shape | None = None
+    of: object = None
+    """What it stands for: a type, the symbol of a plant, node, module or system, or a file."""
     owner: Definition | None = None
     """The declaration that contains this one; or None."""
 
@@ -111,6 +67,8 @@ class NameIndex:
     """System declaration -> its instances by name, each with what it is an instance of."""
     reach: dict[int, list[tuple[int, int, Definition]]] = field(default_factory=dict)
     """Source -> (start, end, local) of the text in which each local is visible."""
+    members: Members | None = None
+    """Who finds names after a dot."""
     _uses: dict[int, dict[tuple[int, int], Use]] = field(default_factory=dict)
     _starts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 

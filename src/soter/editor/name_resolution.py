@@ -1,428 +1,461 @@
-"""Finds what every name of a program means, from its syntax trees alone.
+"""Finds what every name of a program means: the checker says it, of unfinished programs too.
 
-Purpose: makes an index also of unfinished programs: names that it cannot resolve are left out. The
-rules are those of `language/check/` (own file, then prelude; locals first); a test compares both.
-Non-goals: reporting errors.
+Purpose: lists what the trees declare, and asks one run of the checker what it took each name for.
+Paths that are only resolved in flat systems (`late`, `replace`), and names in a declaration that
+the checker left, as a part of it is missing, are followed name by name, from what the checker knows
+of the one before.
+Non-goals: rules of names, reporting errors (`language/check/`).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Span
-from soter.editor.expression_names import Expressions, NameContext
-from soter.editor.name_definitions import (
-    Definition,
-    NameIndex,
-    PlantTruth,
-    Shape,
-    UndeclaredArray,
-    UndeclaredRecord,
-)
-from soter.language.check.scope import KINDS
+from soter.diagnostics.diagnostic import Diagnostics, Span
+from soter.editor.name_definitions import Definition, NameIndex
+from soter.language.check.checker import Checker
+from soter.language.check.scope import KINDS, Entry, FieldOf, Import, Meanings
 from soter.language.load.loader import LoadedFile, LoadedProgram
+from soter.language.model import typed
+from soter.language.model.types import ArrayType, EnumType, ListType, RecordType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
+
+    from soter.language.model.types import Type
 
 
 Instances = dict[str, "tuple[Definition, Definition | None]"]
+LOCALS: dict[type, str] = {
+    tree.LocalVar: "variable",
+    tree.PlantState: "state",
+    tree.DisturbanceItem: "disturbance",
+    tree.PlantLet: "let",
+    tree.LetStmt: "let",
+    tree.VarStmt: "variable",
+    tree.ForRangeStmt: "loop variable",
+    tree.ForEachStmt: "loop variable",
+    tree.Repeated: "loop variable",
+    tree.Clause: "clause",
+    tree.MeasureItem: "measure",
+    tree.View: "view",
+    tree.Abstraction: "axis",
+}
+"""Syntax with a `name` that it declares -> the kind of what is declared."""
+UNSEEN = {"clause", "measure", "view", "axis"}
+"""Kinds of names that no expression can read."""
 
 
 def index_of(loaded: LoadedProgram) -> NameIndex:
     """The names of a program: of all its files, and what the prelude declares."""
-    return _Resolver(NameIndex((*loaded.files, *loaded.prelude))).run()
+    meant = Meanings()
+    checker = Checker(loaded, Diagnostics(), meant)
+    checker.run()
+    members = Members(NameIndex((*loaded.files, *loaded.prelude)), checker, meant)
+    members.index.members = members
+    members.run()
+    return members.index
 
 
 class Members:
-    """Finds members, the names after a dot, in a finished index."""
+    """One pass over all trees, which makes an index; then it finds members, names after a dot."""
 
-    def __init__(self, index: NameIndex) -> None:
-        self._walker = _Resolver.over(index)
+    def __init__(self, index: NameIndex, checker: Checker, meant: Meanings) -> None:
+        self.index = index
+        self._checker = checker
+        self._meant = meant
+        scopes = [e for s in checker.names.scopes for e in s.entries.values()]
+        entries = [*scopes, *checker.names.prelude.values()]
+        self._entry_of = {id(e.decl): e for e in entries}
+        self._of_symbol = {id(e.symbol): e for e in entries if e.symbol is not None}
+        self._by_place: dict[tuple[int, int], Definition] = {}
+        self._owner: Definition | None = None
+        self._instances: Instances = {}
+        self._axes: dict[str, Definition] = {}
 
-    def after(self, shape: Shape | None, name: str) -> Shape | None:
-        """The shape of a member."""
-        if shape is not None and name == "]":
-            return None
-        source = self._walker.index.files[0].source
-        return self._walker.member(shape, tree.Name(name, Span(source, 0, 0)))
-
-    def inside(self, shape: Shape | None) -> Iterator[tuple[str, str, str]]:
-        """Yields name, detail and kind of every member."""
-        if shape is None:
-            return
-        shape = self._walker.plain(shape)
-        of = shape.of
-        if isinstance(of, (PlantTruth, tree.Decl)):
-            yield from self._declared_inside(of, shape.file)
-        elif isinstance(of, LoadedFile):
-            for name, d in self._walker.index.declared_in(of).items():
-                if d.kind != "import":
-                    yield name, d.kind, d.kind
-        elif isinstance(of, tree.RecordTypeExpr):
-            for own, type_ in of.fields:
-                yield own.text, " ".join(type_.span.text.split()), "field"
-        elif isinstance(of, UndeclaredRecord):
-            for own, _ in of.fields:
-                yield own.text, "field", "field"
-        elif isinstance(of, (tree.ArrayTypeExpr, tree.ListTypeExpr, UndeclaredArray)):
-            yield "len", "int", "len"
-
-    def _declared_inside(
-        self, of: PlantTruth | tree.Decl, file: LoadedFile
-    ) -> Iterator[tuple[str, str, str]]:
-        """Yields the members of a declaration."""
-        if isinstance(of, tree.TypeDecl) and isinstance(of.type, tree.EnumTypeExpr):
-            for own in of.type.members:
-                yield own.text, of.name.text, "member"
-        elif isinstance(of, PlantTruth):
-            for state in of.plant.states:
-                yield state.name.text, " ".join(state.type.span.text.split()), "state"
-        elif isinstance(of, tree.PlantDecl):
-            yield "truth", f"the states of {of.name.text}", "field"
-        elif isinstance(of, tree.SystemDecl):
-            for name, (d, _) in self._walker.instances_of(of, file).items():
-                yield name, d.kind, "field"
-        elif isinstance(of, tree.RtaDecl):
-            for ref in (of.ac, of.sc):
-                if isinstance(ref, tree.Ref):
-                    yield ref.name.text, "controller", "field"
-
-
-class _Resolver(Expressions):
-    """One pass over all trees; declarations first, so that order does not matter."""
-
-    def __init__(self, index: NameIndex) -> None:
-        super().__init__(index)
-        self.files = [f for f in index.files if not f.prelude]
-
-    @classmethod
-    def over(cls, index: NameIndex) -> _Resolver:
-        """A resolver that only looks names up in a finished index."""
-        made = cls(NameIndex(index.files, index.top, dict(index.instances)))
-        for file in index.files:
-            if file.prelude:
-                made.prelude.update(index.declared_in(file))
-        return made
-
-    def run(self) -> NameIndex:
-        for file in reversed(self.index.files):
+    def run(self) -> None:
+        """Enters all definitions, then notes all uses of names in the program's own files."""
+        for file in self.index.files:
             self._enter(file)
-        for file in self.files:
+        for fields, syntax in self._meant.records.values():
+            for (_, t), name in zip(fields, _field_names(syntax), strict=False):  # type: ignore[call-overload]
+                if (own := self._by_place.get(_place(name))) is not None:
+                    own.of = own.of or t
+        for file in self.index.files:
             for name, child in file.imports.items():
-                definition = self.index.top[id(file)].get(name)
-                if definition is not None and child is not None:
-                    definition.shape = Shape(child, file)
-        for file in self.files:
-            for decl in file.file.declarations:
-                own = self.index.top[id(file)][decl.name.text]
-                self.owner = own
-                if own.span != decl.name.span:  # declared twice: the second one is looked at, too
-                    self.definition(decl.name, KINDS[type(decl).__name__], decl, file)
-                self._declaration(decl, NameContext(file))
-        return self.index
+                self.index.top[id(file)][name].of = child
+            for decl in () if file.prelude else file.file.declarations:
+                self._owner = self._by_place[_place(decl.name)]
+                self._instances = self._beside(decl, file)
+                self._walk(decl, file)
+
+    # ------------------------------------------------------------ definitions
 
     def _enter(self, file: LoadedFile) -> None:
         names = self.index.top[id(file)] = {}
-        self.owner = None
+        self._owner = None
         for imported in file.file.imports:
-            names.setdefault(
-                imported.name.text, self.definition(imported.name, "import", imported, file)
-            )
+            own = self._definition(imported.name, "import", imported, file)
+            names.setdefault(imported.name.text, own)
         for decl in file.file.declarations:
-            if decl.name.text in names and names[decl.name.text].kind != "import":
-                continue
-            names[decl.name.text] = self.definition(
-                decl.name, KINDS[type(decl).__name__], decl, file, self._shape(decl, file)
-            )
-        if file.prelude:
-            self.prelude.update(names)
+            self._owner = None
+            own = self._definition(decl.name, KINDS[type(decl).__name__], decl, file)
+            entry = self._entry_of.get(id(decl))
+            own.of = None if entry is None else _stands_for(entry.symbol)
+            if names.get(decl.name.text) is None or names[decl.name.text].kind == "import":
+                names[decl.name.text] = own
+            self._owner = own
+            if not file.prelude or isinstance(decl, tree.TypeDecl):
+                self._declared_inside(decl, decl, file)
 
-    def _shape(self, decl: tree.Decl, file: LoadedFile) -> Shape:
-        if isinstance(decl, (tree.ConstDecl, tree.ParamDecl, tree.TopicDecl)):
-            return Shape(decl.type, file)
-        return Shape(decl.result if isinstance(decl, tree.FunDecl) else decl, file)
-
-    # ------------------------------------------------------------ declarations
-
-    def _declaration(self, decl: tree.Decl, place: NameContext) -> None:
-        method = self._DECLARATIONS.get(type(decl))
-        if method is None:
-            self.walk(decl, place)
-        else:
-            method(self, decl, place)
-
-    def _typed(
-        self, decl: tree.ConstDecl | tree.ParamDecl | tree.TopicDecl, place: NameContext
-    ) -> None:
-        """A constant, parameter or topic: its values have its type."""
-        self.walk(decl.type, place)
-        wanted = Shape(decl.type, place.file)
-        for name in ("value", "default"):
-            self.expression(getattr(decl, name, None), place, wanted)
-        self.walk(getattr(decl, "interval", None), place)
-        self.walk(getattr(decl, "max_age", None), place)
-        if isinstance(decl, tree.TopicDecl) and decl.values is not None:
-            self._values(decl.values, place, wanted)
-
-    def _values(self, values: tree.ValueSet, place: NameContext, shape: Shape | None) -> None:
-        if isinstance(values, tree.IntervalExpr):
-            self.walk(values, place)
-            return
-        for name, inner in values.fields:
-            self._values(inner, place, self.member(shape, name))
-
-    def _fun(self, decl: tree.FunDecl, place: NameContext) -> None:
-        frame: dict[str, Definition] = {}
-        for name, type_ in decl.parameters:
-            self.walk(type_, place)
-            shape = Shape(type_, place.file)
-            self._local(frame, name, "argument", (name, type_), place, shape, decl.span)
-        self.walk(decl.result, place)
-        self.walk(decl.body, place.inner(frame, result=Shape(decl.result, place.file)))
-
-    def _node(self, decl: tree.NodeDecl, place: NameContext) -> None:
-        self._law(decl.failsafe, place)
-        frame: dict[str, Definition] = {}
-        for local in decl.locals:
-            self.walk(local.type, place)
-            shape = Shape(local.type, place.file)
-            self.expression(local.initial, place, shape)
-            self._local(frame, local.name, "variable", local, place, shape, decl.span)
-        self.walk((decl.takeover, decl.step), place.inner(frame))
-        self.walk_but(decl, place, "failsafe", "locals", "takeover", "step")
-
-    def _law(self, law: tuple[tuple[tree.Ref, tree.SyntaxExpr], ...], place: NameContext) -> None:
-        for ref, value in law:
-            self.expression(value, place, self.ref(ref, place))
-
-    def _plant(self, decl: tree.PlantDecl, place: NameContext) -> None:
-        self.walk((decl.period, decl.reads), place)
-        frame: dict[str, Definition] = {}
-        inner = place.inner(frame)
-        for state in decl.states:
-            self.walk((state.type, state.interval), place)
-            shape = Shape(state.type, place.file)
-            self.expression(state.initial, place, shape)
-            self._local(frame, state.name, "state", state, place, shape, decl.span)
-        for d in decl.disturbances:
-            self.walk((d.type, d.interval, d.hold), place)
-            shape = Shape(d.type, place.file)
-            self._local(frame, d.name, "disturbance", d, place, shape, decl.span)
-        for let in decl.lets:
-            self.walk(let.type, place)
-            wanted = None if let.type is None else Shape(let.type, place.file)
-            value_shape = self.expression(let.value, inner, wanted)
-            self._local(frame, let.name, "let", let, place, wanted or value_shape, decl.span)
-        for rules in (decl.der, decl.next):
-            for name, value in rules:
-                own = frame.get(name.text)
-                if own is not None:
-                    self.index.note(name.span, own)
-                self.expression(value, inner, own.shape if own is not None else None)
-        for ref, drive in decl.drives:
-            self.expression(drive, inner, self.ref(ref, place))
-        self.walk(decl.measured, place)
-        self.walk(decl.integrate[1] if decl.integrate else None, place)
-
-    # ------------------------------------------------------------ modules
-
-    def _rta(self, decl: tree.RtaDecl, place: NameContext) -> None:
-        self._law(decl.failsafe, place)
-        for clause in decl.contract:
-            self.definition(clause.name, "clause", clause, place.file)
-        self.walk_but(decl, place, "failsafe", "verify")
-        if decl.verify is not None:
-            self._verify(decl.verify, place.inside(self._beside(decl)))
-
-    def _beside(self, module: tree.RtaDecl) -> Instances:
-        """The instances of all systems that have the module."""
-        all_instances: Instances = {}
-        for file in self.files:
-            for decl in file.file.declarations:
-                if isinstance(decl, tree.SystemDecl):
-                    instances = self.instances_of(decl, file)
-                    if any(w is not None and w.node is module for _, w in instances.values()):
-                        all_instances = {**instances, **all_instances}
-        return all_instances
-
-    def _verify(self, block: tree.VerifyBlock | tree.View, place: NameContext) -> None:
-        axes: dict[str, Definition] = {}
-        for instance, parts in block.abstracts:
-            if (known := (place.instances or {}).get(instance.text)) is not None:
-                self.index.note(instance.span, known[0])
-            for part in parts:
-                plant = self.ref(part.plant, place)
-                axes[part.name.text] = self.definition(part.name, "axis", part, place.file, plant)
-                self.expression(part.value, place, _truth(plant))
-        for group in block.groups:
-            for axis in group.axes:
-                self._axis(axis, axes, place)
-        if isinstance(block, tree.View):
-            return
-        for view in block.views:
-            self.definition(view.name, "view", view, place.file)
-            self._verify(view, place)
-        self.walk_but(block, place, "groups", "abstracts", "views")
-
-    def _axis(self, axis: tree.GridAxis, axes: dict[str, Definition], place: NameContext) -> None:
-        first, *rest = axis.path.parts
-        known = axes.get(first.text)
-        is_declared = first.text in self.index.declared_in(place.file)
-        if known is None and not is_declared:
-            known = (place.instances or {}).get(first.text, (None, None))[0]
+    def _definition(
+        self, name: tree.Name, kind: str, node: object, file: LoadedFile, of: object = None
+    ) -> Definition:
+        """The definition that stands at a name; the same one whenever it is asked for."""
+        known = self._by_place.get(_place(name))
         if known is None:
-            self.path(axis.path, NameContext(place.file) if is_declared else place)
-        else:
-            self.index.note(first.span, known)
-            self.below(_truth(known.shape), rest, place)
-        self.walk((axis.interval, axis.cells, axis.open), place)
+            known = Definition(name.text, kind, name.word, node, file, of, self._owner)
+            self._by_place[_place(name)] = known
+            self.index.note(known.span, known)
+        return known
 
-    # ------------------------------------------------------------ systems and tests
-
-    def _system(self, decl: tree.SystemDecl, place: NameContext) -> None:
-        inside = place.inside(self.instances_of(decl, place.file))
-        for measure in decl.measures:
-            self.definition(measure.name, "measure", measure, place.file)
-        self.walk(decl.deploys, place)
-        self._all_items(decl, inside, "deploys")
-
-    def _instance(self, item: tree.Instance, place: NameContext) -> None:
-        self.element(item.name, place)
-        self.ref(item.what, place)
-        for inner, outer in item.renames:
-            self.ref(inner, place)
-            self.path(outer, place)
-        for setting in item.sets:
-            self._setting(setting, place, self.find(item.what, place))
-
-    def _setting(
-        self, item: tree.SetParam, place: NameContext, home: Definition | None = None
-    ) -> None:
-        """`set r[0].K = 3;`: an instance, and a parameter of this file or of an import."""
-        parts = list(item.param.parts)
-        inside = place.instances or {}
-        if home is not None:
-            is_system = isinstance(home.node, tree.SystemDecl)
-            inside = self.instances_of(home.node, home.file) if is_system else {}  # type: ignore[arg-type]
-        while len(parts) > 1 and parts[0].text in inside:
-            instance, what = inside[parts[0].text]
-            self.element(parts[0], place)
-            self.index.note(parts[0].word, instance)
-            parts.pop(0)
-            is_system = what is not None and isinstance(what.node, tree.SystemDecl)
-            inside = self.instances_of(what.node, what.file) if is_system else {}  # type: ignore[arg-type,union-attr]
-        shape = None
-        if len(parts) <= 2:
-            first = parts[0] if len(parts) == 2 else None
-            shape = self.ref(tree.Ref(first, parts[-1], item.param.span), place)
-        self.expression(item.value, place, shape)
-
-    def _test(self, decl: tree.TestDecl, place: NameContext) -> None:
-        inside = place
-        if decl.system is not None:
-            self.ref(decl.system, place)
-            system = self.find(decl.system, place)
-            if system is not None and isinstance(system.node, tree.SystemDecl):
-                inside = place.inside(self.instances_of(system.node, system.file))
-        self._all_items(decl, inside, "system")
-
-    def _all_items(self, decl: tree.Decl, place: NameContext, *done: str) -> None:
-        """The items of a system or a test, but for what was looked at already."""
-        for field in decl.__dataclass_fields__:
-            items = getattr(decl, field)
-            if isinstance(items, tuple):
-                self._items(items, place, decl)
-            elif field not in done:
-                self.walk(items, place)
-
-    def _items(self, items: tuple[object, ...], place: NameContext, decl: tree.Decl) -> None:
-        """Items of a system or a test, loops included; instances were seen before."""
-        for item in items:
-            if isinstance(item, tree.Repeated):
-                self.walk((item.low, item.high), place)
-                frame: dict[str, Definition] = {}
-                int_ = Shape("int", place.file)
-                self._local(frame, item.name, "loop variable", item, place, int_, item.span)
-                self._items(item.items, place.inner(frame), decl)
-            elif isinstance(item, tree.SetParam):
-                self._setting(item, place)
-            elif isinstance(item, tree.Instance):
-                self._instance(item, place)
-            else:
-                self.walk(item, place)
-
-    def component(self, name: str, place: NameContext) -> Definition | None:
-        """A node of a module of a system, which the system may call by the node's name alone."""
-        for _, what in (place.instances or {}).values():
-            if what is None:
-                continue
-            if isinstance(what.node, tree.RtaDecl):
-                definition = self.controller(what.node, name, what.file)
-            elif isinstance(what.node, tree.SystemDecl):
-                below = place.inside(self.instances_of(what.node, what.file))
-                definition = self.component(name, below)
-            else:
-                definition = None
-            if definition is not None:
-                return definition
-        return None
-
-    def instances_of(self, decl: tree.SystemDecl, file: LoadedFile) -> Instances:
-        """The instances of a system by name. One that is named like what it is has no own name."""
-        if (known := self.index.instances.get(id(decl))) is not None:
-            return known
-        instances: Instances = {}
-        self.index.instances[id(decl)] = instances
-        place = NameContext(file)
-        outer, self.owner = self.owner, self.index.declared_in(file).get(decl.name.text)
-        for item in _unrolled(decl.instances):
-            what = self.find(item.what, place)
-            if item.kind is not None and what is not None:
-                instances[item.name.text] = what, what
-            elif item.kind is None:
-                shape = None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
-                if (first := instances.get(item.name.text)) is not None:
-                    self.index.note(item.name.word, first[0])
-                    continue
-                own = self.definition(item.name, "instance", item, file, shape)
-                instances[item.name.text] = own, what
-        self.owner = outer
-        return instances
-
-    _DECLARATIONS: ClassVar[dict[type, Callable[[_Resolver, Any, NameContext], None]]] = {
-        tree.ConstDecl: _typed,
-        tree.ParamDecl: _typed,
-        tree.TopicDecl: _typed,
-        tree.FunDecl: _fun,
-        tree.NodeDecl: _node,
-        tree.PlantDecl: _plant,
-        tree.RtaDecl: _rta,
-        tree.SystemDecl: _system,
-        tree.TestDecl: _test,
-    }
+    def _declared_inside(self, piece: Any, decl: tree.Decl, file: LoadedFile) -> None:  # noqa: ANN401
+        """Enters what is declared in a piece of syntax; `decl`: the declaration around it."""
+        if isinstance(piece, tuple):
+            for part in piece:
+                self._declared_inside(part, decl, file)
+            return
+        if not hasattr(piece, "__dataclass_fields__") or isinstance(piece, (Span, tree.Name)):
+            return
+        if isinstance(piece, tree.FunDecl):
+            for pair in piece.parameters:
+                self._local(pair[0], "argument", pair, file, decl.span.start, decl.span.end)
+        elif isinstance(piece, tree.RecordTypeExpr):
+            for pair in piece.fields:
+                self._definition(pair[0], "field", pair, file)
+        elif isinstance(piece, tree.EnumTypeExpr):
+            for member in piece.members:
+                self._definition(member, "member", decl, file)
+        elif isinstance(piece, tree.Block):
+            for s in piece.statements:
+                if isinstance(s, (tree.LetStmt, tree.VarStmt)):
+                    self._local(s.name, LOCALS[type(s)], s, file, s.span.end, piece.span.end)
+        elif isinstance(piece, (tree.ForRangeStmt, tree.ForEachStmt, tree.Repeated)):
+            seen = piece.span if isinstance(piece, tree.Repeated) else piece.body.span
+            self._local(piece.name, LOCALS[type(piece)], piece, file, seen.start, seen.end)
+        elif (kind := LOCALS.get(type(piece))) in UNSEEN:
+            self._definition(piece.name, str(kind), piece, file)
+        elif kind is not None:
+            self._local(piece.name, kind, piece, file, decl.span.start, decl.span.end)
+        for part in piece.__dataclass_fields__:
+            if not part.endswith("span"):
+                self._declared_inside(getattr(piece, part), decl, file)
 
     def _local(
-        self,
-        frame: dict[str, Definition],
-        name: tree.Name,
-        kind: str,
-        node: object,
-        place: NameContext,
-        shape: Shape | None,
-        seen_in: Span,
+        self, name: tree.Name, kind: str, node: object, file: LoadedFile, start: int, end: int
     ) -> None:
-        definition = self.definition(name, kind, node, place.file, shape)
-        frame[name.text] = definition
-        self.seen(definition, seen_in.start, seen_in.end)
+        """Enters a local that is visible from `start` to `end`."""
+        own = self._definition(name, kind, node, file)
+        variable = self._meant.at.get(_place(name))
+        own.of = variable.type if isinstance(variable, typed.Variable) else None
+        self.index.reach.setdefault(id(name.span.source), []).append((start, end, own))
 
+    # ------------------------------------------------------------ uses
 
-def _truth(shape: Shape | None) -> Shape | None:
-    """The states of the plant that a shape is of."""
-    if shape is None or not isinstance(shape.of, tree.PlantDecl):
+    def _walk(self, piece: Any, file: LoadedFile) -> None:  # noqa: ANN401 - any piece of syntax
+        """Notes the names in a piece of syntax."""
+        if isinstance(piece, tuple):
+            for part in piece:
+                self._walk(part, file)
+        elif isinstance(piece, (tree.NameExpr, tree.FieldExpr, tree.IndexExpr)):
+            self._expression(piece, file)
+        elif isinstance(piece, tree.DottedPath):
+            self._chain([(p, len(getattr(p, "indices", ()))) for p in piece.parts], file)
+            self._walk(tuple(i for p in piece.parts for i in getattr(p, "indices", ())), file)
+        elif isinstance(piece, tree.Ref):
+            names = [n for n in (piece.qualifier, piece.name) if n is not None]
+            self._chain([(n, 0) for n in names], file)
+        elif isinstance(piece, tree.Name):
+            self._chain([(piece, 0)], file)
+            self._walk(getattr(piece, "indices", ()), file)
+        elif isinstance(piece, tree.Instance):
+            self._instance(piece, file)
+        elif isinstance(piece, tree.RecordExpr):
+            for name, value in piece.fields:
+                found = self._meaning(name) or self._definition(name, "field", name, file)
+                self.index.note(name.word, found)
+                self._walk(value, file)
+        elif hasattr(piece, "__dataclass_fields__") and not isinstance(piece, Span):
+            outer = self._axes
+            if isinstance(piece, (tree.VerifyBlock, tree.View)):
+                self._axes = self._axes_of(piece, file)
+            for part in piece.__dataclass_fields__:
+                if not part.endswith("span"):
+                    self._walk(getattr(piece, part), file)
+            self._axes = outer
+
+    def _expression(self, piece: tree.SyntaxExpr, file: LoadedFile) -> None:
+        """Notes a chain of names, dots and brackets, and what is in the brackets."""
+        names: list[tuple[tree.Name, int]] = []
+        count = 0
+        while isinstance(piece, (tree.FieldExpr, tree.IndexExpr)):
+            if isinstance(piece, tree.FieldExpr):
+                names.insert(0, (piece.field, count))
+                count = 0
+            else:
+                self._walk(piece.index, file)
+                count += 1
+            piece = piece.target
+        if isinstance(piece, tree.NameExpr):
+            self._chain([(piece.name, count), *names], file)
+            return
+        self._walk(piece, file)
+        for name, _ in names:
+            self._chain([(name, 0)], file, first=False)
+
+    def _instance(self, item: tree.Instance, file: LoadedFile) -> None:
+        """Notes the names of an instance; what is set in its braces may be inside of it."""
+        self._walk((item.name, item.what, item.renames), file)
+        what = self._ref(item.what, file)
+        outer = self._instances
+        self._instances = self._inside_of(what)
+        self._walk(item.sets, file)
+        self._instances = outer
+        self._walk(tuple(s.value for s in item.sets), file)
+
+    def _chain(
+        self, names: list[tuple[tree.Name, int]], file: LoadedFile, *, first: bool = True
+    ) -> None:
+        """Notes the names of a path, each with the number of its indices."""
+        of: object = None
+        for k, (name, indices) in enumerate(names):
+            found = self._meaning(name)
+            if found is None and k == 0 and first:
+                found = self._first(name, file)
+            if found is None and k:
+                found, of = self._member(of, name.text)
+            else:
+                of = None if found is None else found.of
+            if found is not None:
+                self.index.note(name.word, found)
+            for _ in range(indices):
+                of = of.element if isinstance(of, (ArrayType, ListType)) else of
+
+    def _meaning(self, name: tree.Name) -> Definition | None:
+        """What the checker took a name for, or what is declared there."""
+        meaning = self._meant.at.get(_place(name))
+        if isinstance(meaning, Entry):
+            return self.index.top[id(meaning.scope.loaded)].get(meaning.decl.name.text)
+        if isinstance(meaning, Import):
+            return self.index.top[id(meaning.scope.loaded)].get(meaning.name)
+        if isinstance(meaning, FieldOf):
+            return self._field(meaning.type, meaning.name)
+        if isinstance(meaning, typed.Variable):
+            return self._by_place.get((id(meaning.span.source), meaning.span.start))
+        if meaning is not None:
+            return self._of(meaning)
+        return self._by_place.get(_place(name))
+
+    def _of(self, symbol: object) -> Definition | None:
+        """The definition of a symbol."""
+        entry = self._of_symbol.get(id(symbol))
+        return None if entry is None else self._by_place.get(_place(entry.decl.name))
+
+    def _field(self, of: object, name: str) -> Definition | None:
+        """The definition of a field of a record type, or of a member of an enum."""
+        if isinstance(of, EnumType):
+            entry = next(
+                (e for e in self._entry_of.values() if e.symbol == of and e.kind == "type"), None
+            )
+            members = () if entry is None else _field_names(entry.decl)
+            return next((self._by_place.get(_place(m)) for m in members if m.text == name), None)
+        fields = of.fields if isinstance(of, RecordType) else ()
+        known = self._meant.records.get(id(fields))
+        if known is None:
+            known = next((r for r in self._meant.records.values() if r[0] == fields), None)
+        syntax = None if known is None else known[1]
+        own = next((n for n in _field_names(syntax) if n.text == name), None)
+        if own is None:
+            return None
+        if isinstance(syntax, tree.RecordExpr):  # declared where it is written
+            t = dict(fields)[name]
+            return self._definition(own, "field", own, self._file_of(own), t)
+        return self._by_place.get(_place(own))
+
+    def _file_of(self, name: tree.Name) -> LoadedFile:
+        return next(f for f in self.index.files if f.source is name.span.source)
+
+    def _first(self, name: tree.Name, file: LoadedFile) -> Definition | None:
+        """A local, an axis, an instance or a declaration that a name may mean."""
+        local = self.index.locals_at(name.span.source, name.span.start).get(name.text)
+        instance = self._instances.get(name.text, (None, None))[0]
+        found = self._axes.get(name.text) or local or instance
+        return (
+            found or self._declared(name.text, file) or self._component(name.text, self._instances)
+        )
+
+    def _declared(self, name: str, file: LoadedFile) -> Definition | None:
+        own = self.index.declared_in(file).get(name)
+        entry = self._checker.names.prelude.get(name)
+        return own or (None if entry is None else self._by_place.get(_place(entry.decl.name)))
+
+    def _ref(self, ref: tree.Ref, file: LoadedFile) -> Definition | None:
+        if ref.qualifier is None:
+            return self._meaning(ref.name) or self._declared(ref.name.text, file)
+        return self._meaning(ref.name)
+
+    # ------------------------------------------------------------ instances
+
+    def _inside_of(self, what: Definition | None) -> Instances:
+        """The instances of a system by name; none of anything else."""
+        if what is None or not isinstance(what.node, tree.SystemDecl):
+            return {}
+        instances = self.index.instances.setdefault(id(what.node), {})
+        outer, self._owner = self._owner, what
+        for item in () if instances else _unrolled(what.node.instances):
+            of = self._ref(item.what, what.file)
+            if item.kind is not None and of is not None:
+                instances[item.name.text] = of, of
+            elif item.kind is None and item.name.text in instances:
+                self.index.note(item.name.word, instances[item.name.text][0])
+            elif item.kind is None:
+                own = self._definition(item.name, "instance", item, what.file, of and of.of)
+                instances[item.name.text] = own, of
+        self._owner = outer
+        return instances
+
+    def _beside(self, decl: tree.Decl, file: LoadedFile) -> Instances:
+        """The instances that a declaration may name: of its system, or of all with the module."""
+        own = self._by_place[_place(decl.name)]
+        if isinstance(decl, tree.SystemDecl):
+            return self._inside_of(own)
+        if isinstance(decl, tree.TestDecl):
+            return self._inside_of(self._ref(decl.system, file)) if decl.system is not None else {}
+        beside: Instances = {}
+        if isinstance(decl, tree.RtaDecl):
+            for home in self.index.files:
+                for d in home.file.declarations:
+                    if isinstance(d, tree.SystemDecl):
+                        inside = self._inside_of(self._by_place[_place(d.name)])
+                        if any(what is own for _, what in inside.values()):
+                            beside = {**inside, **beside}
+        return beside
+
+    def _component(self, name: str, instances: Instances) -> Definition | None:
+        """A node of a module of a system, which the system may call by the node's name alone."""
+        for _, what in instances.values():
+            found = None
+            if what is not None and isinstance(what.node, tree.RtaDecl):
+                found = self._controller(what, name)
+            elif what is not None:
+                found = self._component(name, self._inside_of(what))
+            if found is not None:
+                return found
         return None
-    return Shape(PlantTruth(shape.of), shape.file)
+
+    def _controller(self, module: Definition, name: str) -> Definition | None:
+        """The AC or SC of a module that has a name."""
+        assert isinstance(module.node, tree.RtaDecl)
+        for part in (module.node.ac, module.node.sc):
+            ref = part.module if isinstance(part, tree.ModuleAsAc) else part
+            found = self._ref(ref, module.file) if isinstance(ref, tree.Ref) else None
+            if found is not None and isinstance(ref, tree.Ref) and ref.name.text == name:
+                return found
+            below = (
+                found is not None and isinstance(found.node, tree.RtaDecl) and found is not module
+            )
+            if below and found is not None and (inner := self._controller(found, name)):
+                return inner
+        return None
+
+    def _axes_of(
+        self, block: tree.VerifyBlock | tree.View, file: LoadedFile
+    ) -> dict[str, Definition]:
+        """The axes that a block declares, each standing for the states of its plant."""
+        axes = {}
+        for _, parts in block.abstracts:
+            for part in parts:
+                own = self._definition(part.name, "axis", part, file)
+                plant = self._ref(part.plant, file)
+                own.of = None if plant is None else plant.of
+                axes[part.name.text] = own
+        return axes
+
+    # ------------------------------------------------------------ behind a dot
+
+    def _member(self, of: object, name: str) -> tuple[Definition | None, object]:
+        """The definition of a member, if one declares it, and what it stands for."""
+        found: Definition | None = None
+        if isinstance(of, LoadedFile):
+            found = self.index.declared_in(of).get(name)
+            found = None if found is None or found.kind == "import" else found
+        elif isinstance(of, (RecordType, EnumType)):
+            found = self._field(of, name)
+        elif isinstance(of, typed.PlantSymbol) and name == "truth":
+            return None, of.truth
+        elif isinstance(of, typed.PlantSymbol):
+            driven = [t for t, _ in of.drives if t.name.rpartition(".")[2] == name]
+            drawn = [d.variable.span for d in of.disturbances if d.variable.name == name]
+            found = self._of(driven[0]) if driven else self._field(of.truth, name)
+            found = self._by_place[id(drawn[0].source), drawn[0].start] if drawn else found
+        elif isinstance(of, typed.SystemSymbol):
+            found = self._inside_of(self._of(of)).get(name, (None, None))[0]
+            for topic in () if found is not None else self._checker.topics_of(of):
+                if topic.name.rpartition(".")[2] == name:
+                    found = self._of(topic)
+        elif isinstance(of, typed.ModuleSymbol):
+            module = self._of(of)
+            found = None if module is None else self._controller(module, name)
+        return found, None if found is None else found.of
+
+    def after(self, of: object, name: str) -> object:
+        """What a member stands for."""
+        return None if name == "]" else self._member(of, name)[1]
+
+    def inside(self, of: object) -> Iterator[tuple[str, str, str]]:
+        """Yields name, detail and kind of every member."""
+        if isinstance(of, LoadedFile):
+            for name, d in self.index.declared_in(of).items():
+                if d.kind != "import":
+                    yield name, d.kind, d.kind
+        elif isinstance(of, RecordType):
+            for name, t in of.fields:
+                yield name, str(t), "field"
+        elif isinstance(of, EnumType):
+            for name in of.members:
+                yield name, of.name, "member"
+        elif isinstance(of, (ArrayType, ListType)):
+            yield "len", "int", "len"
+        elif isinstance(of, typed.PlantSymbol):
+            yield "truth", f"the states of {of.name}", "field"
+        elif isinstance(of, typed.SystemSymbol):
+            for name, (d, _) in self._inside_of(self._of(of)).items():
+                yield name, d.kind, "field"
+        elif isinstance(of, typed.ModuleSymbol):
+            for node in (of.ac, of.sc):
+                yield node.name.rpartition(".")[2], "controller", "field"
+
+
+def _place(name: tree.Name) -> tuple[int, int]:
+    return id(name.span.source), name.span.start
+
+
+def _stands_for(symbol: object) -> object:
+    """What a declared name stands for: the type of a value, or the symbol itself."""
+    if isinstance(symbol, (typed.ConstSymbol, typed.ParamSymbol, typed.TopicSymbol)):
+        t: Type = symbol.type
+        return t
+    return symbol.result if isinstance(symbol, typed.FunSymbol) else symbol
+
+
+def _field_names(syntax: object) -> list[tree.Name]:
+    """The names that a piece of syntax declares as fields or members."""
+    if isinstance(syntax, tree.TypeDecl):
+        return list(syntax.type.members) if isinstance(syntax.type, tree.EnumTypeExpr) else []
+    if isinstance(syntax, (tree.RecordTypeExpr, tree.RecordExpr)):
+        return [name for name, _ in syntax.fields]
+    return [s.name for s in syntax.states] if isinstance(syntax, tree.PlantDecl) else []
 
 
 def _unrolled(items: tuple[object, ...]) -> list[tree.Instance]:

@@ -22,6 +22,7 @@ from soter.editor import symbols
 from soter.editor.completion import completed
 from soter.editor.hover import described, meaning
 from soter.editor.protocol_conversions import AGAIN, Lines, by_file, path_of_span, range_of
+from soter.language.load.loader import LoadedFile
 from soter.language.model.types import show_ns
 from soter.language.syntax import tree
 from soter.language.syntax.printer import format_source
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from soter.editor.documents import Document, Documents
     from soter.editor.name_definitions import Definition, NameIndex, Use
     from soter.language.front_end import CheckResult
-    from soter.language.load.loader import LoadedFile
 
     Verdicts = Callable[[Path], Sequence[dict[str, Any]]]
 
@@ -234,9 +234,8 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
         if use is None:
             return None
         definition = use.definition
-        source = getattr(definition.shape and definition.shape.of, "source", None)
-        if definition.kind == "import" and use.declares and source is not None:
-            return documents.location(Span(source, 0, 0))
+        if use.declares and isinstance(definition.of, LoadedFile):
+            return documents.location(Span(definition.of.source, 0, 0))
         return documents.location(definition.span)
 
     @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)

@@ -70,7 +70,7 @@ class CallChecker(FieldChecker):
             name = callee.name.text
             if context.find_local(name) is not None:
                 return self._no_function("a variable", name, expr, context)
-            entry = self.names.find(context.scope, name)
+            entry = self.names.find(context.scope, name, callee.span)
             if entry is None and name in SPECIALS:
                 return self._no_function("a value", name, expr, context)
             if entry is None:

@@ -12,7 +12,7 @@ from soter.language.check.checker_interface import CallGraph, UnusedDeclarations
 from soter.language.check.constants_and_types import ConstantChecker, TypeChecker
 from soter.language.check.declarations import DeclChecker
 from soter.language.check.expr import ExprChecker
-from soter.language.check.scope import Entry, FileScope, Names
+from soter.language.check.scope import Entry, FileScope, Meanings, Names
 from soter.language.check.statements import StmtChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import count_costs
@@ -28,10 +28,15 @@ NAMES_IN_CYCLE = 8
 class Checker:
     """One checking run over one loaded program; its parts see it as `Shared`."""
 
-    def __init__(self, loaded: LoadedProgram, diagnostics: Diagnostics) -> None:
+    def __init__(
+        self,
+        loaded: LoadedProgram,
+        diagnostics: Diagnostics,
+        meant: Meanings | None = None,
+    ) -> None:
         self.loaded = loaded
         self.diagnostics = diagnostics
-        self.names = Names(diagnostics)
+        self.names = Names(diagnostics, meant)
         self.unused = UnusedDeclarations(diagnostics)
         self.calls = CallGraph(diagnostics, self._fun_body)
         expressions = ExprChecker(self)

@@ -423,7 +423,11 @@ class TypeChecker(CheckerPart):
                 fields[name.text] = t
             else:
                 failed = True
-        return ERROR if failed else RecordType(tuple(fields.items()))
+        if failed:
+            return ERROR
+        t = RecordType(tuple(fields.items()))
+        self.shared.names.declares(t.fields, expr)
+        return t
 
     def _array(
         self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope, most: int

@@ -19,6 +19,7 @@ from soter.language.check.parts.module import ModuleChecker
 from soter.language.check.parts.node import NodeChecker, check_binding, located
 from soter.language.check.parts.plant import PlantChecker
 from soter.language.check.parts.system import TestChecker
+from soter.language.check.scope import FieldOf
 from soter.language.check.statements import always_returns
 from soter.language.model import typed
 from soter.language.model.tree_walk import topics_beside
@@ -217,6 +218,7 @@ class DeclChecker(CheckerPart):
                 )
                 continue
             parameters[name.text] = typed.Variable(name.text, t, "parameter", name.span)
+            self.shared.names.note(name.span, parameters[name.text])
         result = self.shared.resolve_type(decl.result, scope)
         body: tuple[typed.TypedStmt, ...] | None = None if decl.extern else ()
         check_binding(decl.source, decl.source_span, self.diagnostics)
@@ -323,6 +325,7 @@ class DeclChecker(CheckerPart):
                 )
             else:
                 seen[name.text] = name.span
+                self.shared.names.note(name.span, FieldOf(t, name.text))
                 self._value_set(inner, t.fields[index][1], (*path, name.text), out, context)
 
     def _interval(

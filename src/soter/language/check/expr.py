@@ -22,7 +22,7 @@ from soter.language.check.expression_base import (
 )
 from soter.language.check.field import listed
 from soter.language.check.operators_and_choices import ChooseChecker, OperatorChecker
-from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
 from soter.language.model.types import (
     BOOL,
@@ -120,6 +120,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         local = context.find_local(name)
         if local is not None:
             local.used = True
+            self.names.note(span, local)
             if is_error(read := typed.VarRead(local.type, span, local)):
                 self.names.losses += 1
             return read
@@ -127,6 +128,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             hidden = context.hidden.find_local(name)
             if hidden is not None:
                 hidden.used = True
+                self.names.note(span, hidden)
                 return self._not_constant(f"`{name}`", span, hidden.span, context)
         if name in context.private:
             context.private[name].used = True
@@ -138,7 +140,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 notes=("a contract speaks about what a node reads and publishes",),
                 helps=("check it in the step: `assert ...;`",),
             )
-        entry = self.names.find(context.scope, name)
+        entry = self.names.find(context.scope, name, span)
         if entry is not None:
             return self.entry(entry, span, context)
         if name in SPECIALS:
@@ -321,6 +323,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                     helps=self.diagnostics.did_you_mean(name.text, wanted, name.span),
                 )
                 failed = True
+            elif target:
+                self.names.note(name.span, FieldOf(target, name.text))
             values[name.text] = checked
             first[name.text] = name.span
         missing = [n for n in wanted if n not in values]
@@ -335,7 +339,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             failed = True
         if failed:
             return error_expr(expr.span)
-        return _aggregate(expr, values, target)
+        made = _aggregate(expr, values, target)
+        if target is None and isinstance(made.type, RecordType):
+            self.names.declares(made.type.fields, expr)
+        return made
 
     def _list(
         self, expr: tree.ListExpr, context: Context, expected: Type | None

@@ -15,7 +15,7 @@ from soter.diagnostics.diagnostic import Span, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import ExprBase, error_expr, is_error
-from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
 from soter.language.model.types import (
     INT,
@@ -164,6 +164,7 @@ class FieldChecker(ExprBase):
         entry = scope.entries.get(first) or self.names.prelude.get(first)
         if entry is not None and entry.kind == "type":
             entry.used = True
+            self.names.note(names[0].span, entry)
             helps = self.value_of_type(names[0], context)
             t = self.shared.resolve(entry, names[0].span)
             return self._member(t, names[1], expr.span, helps)
@@ -179,6 +180,7 @@ class FieldChecker(ExprBase):
         if isinstance(t, RecordType):
             index = t.index(name.text)
             if index is not None:
+                self.names.note(name.span, FieldOf(t, name.text))
                 return typed.TypedField(t.fields[index][1], span, target, index)
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {listed(fields)}",)
@@ -216,6 +218,7 @@ class FieldChecker(ExprBase):
                 helps=helps,
             )
         elif name.text in t.members:
+            self.names.note(name.span, FieldOf(t, name.text))
             return typed.Literal(t, span, t.members.index(name.text), f"{t.name}.{name.text}")
         else:
             self.diagnostics.error(
@@ -299,6 +302,7 @@ class FieldChecker(ExprBase):
         """The symbol for a topic of a sub-system instance, one for each path; or None."""
         for topic in self.shared.topics_of(system):
             if topic.name.rsplit(".", 1)[-1] == name.text:
+                self.names.note(name.span, topic)
                 return self.shared.stand_in(system, prefix, topic, name.span)
         return None
 
@@ -435,6 +439,7 @@ def _field(
 ) -> Type | None:
     at = t.index(part.text) if isinstance(t, RecordType) else None
     if isinstance(t, RecordType) and at is not None:
+        shared.names.note(part.word, FieldOf(t, part.text))
         return t.fields[at][1]
     if plant in shared.damaged:
         return None

@@ -92,6 +92,32 @@ class FileScope:
     """Names whose declarations the parser could not read: uses of them are not reported."""
 
 
+@dataclass(eq=False)
+class Meanings:
+    """What names were taken for, kept where an editor asks: by place, and fields of records."""
+
+    at: dict[tuple[int, int], object] = field(default_factory=dict)
+    """(source, start of the name) -> an `Entry`, `Import`, `FieldOf`, or typed symbol."""
+    records: dict[int, tuple[object, object]] = field(default_factory=dict)
+    """Fields of a record type, by identity -> they, and the syntax that declares them."""
+
+
+@dataclass(frozen=True)
+class Import:
+    """A name that means an imported file."""
+
+    scope: FileScope
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class FieldOf:
+    """A name that means a field of a record, or a member of an enum."""
+
+    type: object
+    name: str
+
+
 NO_VALUES = ("node", "plant", "module", "system", "test")
 
 
@@ -114,15 +140,28 @@ class Names:
 
     `losses` counts uses of things whose absence had been reported before: a checker that sees it
     grow knows that its result is incomplete because of another declaration.
+
+    `meant`: where an editor asks, what each name was taken for.
     """
 
-    def __init__(self, diagnostics: Diagnostics) -> None:
+    def __init__(self, diagnostics: Diagnostics, meant: Meanings | None = None) -> None:
         self.diagnostics = diagnostics
+        self.meant = meant
         self.scopes: list[FileScope] = []
         self.prelude: dict[str, Entry] = {}
         self.losses = 0
         self._by_file: dict[int, FileScope] = {}
         self._missing: set[tuple[object, ...]] = set()
+
+    def note(self, span: Span, meaning: object) -> None:
+        """Notes what the name at a place was taken for; its first meaning stays."""
+        if self.meant is not None and meaning is not None:
+            self.meant.at.setdefault((id(span.source), span.start), meaning)
+
+    def declares(self, fields: object, syntax: object) -> None:
+        """Notes which syntax declares the fields of a record type."""
+        if self.meant is not None:
+            self.meant.records[id(fields)] = fields, syntax
 
     # ------------------------------------------------------------ entering
 
@@ -199,11 +238,13 @@ class Names:
 
     # ------------------------------------------------------------ looking up
 
-    def find(self, scope: FileScope, name: str) -> Entry | None:
-        """The entry that a bare name means in a file, marked as used; or None."""
+    def find(self, scope: FileScope, name: str, span: Span | None = None) -> Entry | None:
+        """The entry that a bare name (at `span`) means in a file, marked as used; or None."""
         entry = scope.entries.get(name) or self.prelude.get(name)
         if entry is not None:
             entry.used = True
+            if span is not None:
+                self.note(span, entry)
         return entry
 
     def find_ref(
@@ -220,7 +261,7 @@ class Names:
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
         name = ref.name.text
-        entry = self.find(scope, name)
+        entry = self.find(scope, name, ref.name.span)
         if entry is None and (id(scope), name) in self._missing:
             self.losses += 1
         elif entry is None:
@@ -237,6 +278,7 @@ class Names:
                 self._no_import(scope, qualifier, name)
             return None
         scope.used_imports.add(qualifier.text)
+        self.note(qualifier.span, Import(scope, qualifier.text))
         child = scope.imports[qualifier.text]
         entry = child.entries.get(name.text) if child is not None else None
         if child is None or (entry is None and name.text in child.broken):
@@ -253,6 +295,7 @@ class Names:
             )
             return None
         entry.used = True
+        self.note(name.span, entry)
         return entry
 
     # ------------------------------------------------------------ what to say

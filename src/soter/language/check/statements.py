@@ -13,7 +13,7 @@ from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import CheckerPart, error_expr, is_error, plain
 from soter.language.check.field import constant_index, instead_of_index
-from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
 from soter.language.model.types import (
     BOOL,
@@ -65,6 +65,7 @@ class StmtChecker(CheckerPart):
             self.shared.names.twice(name.text, name.span, first.span)
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
+        self.shared.names.note(name.span, variable)
         frame[name.text] = variable
         if kind in ("let", "var"):
             self._shadowing(name, context.node, context)
@@ -156,6 +157,7 @@ class StmtChecker(CheckerPart):
         if variable is None:
             self._not_a_variable(base, steps, context)
             return None
+        self.shared.names.note(base.span, variable)
         if variable.kind not in ASSIGNABLE:
             self._not_assignable(variable, base)
             return None
@@ -202,6 +204,7 @@ class StmtChecker(CheckerPart):
         if isinstance(t, RecordType):
             index = t.index(name)
             if index is not None:
+                self.shared.names.note(step.field.span, FieldOf(t, name))
                 return index, t.fields[index][1]
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
@@ -225,7 +228,7 @@ class StmtChecker(CheckerPart):
         context: Context,
     ) -> None:
         name = base.name.text
-        entry = self.shared.names.find(context.scope, name)
+        entry = self.shared.names.find(context.scope, name, base.span)
         if entry is None and name in (*BUILTIN_FUNCTIONS, *SPECIALS):
             what = "built in" if name in BUILTIN_FUNCTIONS else "read only"
             self.diagnostics.error(

@@ -257,6 +257,7 @@ class NodeChecker(CheckerPart):
             variables[local.name.text] = typed.Variable(
                 local.name.text, t, "local", local.name.span
             )
+            self.shared.names.note(local.name.span, variables[local.name.text])
             initial.append(value)
         return list(variables.values()), initial
 

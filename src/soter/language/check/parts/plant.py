@@ -57,6 +57,7 @@ class PlantChecker(CheckerPart):
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
             f"{full}.truth",
         )
+        self.shared.names.declares(truth.fields, decl)
         plant = typed.PlantSymbol(
             full,
             decl.name.span,
@@ -139,6 +140,7 @@ class PlantChecker(CheckerPart):
                 self.shared.names.twice(s.name.text, s.name.span, first.span, "state")
                 continue
             states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
+            self.shared.names.note(s.name.span, states[s.name.text])
             initial.append(value)
             ranges.append(interval)
         return list(states.values()), initial, ranges
@@ -203,6 +205,7 @@ class PlantChecker(CheckerPart):
                 t = ERROR
             variable = typed.Variable(d.name.text, t, "disturbance", d.name.span)
             taken[d.name.text] = variable
+            self.shared.names.note(d.name.span, variable)
             if interval is None:
                 zero = typed.Literal(FLOAT, d.interval.span, 0.0)
                 interval = (zero, zero)
@@ -250,6 +253,7 @@ class PlantChecker(CheckerPart):
             first.used = True
         variable = typed.Variable(item.name.text, variable_type, "plantlet", item.name.span)
         frame[item.name.text] = variable
+        self.shared.names.note(item.name.span, variable)
         return variable, value
 
     def _dynamics(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
@@ -261,6 +265,7 @@ class PlantChecker(CheckerPart):
         for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
             for name, expr in items:
                 variable = states.get(name.text)
+                self.shared.names.note(name.span, variable)
                 wanted = variable.type if variable else None
                 because = (variable.span, f"the state is `{wanted}`") if variable else None
                 at = replace(context, choices=None) if word == "der" else context
