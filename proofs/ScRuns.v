@@ -1,6 +1,6 @@
 (* Runs under SC, cores, and how chains show a core and a return.
    Purpose: "SC-run" and "Core" of docs/proof.md, "Two methods" (chains) and the sets of "P2b" of proof-sets.md.
-   Non-goals: half-spaces (polytopes); how K, Q and W are computed. *)
+   Non-goals: how K, Q and W are computed. *)
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories.
 Open Scope R_scope.
