@@ -357,16 +357,9 @@ class Members:
     def _controller(self, module: Definition, name: str) -> Definition | None:
         """The AC or SC of a module that has a name."""
         assert isinstance(module.node, tree.RtaDecl)
-        for part in (module.node.ac, module.node.sc):
-            ref = part.module if isinstance(part, tree.ModuleAsAc) else part
-            found = self._ref(ref, module.file) if isinstance(ref, tree.Ref) else None
-            if found is not None and isinstance(ref, tree.Ref) and ref.name.text == name:
-                return found
-            below = (
-                found is not None and isinstance(found.node, tree.RtaDecl) and found is not module
-            )
-            if below and found is not None and (inner := self._controller(found, name)):
-                return inner
+        for ref in (module.node.ac, module.node.sc):
+            if isinstance(ref, tree.Ref) and ref.name.text == name:
+                return self._ref(ref, module.file)
         return None
 
     def _axes_of(
