@@ -300,7 +300,6 @@ class Checked:
         checked = SimpleNamespace(program=program)
         monkeypatch.setattr(rechecker, "program_of", lambda _: (checked, {}))
         monkeypatch.setattr(rechecker, "_check_entry", self.entry)
-        monkeypatch.setattr(rechecker, "enter_vacuous_above", lambda _: None)
         monkeypatch.setattr(rechecker, "open_questions", lambda *_: [])
         monkeypatch.setattr(rechecker, "_require_all_views", lambda f, _: self.looked_at.append(f))
 
