@@ -1,5 +1,5 @@
 (* Runs under SC, cores, and how chains show a core and a return.
-   Purpose: "SC-run" and "Core" of docs/proof.md, "Two methods" (chains) and the sets of "P2b" of proof-sets.md.
+   Purpose: "SC-run" and "Core" of docs/proof.md, "Chains" and the sets of "P2b" of proof-sets.md.
    Non-goals: how K, Q and W are computed. *)
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories.

@@ -150,6 +150,41 @@ def test_the_fence_is_proved_with_its_return(tmp_path: Path) -> None:
     assert soter.recheck(tmp_path / "proof").accepted
 
 
+WRONG = {
+    "a residual three times as large": ("loop.json", '"side": 0.73', '"side": 2.19'),
+    "brakes too good": (
+        "autopilot.soter",
+        "const BRAKE: float = 1.9;",
+        "const BRAKE: float = 3.5;",
+    ),
+    "speed forgotten": (
+        "autopilot.soter",
+        "Need(w + ERROR_V, tau, LOOP.side",
+        "Need(0.0, tau, LOOP.side",
+    ),
+    "SC lets go": (
+        "autopilot.soter",
+        "publish accel = Back(course)",
+        "publish accel = vec3(0.0, 0.0, 0.0)",
+    ),
+    "no room for the residual": ("autopilot.soter", "WALL - 0.06;", "WALL - 0.03;"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", WRONG)
+def test_a_fence_that_counts_on_what_is_not_there_is_not_proved(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(AUTOPILOT, folder)
+    file, was, now = WRONG[name]
+    text = (folder / file).read_text(encoding="utf-8")
+    assert was in text
+    (folder / file).write_text(text.replace(was, now), encoding="utf-8")
+    program = soter.load(folder / "autopilot.soter")
+    report = program.verify(system="Protected", refute=False, explain=False)
+    assert report["Fence"].verdict != "proved"
+
+
 # ---------------------------------------------------------------- on the firmware
 
 
