@@ -203,6 +203,7 @@ def test_help_names_what_a_test_leaves(soter: Soter, here: Path) -> None:
     (here / "late_sc.soter").write_text(program)
     soter("test", "late_sc.soter", "--test", "Late", "--report")
     names = {p.name.replace("late_sc-Late", "FILE-TEST") for p in (here / ".soter").iterdir()}
+    names = {re.sub(r"plotly-\w+\.js", "plotly-....js", n) for n in names}
     assert names
     assert names <= named_in(soter("test", "--help").out)
 

@@ -555,7 +555,7 @@ static void decide(layered* all) {
   const bool ends = all->status != SOTER_EXHAUSTED;
   const bool closed = !ends && soter_closed_look(all);
   all->done = all->done || ends || closed || (all->whole && waiting(all) == 0U);
-  all->depth += all->whole || ends ? 1U : 0U;
+  all->depth += (uint32_t)(all->whole || ends);
   count_steps(all);
 }
 
