@@ -94,8 +94,8 @@ EXAMPLES = """\
   soter test late_sc.soter --junit results.xml        for CI; --format junit prints it
   soter replay .soter/late_sc-Late.trace.json         a trace again
 
-in the folder of traces: FILE-TEST.trace.json of each test that is violated, FILE-TEST.html its page,
-and the script that pages share (soter-plotly-....js)
+in the folder of traces, of each test that is violated: FILE-TEST.trace.json, its page
+FILE-TEST.html, and the script that pages share (soter-plotly-....js)
 
 exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
             130 interrupted by Ctrl-C, SIGTERM or SIGHUP (what was covered until then is printed)
