@@ -83,6 +83,8 @@ class FlightReport:
         return NOT_RECHECKED if self.doubts or self.interrupted else ACCEPTED
 
 
+GETS = "AC never has control"
+KEEPS = "AC never keeps control"
 SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
 """Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
 

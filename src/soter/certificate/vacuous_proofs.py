@@ -16,7 +16,7 @@ import numpy as np
 from soter.certificate.cell_predicates import AdmitCheck
 from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.report import NotRecheckedError
+from soter.certificate.report import KEEPS, NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.language.elaborate.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
@@ -45,8 +45,6 @@ RARE_SHARE = 0.01
 """The share of states drawn from K: where AC has control on less, the report says so."""
 FAILS, HOLDS = 1, 2
 """The bits of a proposition on a box: it may be false, it may hold."""
-GETS = "AC never has control"
-KEEPS = "AC never keeps control"
 
 
 def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:

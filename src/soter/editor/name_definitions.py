@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.editor.protocol_conversions import path_of_span
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.diagnostics.diagnostic import Source, Span
-    from soter.editor.name_resolution import Members
     from soter.language.load.loader import LoadedFile
 
 
@@ -67,8 +66,8 @@ class NameIndex:
     """System declaration -> its instances by name, each with what it is an instance of."""
     reach: dict[int, list[tuple[int, int, Definition]]] = field(default_factory=dict)
     """Source -> (start, end, local) of the text in which each local is visible."""
-    members: Members | None = None
-    """Who finds names after a dot."""
+    members: Any = None
+    """Who finds names after a dot: a `Members` (`name_resolution.py`), which knows this class."""
     _uses: dict[int, dict[tuple[int, int], Use]] = field(default_factory=dict)
     _starts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 

@@ -20,7 +20,7 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,10 +50,11 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Block
     from soter.certificate.folder import Certificate
-    from soter.certificate.grid.grid_group import Entry
     from soter.certificate.grid.group_claims import GroupTables
     from soter.certificate.reading.module_facts import Facts
 
+    Entry = dict[str, Any]
+    """A part of a manifest."""
     Show = Callable[[Block], Iterator[Block]]
 
 

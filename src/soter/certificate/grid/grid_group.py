@@ -42,8 +42,7 @@ from soter.certificate.grid.group_claims import (
 from soter.certificate.grid.resting import RESTS, resting_cells_unshown
 from soter.certificate.grid.sc_chains import points_inwards
 from soter.certificate.reading.linear_flows import is_linear
-from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.vacuous_proofs import GETS, KEEPS
+from soter.certificate.report import GETS, KEEPS, NotRecheckedError, RejectedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -52,13 +51,12 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Axes, Block
     from soter.certificate.folder import Certificate
+    from soter.certificate.grid.estimates_and_shield import Entry
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
     from soter.language.model import typed
 
-    Entry = dict[str, Any]
-    """A part of a manifest."""
     Task = tuple[Callable[[], str], float]
     """A function that shows a part of a claim, and gives "", or what went wrong; and what that is
     likely to cost, in holds of one cell, for the progress alone."""

@@ -28,13 +28,15 @@ from soter.certificate.induction.induction_problem import (
 )
 from soter.certificate.induction.solver_values import both, negation, one_of
 from soter.certificate.report import (
+    GETS,
+    KEEPS,
     NotRecheckedError,
     RecheckAssumption,
     RecheckedModule,
     RejectedError,
 )
 from soter.certificate.scope import acknowledgement_assumption
-from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
+from soter.certificate.vacuous_proofs import HOLDS_ANYWAY, READS_NOTHING
 from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.tree_walk import topic_reads

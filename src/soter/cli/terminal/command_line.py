@@ -231,7 +231,7 @@ class CommandParser(argparse.ArgumentParser):
         self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
 
     def read(self, line: Sequence[str]) -> argparse.Namespace:
-        """The arguments of a line; `written` has the names of those that stand there."""
+        """The arguments of a line; `written`: names of what stands there. SoterError U001: gone."""
         if problems := gone(self.record, [word.partition("=")[0] for word in line]):
             raise SoterError(problems)
         defaults = {action.dest: action.default for action in self._actions}

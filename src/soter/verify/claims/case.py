@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from soter.verify.claims.product_sets import FailsafeClaim
     from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
-    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Group, Problem
 
 
@@ -40,8 +39,8 @@ class Failure:
 
     claim: str
     text: str
-    proof: GridProof | None = None
-    """The proof of the group that fails; None: several are concerned."""
+    proof: Any | None = None
+    """The proof of the group that fails (a `GridProof`); None: several are concerned."""
     cells: Bools | None = None
     hint: str = ""
     where: Region | None = None
@@ -60,8 +59,8 @@ class Case:
     parameter: tuple[int, ...]
     """The value of each parameter."""
     forms: CompiledEnclosures
-    proofs: list[GridProof] = field(default_factory=list)
-    """The proofs of all groups."""
+    proofs: list[Any] = field(default_factory=list)
+    """The proofs of all groups, each a `GridProof`, which knows this class."""
     failures: list[Failure] = field(default_factory=list)
     spent: dict[str, float] = field(default_factory=dict)
     """The seconds that each claim took."""
@@ -82,7 +81,7 @@ class Case:
         return CaseSets(self.parameter, self.proofs)
 
     @property
-    def fresh(self) -> list[GridProof]:
+    def fresh(self) -> list[Any]:
         """The groups whose sets are still to be computed."""
         return [p for p in self.proofs if p.fresh]
 
@@ -90,15 +89,13 @@ class Case:
         """The failures of a claim."""
         return [f for f in self.failures if f.claim == claim]
 
-    def fail(
-        self, claim: str, text: str, proof: GridProof | None = None, hint: str = ""
-    ) -> Failure:
+    def fail(self, claim: str, text: str, proof: object | None = None, hint: str = "") -> Failure:
         """Enters a failure and returns it, so that cells may be added."""
         made = Failure(claim, text, proof, hint=hint)
         self.failures.append(made)
         return made
 
-    def again(self, proof: GridProof) -> None:
+    def again(self, proof: Any) -> None:  # noqa: ANN401 - one of `proofs`
         """Makes a group's proof fresh: it keeps nothing of an earlier attempt."""
         proof.fresh = True
         self.failures = [f for f in self.failures if f.proof is not proof]

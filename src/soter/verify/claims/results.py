@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import SCHEME, VerificationScope, remaining
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Assumption, Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
@@ -261,7 +260,8 @@ class CaseSets:
     """The results of all groups under one combination of parameter values."""
 
     parameter: tuple[int, ...]
-    proofs: Sequence[GridProof]
+    proofs: Sequence[Any]
+    """Each a `GridProof` (`grid/claims.py`), which knows this file."""
 
     @property
     def groups(self) -> list[GroupSets]:

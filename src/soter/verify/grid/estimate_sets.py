@@ -36,13 +36,12 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
     from soter.verify.deploy.level_tables import GroupTable
-    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Problem
 
 
 def find_permitted_commands(
     case: Case,
-    proof: GridProof,
+    proof: object,
     engine: GridGroup,
     part: GroupSets,
     anywhere: Callable[[Bools], Bools],
@@ -127,7 +126,7 @@ def engine_with_command_in(engine: GridGroup, control: int, low: float, high: fl
     )
 
 
-def find_levels(case: Case, proof: GridProof, engine: GridGroup, part: GroupSets) -> None:
+def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -> None:
     """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where they are empty."""
     problem = case.problem
     errors, shown = errors_of(problem), topics_seen_by_dm(problem)
@@ -164,7 +163,7 @@ def _at_any_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
 
 
 def enter_table(
-    case: Case, proof: GridProof, engine: GridGroup, part: GroupSets, table: GroupTable
+    case: Case, proof: object, engine: GridGroup, part: GroupSets, table: GroupTable
 ) -> None:
     """Fills in the states from which AC may have control by the table; a failure if none is."""
     errors = errors_of(case.problem)

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from soter.core.layout import Bools, Bytes
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
-    from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Group
 
     Lengths = Sequence[Sequence[int]]
@@ -221,12 +220,8 @@ STRAGGLERS_MAX = 2000
 """If no more cells than this are left, every length is tried for them."""
 
 
-def recover(
-    case: Case, proof: GridProof, engine: GridGroup, part: GroupSets, target: Bools
-) -> None:
+def recover(case: Case, proof: object, engine: GridGroup, part: GroupSets, target: Bools) -> None:
     """Fills in Q, W, and the time to Q for a `target` in the grid's shape; enters failures."""
-    if not proof.fresh and part.target is not None and np.array_equal(part.target, target):
-        return
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
@@ -257,7 +252,7 @@ def recover(
     _fail_if_stuck(case, proof, (part.core > 0) & (return_way.rank == 0))
 
 
-def _use_finer_q(case: Case, proof: GridProof, part: GroupSets, found: FinerQ) -> None:
+def _use_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> None:
     """Fills in Q and W on small cells, as `finer_q` found Q; K stays as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
@@ -310,7 +305,7 @@ def _enter_ranks(part: GroupSets, return_way: RecoveryRanks) -> None:
     part.return_ns = return_way.longest_ns
 
 
-def _fail_if_stuck(case: Case, proof: GridProof, stuck: Bools) -> None:
+def _fail_if_stuck(case: Case, proof: object, stuck: Bools) -> None:
     """Enters a failure of P2b if there are `stuck` cells, from which no way back was found."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
