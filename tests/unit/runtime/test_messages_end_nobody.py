@@ -174,8 +174,13 @@ def test_a_report_is_whole_however_late_it_is_read(cart: Path) -> None:
 
 
 def limited(size: int) -> Callable[[], None]:
-    """Of files: more is refused, and a signal comes with it."""
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    """Of files: more is refused, and a signal comes with it. No half bytecode is left behind."""
+
+    def limits() -> None:
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    return limits
 
 
 def goes_on(cart: Path, option: str, path: str, **given: Any) -> str:
@@ -248,6 +253,7 @@ def test_few_descriptors_are_enough(cart: Path, most: int) -> None:
 def test_a_disk_without_room_is_told_of_a_compiler(tmp_path: Path) -> None:
     """The compiler has it, and its words are in its language: what is written is tried."""
     environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache"), "TMPDIR": str(tmp_path)}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"
     words = [sys.executable, "-m", "soter", "run", str(CART), "--until", "1s", "--seed", "7"]
     done = processes.run(words, capture_output=True, env=environment, preexec_fn=limited(20_000))
     said = done.stderr.decode()
