@@ -6,7 +6,7 @@ over the declared ranges. `doubt_publications` warns W016 (an SC does not publis
 `doubt_plant` W014 (a state that nothing moves), W032 (a derivative times `dt`) and W019 (a scheme
 diverges though the plant does not).
 Non-goals: what may happen and need not: a search and a proof answer that; other step faults, which
-the first run tells; branches that are never taken (`soter test --coverage`).
+the first run tells; branches that are never taken (`soter test`).
 """
 
 from __future__ import annotations
