@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.language.elaborate.system_numbers import has_param
 from soter.language.front_end import check_file
 from soter.language.load.loader import load
@@ -254,7 +254,8 @@ def canonical(manifest: object) -> bytes:
 def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
     """The checked program and the values of its parameters; `SoterError` where it has errors.
 
-    RejectedError where it is not in the certificate, or is another one than the manifest says.
+    RejectedError where it is not in the certificate, or is another one than the manifest says;
+    NotRecheckedError where it is only wrong in what an earlier version had.
     """
     main = certificate.manifest["main"]
     if not isinstance(main, str) or f"program/{main}" not in certificate.contents:
@@ -267,7 +268,10 @@ def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
         overrides = _overrides(certificate, checked.program)
         checked = check_file(path, None, overrides)
     if not checked.ok or checked.program is None:
-        raise SoterError(checked.diagnostics.items)
+        error = SoterError(checked.diagnostics.items)
+        if all(d.code == "S026" for d in error.diagnostics if d.severity is Severity.ERROR):
+            raise NotRecheckedError(f"its program is of an older soter: {error}")
+        raise error
     if checked.program.sha256 != certificate.manifest["program_sha256"]:
         raise RejectedError("the program is another one than the manifest says")
     _require_sealed_bytes(certificate, checked)

@@ -12,7 +12,7 @@ from soter.certificate import folder as certificate_program
 from soter.certificate.folder import (
     Certificate,
 )
-from soter.certificate.report import RejectedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
@@ -50,6 +50,22 @@ def certificate_of(folder: Path, params: object, **more: Any) -> Certificate:
         if p.is_file()
     }
     return Certificate(folder, manifest, contents, set())
+
+
+GONE = "rta M {{ ac module K; sc Go; period 20ms; safe x < 1.0; verify {{ {} }} }}"
+
+
+@pytest.mark.parametrize("verify", ["", "polytope x in [0.0, 1.0];"])
+@pytest.mark.parametrize("wrong_besides", ["", "node Go period 20ms { }"])
+def test_a_program_of_an_older_soter_is_no_false_one(
+    verify: str, wrong_besides: str, tmp_path: Path
+) -> None:
+    certificate = certificate_of(tmp_path, {})
+    main = tmp_path / "program" / "main.soter"
+    main.write_text(f"{PROGRAM.format(imported='')}{GONE.format(verify)}{wrong_besides}")
+    certificate.contents["program/main.soter"] = main.read_bytes()
+    with pytest.raises(SoterError if wrong_besides else NotRecheckedError, match="S026"):
+        certificate_program.program_of(certificate)
 
 
 def test_a_program_is_read_with_its_parameters(tmp_path: Path) -> None:

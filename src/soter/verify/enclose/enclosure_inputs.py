@@ -36,6 +36,7 @@ from soter.verify.enclose.enclosure_emitter import (
     Sequence,
     address,
     element_types,
+    opened,
     whole_literal,
 )
 
@@ -54,6 +55,8 @@ Key = tuple[int, str, Path]
 
 def leaf_values(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
     """The leaves of a value, with paths and types; the type has no lists."""
+    if isinstance(v, Constant):
+        v = opened(v)
     if isinstance(v, AggregateParts):
         for name, f, item in zip(part_names(t), element_types(t), v.items, strict=True):
             for path, leaf, x in leaf_values(f, item):

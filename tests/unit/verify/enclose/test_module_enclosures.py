@@ -292,6 +292,49 @@ def test_a_command_that_may_leave_its_set_is_a_possible_fault(tmp_path: Path) ->
     assert reference.law([0.5, 0, 0, 0, 0, 0, 0, 0.5], 1, 0) == [0.0, 0.0]
 
 
+@pytest.mark.parametrize("where", ["all ways", "one way"])
+def test_a_record_constant_that_is_published_is_enclosed(where: str, tmp_path: Path) -> None:
+    computed = "{ push: clamp(wanted, -limit, limit), light: wanted > 0.0 }"
+    assert computed in FLOW
+    text = FLOW.replace(
+        "node Careful", "const STOP: Command = { push: -1.5, light: true };\nnode Careful"
+    )
+    text = text.replace(
+        computed, "STOP" if where == "all ways" else f"seen.x < 0.0 ? STOP : {computed}"
+    )
+    k = case(text, tmp_path)
+    reference = Reference(k.system)
+    forms = k.ffi.new("soter_form[]", len(k.ranges))
+    param = k.ffi.new("int64_t[]", [1])
+    out = k.ffi.new("soter_form[]", 2)
+    for x in (-0.5, 0.25):
+        at = [x, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5]
+        for i, value in enumerate(at):
+            set_input(forms[i], i, value, value)
+        assert k.library.soter_law(forms, param, out) == 0
+        laws = [reference.law(at, 1, kept) for kept in range(4)]
+        for i in range(2):
+            assert all(law is not None and out[i].lo <= law[i] <= out[i].hi for law in laws)
+        if where == "all ways" or x < 0.0:
+            assert [(f.lo, f.hi) for f in out] == [(-1.5, -1.5), (1.0, 1.0)]
+
+
+def test_a_record_constant_that_a_plant_drives_is_enclosed(tmp_path: Path) -> None:
+    text = FLOW.replace("reads force;", "reads force; drives far = FAR;").replace(
+        "node Careful",
+        "type Far = { a: float, b: float };\nconst FAR: Far = { a: 0.5, b: 2.0 };\n"
+        "topic far: Far in [-1.0, 1.0];\nnode Careful",
+    )
+    k = case(text, tmp_path)
+    forms = k.ffi.new("soter_form[]", len(k.ranges))
+    for i, value in enumerate((0.5, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)):
+        set_input(forms[i], i, value, value)
+    out = k.ffi.new("soter_form[]", 5)
+    assert k.library.soter_drives(forms, k.ffi.new("int64_t[]", [1]), out) == 0
+    driven = sorted((f.lo, f.hi) for f in out)
+    assert driven == [(0.25, 0.25), (0.5, 0.5), (0.5, 0.5), (1.0, 1.0), (2.0, 2.0)]
+
+
 def test_what_is_first_read_in_a_branch_is_read_behind_it_too(tmp_path: Path) -> None:
     """An estimate that only one side of a branch made is none on the other, nor behind."""
     wanted = "let wanted = float(kept + 1) * (goal - seen.x) - 3.0 * seen.v;"
