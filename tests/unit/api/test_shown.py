@@ -118,7 +118,6 @@ def test_a_notebook_shows_the_report_of_a_run_inline_and_it_draws(tmp_path: Path
     with browser.page() as page:
         page.open((tmp_path / "frame.html").as_uri())
         page.wait(shown)
-        page.wait("document.querySelectorAll('.program .on').length > 0")
         page.open((tmp_path / "notebook.html").as_uri())
         page.wait("document.querySelector('iframe') !== null")
         page.wait("document.readyState === 'complete'")
