@@ -514,6 +514,8 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("mavlink.md", "| what ends"): DEFINED,
     ("migrating.md", "| there"): DEFINED,
     ("mountain_car.md", "| AC"): DEFINED,
+    ("stability.md", "| went"): "lines of commits, by `git show --numstat`",
+    ("stability.md", "| figure"): "the same, once; and rows of benchmarks of that day",
     ("newcomers.md", "| who, robot"): "people, each once",
     ("prelude.md", "| function"): f"{HELD}unit/prelude",
     ("proof.md", "| | what"): DEFINED,
