@@ -270,7 +270,6 @@ def write_test_page(result: TestResult) -> Path:
 def write_trace_page(replay: Replayed, view: SequenceView, path: Path) -> Path:
     """Writes a trace as a page of runs; `SoterError` D006, and D007 without its package."""
     from soter.explore.trace_page import trace_page  # noqa: PLC0415 - see `soter.api`
-    from soter.report.html import require_report_package, write_html  # noqa: PLC0415 - an extra
+    from soter.report.html import write_html  # noqa: PLC0415 - see `soter.api`
 
-    require_report_package()
     return write_html(trace_page(replay, view), path)

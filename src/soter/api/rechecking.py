@@ -131,9 +131,8 @@ class ReplayReport:
             view = self.view()
             assert self.trace is not None
             return write_trace_page(self.trace, view, Path(path))
-        from soter.report.html import require_report_package, write_html  # noqa: PLC0415 - an extra
+        from soter.report.html import write_html  # noqa: PLC0415 - see `soter.api`
 
-        require_report_package()
         return write_html(_counterexample_page(self, self.counterexample), path)
 
     def write_mcap(self, path: str | Path) -> Path:

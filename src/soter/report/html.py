@@ -53,8 +53,8 @@ def write_html(
     """Writes `page` to `path` and returns it; the drawing library goes beside it or into it.
 
     The same page gives the same bytes. If `path` is no regular file, the page has the library.
-    `SoterError` D006 if the extra `report` is not installed or the file cannot be written; an older
-    file at `path` is then unchanged.
+    `SoterError` D007 if the extra `report` is not installed, D006 if the file cannot be written; an
+    older file at `path` is then unchanged.
     """
     library, target = _drawing_library(), Path(path)
     if self_contained or (target.exists() and not target.is_file()):
@@ -73,7 +73,7 @@ def write_html(
 def inline_document(page: ReportPage) -> str:
     """Returns a page as one small text, with the drawing library compressed in it.
 
-    The page unpacks it, which browsers since 2023 can. `SoterError` D006 if the extra `report` is
+    The page unpacks it, which browsers since 2023 can. `SoterError` D007 if the extra `report` is
     not installed.
     """
     library = gzip.compress(_drawing_library().encode(), mtime=0)
@@ -169,12 +169,10 @@ def _document(title: str, main: str, scripts: str, style: str = "", policy: str 
 
 
 def _drawing_library() -> str:
-    """Return the JavaScript that the installed package carries."""
-    try:
-        from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
-    except ImportError as error:
-        what = f"reports are drawn with plotly, which is not installed: {pip_install('report')}"
-        raise mistake("D006", what) from error
+    """The JavaScript that the installed package carries; `SoterError` D007 without it."""
+    require_report_package()
+    from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
+
     return str(get_plotlyjs())
 
 
