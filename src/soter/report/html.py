@@ -40,11 +40,12 @@ BESIDE = POLICY.replace("script-src", "script-src 'self' file:")
 def require_report_package() -> None:
     """`SoterError` D007 where the package that draws reports is not installed."""
     if find_spec("plotly") is None:
-        raise mistake(
-            "D007",
-            "reports are drawn with the package `plotly`, which is not installed",
-            f"install it: {pip_install('report')}",
-        )
+        raise _without_plotly()
+
+
+def _without_plotly() -> SoterError:
+    what = "reports are drawn with the package `plotly`, which is not installed"
+    return mistake("D007", what, f"install it: {pip_install('report')}")
 
 
 def write_html(
@@ -170,9 +171,10 @@ def _document(title: str, main: str, scripts: str, style: str = "", policy: str 
 
 def _drawing_library() -> str:
     """The JavaScript that the installed package carries; `SoterError` D007 without it."""
-    require_report_package()
-    from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
-
+    try:
+        from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
+    except ImportError as error:
+        raise _without_plotly() from error
     return str(get_plotlyjs())
 
 
