@@ -327,6 +327,7 @@ class Program:
         explain: bool | None = None,
         report: str | Path | None = None,
         progress: Progress | None = None,
+        budget_s: float = 120.0,
     ) -> VerifyReport:
         """Proves P1c, P2a, P2b, P3, `ttf`, `safer` and `failsafe` of every module, or of one.
 
@@ -335,7 +336,8 @@ class Program:
         HTML page. `synthesize`: first find the controllers that are `sc synthesized`, and verify
         the program that was written. `refute`: look for a counterexample to what is not proved;
         `explain`: measure why it is not proved, and try what may help (None: as `refute`).
-        `SoterError` with R... if the program does not determine a problem.
+        `budget_s`: CPU seconds for the search of hints where the program bounds no states; the
+        report is then about the program with them (`VerifyReport.searches`). `SoterError` with R... if the program does not determine a problem.
         """
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
@@ -344,6 +346,7 @@ class Program:
         if synthesize and (written := self.synthesize(module=module, system=system, params=params)):
             how: dict[str, Any] = {"refute": refute, "explain": explain, "report": report}
             how |= {"system": system, "params": params, "progress": progress}
+            how["budget_s"] = budget_s
             return load(written[0]).verify(module, cert, **how)
         require_writers(None, report)
         if report is not None and cert is not None:
@@ -362,6 +365,7 @@ class Program:
                 explain=explain,
                 report=None if report is None else Path(report),
                 search=find_violating_run if refute else None,
+                budget_s=budget_s,
             )
 
     def synthesize(

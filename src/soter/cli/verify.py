@@ -6,6 +6,7 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from soter.cli.terminal.command_line import (
     FORMAT,
     MODULE,
     SET,
+    TIMES,
     CiFinding,
     CommandOutcome,
     Kind,
@@ -30,6 +32,7 @@ from soter.cli.terminal.command_line import (
 from soter.cli.terminal.console import Console, ProgressBar
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
+from soter.diagnostics.command_records import seconds as time_in_seconds
 from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
@@ -38,11 +41,13 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.scope import ComposedAssumption
+    from soter.verify.search.proof_search import ProofSearch
 
 EXAMPLES = f"""\
   soter verify cart.soter
   soter verify drone.soter --module SafeMotionPrimitive
   soter verify drone.soter --set MASS=1.2          with another value of a parameter
+  soter verify rover.soter --write                 without hints: finds them, and writes them down
   soter verify cart.soter --cert proof/            then: soter recheck proof/
   soter verify cart.soter --report proof.html      a page to file
   soter verify cart.soter --synthesize             for modules with `sc synthesized period d;`
@@ -60,6 +65,9 @@ REGIONS_SHOWN, LONG = 3, 40
 """How many regions are shown; from how many characters on a sentence is not repeated in a table."""
 TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
 ENDING = "-proof.html"
+BUDGET_S = 120.0
+NOT_FOUND = "no hint was found with which all of it is proved"
+NOTHING_OPEN = "the program says how it is proved"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +90,13 @@ class Options:
     no_refute: bool = option(
         "--no-refute", False, "do not look for a counterexample to what cannot be proved", SWITCH
     )
+    budget: float = option(
+        "--budget T",
+        BUDGET_S,
+        f"of the processor, to find a grid or `rest` where the program says none{TIMES}",
+        time_in_seconds("from 0 to", 1_000_000),
+    )
+    write: bool = option("--write", False, "put what was found into the program", SWITCH)
     format: str | None = option(*FORMAT)
     NEEDS = (("synthesize", "output"),)
 
@@ -99,11 +114,13 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     printed, fields = _printout(report), DOCUMENT.of(report)
     printed.show(console)
     _say_files(report, args, console)
+    if args.write:
+        _write_hints(report, console)
     exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
     if words and report.verdict in HOLDING:
         outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
         store_outcome(args.file, words, report.contents, outcome)
-    if not (args.params or args.bindings):
+    if not (args.params or args.bindings or report.searches):
         _remember(report)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
@@ -130,6 +147,7 @@ def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tu
             explain=True,
             report=args.report,
             progress=progress,
+            budget_s=args.budget,
         )
     return report, written
 
@@ -140,9 +158,10 @@ def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     It may not where another program calls `main`, as Soter may be changed in its process, nor with
     `--synthesize` or bindings.
     """
-    if not console.own_process or args.synthesize or args.bindings:
+    if not console.own_process or args.synthesize or args.bindings or args.write:
         return ()
-    return ("verify", *map(repr, (args.module, args.system, args.params, args.no_refute)))
+    asked = (args.module, args.system, args.params, args.no_refute, args.budget)
+    return ("verify", *map(repr, asked))
 
 
 def _tell_stored(
@@ -191,6 +210,8 @@ def _ci_findings(report: VerifyReport) -> Iterator[CiFinding]:
 def _printout(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
+    for search in report.searches:
+        _print_search(search, report, printed)
     for module in report.modules:
         printed.say(f"\n{_headline(module, printed)}\n")
         _table(module, printed)
@@ -204,6 +225,36 @@ def _printout(report: VerifyReport) -> Printout:
     if report.composed:
         _print_joint_verdict(report, printed)
     return printed
+
+
+def _print_search(search: ProofSearch, report: VerifyReport, printed: Printout) -> None:
+    """Prints what was tried to find hints of a module, and what was found."""
+    printed.say(f"\n{printed.paint('bold', search.module)}  the program says no grid and no `rest`; tried\n")
+    rows = [
+        (t.hints, t.gave, f"about {seconds(t.cpu_s)}" if t.untried else seconds(t.cpu_s))
+        for t in search.tries
+    ]
+    printed.table(("hint", "what it gave", "processor"), rows)
+    if search.proved:
+        found = f"found   {printed.paint('green', str(search.found))}"
+        how = f"soter verify {shlex.quote(report.path)} --write"
+        printed.say(f"\n{found}\n        `{how}` puts it into the program; what is told below is with it")
+    else:
+        printed.say(f"\nthe best of these, of which more is told below: {search.found}")
+    if any(t.untried for t in search.tries):
+        printed.say("        what was not tried needs more time: `--budget`")
+
+
+def _write_hints(report: VerifyReport, console: Console) -> None:
+    """Writes what was found into the program, if it proves."""
+    from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
+
+    found = [s for s in report.searches if s.proved]
+    if not found or len(found) < len(report.searches):
+        console.say("\nnothing was written: " + (NOT_FOUND if report.searches else NOTHING_OPEN))
+        return
+    replace_file(Path(report.path), found[-1].text)
+    console.say(f"\nwritten {report.path}")
 
 
 def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
@@ -426,6 +477,10 @@ def _states(run: LeavingRun) -> dict[str, list[float]]:
     return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
 
 
+def _found(search: ProofSearch) -> str | None:
+    return None if search.found is None else str(search.found)
+
+
 RESULTS = "soter.verify.claims.results"
 VERDICT = one_of(*KINDS)
 FLOWN = JsonObject(f"{RESULTS}.FlownFigures", "takeovers_per_min ac_share table_bytes")
@@ -467,12 +522,18 @@ VERIFIED = JsonObject(
 DOCUMENT = JsonObject(
     f"{RESULTS}.VerifyReport",
     "file=path program_sha256 system verdict together seconds modules params also=coverage.also "
-    "not_covered=coverage.rest guarantees=coverage.guarantees",
+    "not_covered=coverage.rest guarantees=coverage.guarantees searches",
     {"modules": _modules, "params": _params},
     beside={"cert?": str, "report?": str, "written?": list[str]},
     verdict=VERDICT,
     together=VERDICT,
     modules=VERIFIED,
+    searches=JsonObject(
+        "soter.verify.search.proof_search.ProofSearch",
+        "module proved found? tries",
+        {"found": _found},
+        tries=JsonObject("soter.verify.search.proof_search.Try", "hints gave cpu_s untried"),
+    ),
     guarantees=JsonObject(
         "soter.verify.problem.problem.ScopeGuarantee",
         "module what by how",

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
+    from soter.verify.search.proof_search import ProofSearch
 
 
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
@@ -64,23 +65,23 @@ def verify(
     report: Path | None = None,
     given: Mapping[str, object] | None = None,
     search: Search | None = None,
+    budget_s: float = 0.0,
 ) -> VerifyReport:
     """Verifies the modules of a checked program; `SoterError` where a problem is not determined.
 
     `explain`: find out why something is not proved, and try what may help; None: as `refute`.
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
-    `verify_by_induction`.
+    `verify_by_induction`. `budget_s`: for so many CPU seconds hints of a module are looked for
+    whose program bounds none of its states; what is verified then is the program with them.
     """
     began = time.perf_counter()
+    checked, searches = _with_found_hints(checked, module, system, params or {}, budget_s)
     assert checked.program is not None
-    chosen = modules_of(checked, module, system, params or {})
-    refuse_forced(chosen)
-    whole = {flat.name: flat for flat, _ in chosen}
-    chosen = _in_every_view(chosen)
-    pairs = zip(problems_of(chosen), chosen, strict=True)
-    problems = [_without_faults(checked.program, flat, problem) for problem, (flat, _) in pairs]
+    chosen, problems = _chosen_problems(checked, module, system, params or {})
+    whole = {flat.name: flat for flat, _ in modules_of(checked, module, system, params or {})}
     coverage = coverage_of(checked, chosen, problems, params or {})
-    results = _verify_problems(problems, refute, explain, search)
+    known = {s.module: s.result for s in searches if s.proved}
+    results = _verify_problems(problems, refute, explain, search, known)
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
             if result.problem.computed:
@@ -99,15 +100,89 @@ def verify(
         _command_line(checked.program.path, module, system, given or {}),
         coverage=coverage,
         contents={} if checked.loaded is None else checked.loaded.contents,
+        searches=searches,
     )
     if cert is not None:
-        write_certificate(cert, checked.program, results, [flat.name for flat, _ in chosen])
+        main = searches[-1].text if searches else None
+        write_certificate(cert, checked.program, results, [f.name for f, _ in chosen], main)
     if report is not None:
         from soter.verify.proof_report import write_report  # noqa: PLC0415 - only then
 
         write_report(verification, report)
     verification.page = _page
     return verification
+
+
+def _chosen_problems(
+    checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
+) -> tuple[list[tuple[System, Module]], list[Problem]]:
+    """The modules to verify, in every view, and their problems; `SoterError` as `problems_of`."""
+    assert checked.program is not None
+    chosen = modules_of(checked, module, system, params)
+    refuse_forced(chosen)
+    chosen = _in_every_view(chosen)
+    pairs = zip(problems_of(chosen), chosen, strict=True)
+    return chosen, [_without_faults(checked.program, flat, p) for p, (flat, _) in pairs]
+
+
+def _with_found_hints(
+    checked: CheckResult,
+    module: str | None,
+    system: str | None,
+    params: Mapping[str, Value],
+    budget_s: float,
+) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
+    """The program with hints that were found where it bounds no states; `SoterError` as without."""
+    try:
+        if not budget_s or _chosen_problems(checked, module, system, params):
+            return checked, ()
+    except SoterError as error:
+        if {d.code for d in error.diagnostics} != {"R008"}:
+            raise
+        refused = error
+    from soter.verify.search.proof_search import find_hints, may_be_found  # noqa: PLC0415 - rarely
+
+    searches: list[ProofSearch] = []
+    for _, m in modules_of(checked, module, system, params):
+        flat, here = _module_named(checked, m.name, system, params)
+        if not _is_refused(flat, here):
+            continue
+        if not may_be_found(checked, here):
+            raise refused
+
+        def choose(other: CheckResult, name: str = m.name) -> tuple[System, Module, Problem]:
+            assert other.program is not None
+            flat, m = _module_named(other, name, system, params)
+            return flat, m, _without_faults(other.program, flat, extract(flat, m))
+
+        made = find_hints(checked, m.name, choose, flat, here, budget_s)
+        searches.append(made)
+        if made.checked is None:
+            raise SoterError(tuple(_told_tries(d, made) for d in refused.diagnostics))
+        checked = made.checked
+    return checked, tuple(searches)
+
+
+def _module_named(
+    checked: CheckResult, name: str, system: str | None, params: Mapping[str, Value]
+) -> tuple[System, Module]:
+    """The module of this full name, with its flat system."""
+    return next((f, m) for f, m in modules_of(checked, name, system, params) if m.name == name)
+
+
+def _is_refused(flat: System, module: Module) -> bool:
+    """Whether nothing bounds a state of the module."""
+    try:
+        problems_of(_in_every_view([(flat, module)]))
+    except SoterError:
+        return True
+    return False
+
+
+def _told_tries(refused: Diagnostic, made: ProofSearch) -> Diagnostic:
+    """The diagnostic that nothing bounds states, with what was tried in vain."""
+    tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in made.tries if not t.untried)
+    return replace(refused, notes=(*refused.notes, *tried))
 
 
 def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Problem:
@@ -133,21 +208,26 @@ def _verify_problems(
     refute: bool,
     explain: bool | None,
     search: Search | None,
+    known: Mapping[str, ModuleResult | None],
 ) -> list[ModuleResult]:
     """Verifies one problem after the other; the C of the next ones is compiled meanwhile, in order.
 
-    Nothing in this process forks meanwhile, as refuting runs call no externs.
+    Nothing in this process forks meanwhile, as refuting runs call no externs. `known`: results of
+    modules that a search has proved already, by name.
     """
     results = []
     methods = [module_method(p) for p in problems]
     beside = ThreadPoolExecutor(1)
     needed = [
-        None if m.compiled is None else beside.submit(m.compiled, p)
+        None if m.compiled is None or p.name in known else beside.submit(m.compiled, p)
         for m, p in zip(methods, problems, strict=True)
     ]
     try:
         for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
             whole = not (problem.view or problem.influences)
+            if (proved := known.get(problem.name)) is not None:
+                results.append(proved)
+                continue
             with between(i / len(problems), (i + 1) / len(problems)):
                 result = methods[i].verify(
                     problem,
@@ -315,15 +395,21 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
 
 
 def write_certificate(
-    folder: Path, program: TypedProgram, results: Sequence[ModuleResult], systems: Sequence[str]
+    folder: Path,
+    program: TypedProgram,
+    results: Sequence[ModuleResult],
+    systems: Sequence[str],
+    main_text: str | None = None,
 ) -> None:
     """Writes the certificate of `results`, each of a module in the system of that name.
 
-    An old certificate in the folder is replaced. `SoterError` D008 where something else lies
+    `main_text`: the text of the main file, if it is not as on the disk. An old certificate in the folder is replaced. `SoterError` D008 where something else lies
     there, D006 where the system refuses.
     """
     files = dict(_program_files(program))
     main = _main_file(program, files)
+    if main_text is not None:
+        files[f"program/{main}"] = main_text.encode()
     modules = []
     for k, (result, system) in enumerate(zip(results, systems, strict=True)):
         entry = module_method(result.problem).entry

@@ -87,7 +87,7 @@ def _deliver(
     elif name == "-":
         console.say(after.removesuffix("\n"))
     elif before != after:
-        _replace(Path(name), after)
+        replace_file(Path(name), after)
 
 
 def _say(
@@ -102,7 +102,7 @@ def _say(
         console.say(f"{n} file{'' if n == 1 else 's'} laid out already")
 
 
-def _replace(path: Path, text: str) -> None:
+def replace_file(path: Path, text: str) -> None:
     """Writes a file whole or not at all, with its old permissions; SoterError D006."""
     try:
         mode = stat.S_IMODE(path.stat().st_mode)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.verify.problem.problem import Assumption, Group, Problem
+    from soter.verify.search.proof_search import ProofSearch
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
 WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
@@ -378,6 +379,8 @@ class VerifyReport:
     """What else the report covers beside these modules, and what it does not."""
     contents: Mapping[Path, str] = field(default_factory=dict, repr=False)
     """SHA-256 of every file that the program was made of, as it was read, by path."""
+    searches: tuple[ProofSearch, ...] = ()
+    """For each module of which hints were looked for what was tried and found."""
     page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)
     """The function that makes the page of `--report` as one HTML text, for notebooks."""
 

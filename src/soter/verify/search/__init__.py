@@ -1,0 +1,1 @@
+"""How a module is proved of which the program does not say it: grids and `rest` that are found."""

@@ -1,0 +1,103 @@
+"""Grids to try: which states stand together, over which ranges, on how many cells.
+
+Purpose: `grid_hints` makes `grid` lines of what runs of the model reached (`model_states.py`): a
+group for states that move each other or that `safe` compares; ends where `safe` ends, else a little
+beyond what was reached; cells by how far a state moves until SC answers.
+Non-goals: whether anything is proved on them; levels, which the proof chooses.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, prod
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.search.hint_text import Hints
+from soter.verify.search.written_numbers import rounded
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from soter.core.layout import Floats
+    from soter.verify.search.model_states import ModelStates
+
+CELLS = {1: (400,), 2: (15_000, 60_000), 3: (30_000, 120_000, 270_000), 4: (65_000, 160_000)}
+"""The numbers of cells of a group to try, by the number of its axes."""
+LEAST = 6
+"""The fewest cells of an axis, and the most times as many as another one has."""
+BEYOND = {"near": 0.15, "far": 0.25}
+"""By how much of its width an axis reaches beyond what runs reached."""
+
+
+def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]]:
+    """The states that need an axis, those together that move each other or that `safe` compares.
+
+    Without those that are `named` by a line of the program.
+    """
+    with_sc, _ = found.reads()
+    joined = with_sc | with_sc.T | found.compared()
+    asked = found.limited().any(axis=1)
+    kept = [s for s in range(len(asked)) if asked[s] or _is_read(with_sc, s)]
+    kept = [s for s in kept if s not in named]
+    groups: list[list[int]] = []
+    left = set(kept)
+    while left:
+        todo, group = [min(left)], set()
+        while todo:
+            state = todo.pop()
+            if state in left:
+                left.remove(state)
+                group.add(state)
+                todo += [s for s in left if joined[state, s]]
+        groups.append(sorted(group))
+    return groups
+
+
+def _is_read(reads: np.ndarray, state: int) -> bool:
+    return any(reads[other, state] for other in range(len(reads)) if other != state)
+
+
+def grid_hints(found: ModelStates, named: Collection[int] = ()) -> list[tuple[int, Hints]]:
+    """Grids to try with their numbers of cells, those with fewer first; none for large groups.
+
+    `named`: the states of which lines of the program have an axis.
+    """
+    groups = groups_of(found, named)
+    most = max(map(len, groups), default=0)
+    hints: dict[Hints, int] = {}
+    for cells in CELLS.get(most, ()):
+        for reached in ("near", "far"):
+            lines = [_line(found, group, cells, reached) for group in groups]
+            made = Hints(items=tuple(x for _, x in lines), added=bool(named))
+            hints.setdefault(made, sum(n for n, _ in lines))
+    return sorted(((n, h) for h, n in hints.items()), key=lambda each: each[0])
+
+
+def _line(found: ModelStates, group: Sequence[int], cells: int, reached: str) -> tuple[int, str]:
+    """The number of cells and the `grid` line of a group."""
+    ends = [_ends(found, state, reached) for state in group]
+    sizes = np.array([high - low for low, high in ends]) / np.maximum(found.steps()[group], 1e-12)
+    counts = _counts(np.sqrt(np.maximum(sizes, 1.0)), min(cells, CELLS[len(group)][-1]))
+    axes = [
+        f"{found.names[s]} in [{low!r}, {high!r}] / {n}"
+        for s, (low, high), n in zip(group, ends, counts, strict=True)
+    ]
+    return prod(counts), f"grid {', '.join(axes)};"
+
+
+def _counts(weights: Floats, cells: int) -> list[int]:
+    """Numbers of cells along axes in proportion to their weights, no more than `cells` in all."""
+    weights = np.minimum(weights, LEAST * weights.min())
+    scale = (cells / weights.prod()) ** (1.0 / len(weights))
+    return [max(LEAST, int(scale * w)) for w in weights]
+
+
+def _ends(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
+    low, high = (found.near if reached == "near" else found.far)[:, state]
+    more = BEYOND[reached] * (high - low)
+    safe = found.ends[state]
+    return (
+        float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded(low - more, up=False),
+        float(f"{safe[1]:.9g}") if isfinite(safe[1]) else rounded(high + more, up=True),
+    )

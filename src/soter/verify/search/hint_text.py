@@ -1,0 +1,106 @@
+"""Hints of a proof in the text of a program: where they stand, and where found ones are put.
+
+Purpose: `with_hints` gives the text with other hints of one module: `grid` lines in its `verify`
+block, or `rest` and `shield` among its clauses. Hints of the other method go; all else stays.
+Non-goals: finding hints (`grid_hints.py`, `rest_hints.py`); the layout (`syntax/printer.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.language.syntax.tokens import lex
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.diagnostic import Source
+    from soter.language.model.typed import ModuleSymbol
+    from soter.language.syntax.tokens import Tokens
+
+BESIDE_REST = ("grid", "core", "levels", "rest", "ttf", "safer", "shield")
+"""Clauses of a module and items of its `verify` block for which a found `rest` stands."""
+BESIDE_GRIDS = ("grid", "rest")
+"""The same of found `grid` lines."""
+COMMENT = "  // found by `soter verify --write`"
+
+
+@dataclass(frozen=True)
+class Hints:
+    """Items of the `verify` block, or clauses of the module, each with its semicolon.
+
+    `added`: they stand beside those that the program has, and replace none.
+    """
+
+    items: tuple[str, ...] = ()
+    clauses: tuple[str, ...] = ()
+    added: bool = False
+
+    def __str__(self) -> str:
+        return " ".join((*self.clauses, *self.items))
+
+
+def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str = "") -> str:
+    """The text of `source` with these hints of `module`, which stands in it."""
+    tokens, text = lex(source), source.text
+    edits: list[tuple[int, int, str]] = []
+    replaced = () if hints.added else BESIDE_REST if hints.clauses else BESIDE_GRIDS
+    opened, block = _body_of(tokens, module.span.start), None
+    for first, last in _items(tokens, opened):
+        word = tokens.texts[first]
+        if word == "verify":
+            block = first + 1
+            gone = [i for i in _items(tokens, block) if tokens.texts[i[0]] in replaced]
+            emptied = not hints.items and len(gone) == sum(1 for _ in _items(tokens, block))
+            gone = [(first, last)] if emptied else gone
+        elif word in replaced:
+            gone = [(first, last)]
+        else:
+            continue
+        edits += [_removal(text, tokens.starts[a], tokens.ends[b]) for a, b in gone]
+    closed = tokens.starts[_end_of(tokens, opened)]
+    said = [f"  {hint}{comment}\n" for hint in hints.clauses]
+    if hints.items and block is not None:
+        at, inner = tokens.ends[block], "".join(f"\n    {hint}" for hint in hints.items)
+        edits.append((at, at, f"{comment}{inner}\n   "))
+    elif hints.items:
+        said.append("".join(("  verify {", comment, *(f"\n    {i}" for i in hints.items), "\n  }\n")))
+    edits.append((closed, closed, "".join(said)))
+    for start, end, new in sorted(edits, reverse=True):
+        text = text[:start] + new + text[end:]
+    return text
+
+
+def _body_of(tokens: Tokens, start: int) -> int:
+    """The number of the brace that opens the body of the declaration whose name begins there."""
+    return tokens.kinds.index("{", tokens.starts.index(start))
+
+
+def _end_of(tokens: Tokens, opened: int) -> int:
+    """The number of the brace that closes the body that is opened by token `opened`."""
+    depth = 0
+    for k in range(opened, len(tokens.kinds)):
+        depth += {"{": 1, "}": -1}.get(tokens.kinds[k], 0)
+        if depth == 0:
+            return k
+    raise AssertionError  # the program was checked
+
+
+def _items(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
+    """The first and the last token of each item of the body that token `opened` opens."""
+    first = k = opened + 1
+    while tokens.kinds[k] != "}":
+        k = _end_of(tokens, k) if tokens.kinds[k] == "{" else k
+        following = tokens.kinds[k + 1]
+        if tokens.kinds[k] == ";" or (tokens.kinds[k] == "}" and following not in (";", ",")):
+            yield first, k
+            first = k + 1
+        k += 1
+
+
+def _removal(text: str, start: int, end: int) -> tuple[int, int, str]:
+    """The edit that removes an item, with the spaces before it on its line."""
+    while text[start - 1] in " \t":
+        start -= 1
+    return start, end, ""

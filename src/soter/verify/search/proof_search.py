@@ -1,0 +1,255 @@
+"""Searches how a module can be proved of which the program does not say it, within a budget.
+
+Purpose: `find_hints` makes hints (`grid_hints.py`, `rest_hints.py`), writes one after the other
+into the text of the program, as a person would, checks that and proves the module: the cheapest
+promising try first. What it finds is a text, so certificates, builds and flights are of a program
+that says everything. Runs of the model only guide the search: what is proved was proved.
+Non-goals: modules with views, abstractions, proofs by induction, or an SC that is to be found; a
+`ttf` or `safer` that does not verify.
+"""
+
+from __future__ import annotations
+
+import resource
+from dataclasses import dataclass, field
+from math import inf
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.current_phase import CancelledError, cancelled_when, phase, within_phase
+from soter.diagnostics.diagnostic import Diagnostics, Source, SoterError
+from soter.language.front_end import check_file
+from soter.language.model.types import leaf_name
+from soter.language.syntax.printer import format_source
+from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
+from soter.verify.diagnosis.model_runs import StepFaultError
+from soter.verify.diagnosis.vacuity import NEVER
+from soter.verify.enclose.enclosure_emitter import EnclosureError
+from soter.verify.grid.group_model import UnboundedError
+from soter.verify.problem.inputs import inputs_of
+from soter.verify.problem.verification_system import verification_system_of
+from soter.verify.search.grid_hints import grid_hints
+from soter.verify.search.hint_text import COMMENT, Hints, with_hints
+from soter.verify.search.model_states import ModelStates
+from soter.verify.search.rest_hints import rest_hints
+from soter.verify.verify_module import module_method
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import Module, System
+    from soter.verify.claims.results import ModuleResult
+    from soter.verify.problem.problem import Problem
+
+    Choose = Callable[[CheckResult], tuple[System, Module, Problem]]
+    """The flat system, the module and the problem that are meant in a program."""
+
+WIDE = 1e6
+"""Half of the width of the one cell an axis on which runs are simulated: it holds all of them."""
+GROWTH = 1.15
+"""The exponent of the number of cells with which the time of a try is taken to grow."""
+WEIGHTS = {"P2a": 32, "start": 16, "P3": 8, "ttf": 4, "safer": 2, "P2b": 1}
+"""How much it says of a try that a claim is shown."""
+TOO_LONG = "operations"
+"""Stands in the message of a `rest` that takes the DM too long: a larger one may not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Try:
+    """One try: the hints, what they gave in words, the CPU seconds that it took.
+
+    `untried`: it would take longer than was left; `cpu_s` is an estimate.
+    """
+
+    hints: str
+    gave: str
+    cpu_s: float
+    untried: bool = False
+
+
+@dataclass(eq=False)
+class ProofSearch:
+    """What was tried of a module; `found` are the best hints, `checked` the program with them."""
+
+    module: str
+    tries: list[Try] = field(default_factory=list)
+    found: Hints | None = None
+    checked: CheckResult | None = None
+    result: ModuleResult | None = None
+
+    @property
+    def text(self) -> str:
+        """The text of the program with the best hints; "" where none were found."""
+        loaded = None if self.checked is None else self.checked.loaded
+        return "" if loaded is None else loaded.main.source.text
+
+    @property
+    def proved(self) -> bool:
+        """Whether the module is proved with what was found, and its AC gets control."""
+        return self.result is not None and _rank(self.result) == inf
+
+
+def cpu_s() -> float:
+    """The CPU seconds of this process and of those that it has started and that have ended."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+def may_be_found(checked: CheckResult, module: Module) -> bool:
+    """Whether hints of a module are looked for: it is proved by sets, and stands in the main file."""
+    symbol, verify = module.symbol, module.symbol.verify
+    other = verify.views or verify.abstracts or verify.induction or verify.enters or module.view
+    main = checked.loaded is not None and symbol.span.source is checked.loaded.main.source
+    return bool(main and not (other or symbol.synthesized or symbol.ttf or symbol.safer))
+
+
+def find_hints(checked: CheckResult, name: str, choose: Choose, flat: System, module: Module,
+               budget_s: float) -> ProofSearch:  # fmt: skip
+    """The first hints of a module with which all of it is proved, else the best of those tried.
+
+    `choose` picks the module `name` out of a program that was checked; `flat` and `module` are
+    those of `checked`.
+    """
+    search = _Search(checked, name, choose, module, budget_s)
+    phase(f"{name}: which states its plants reach")
+    try:
+        found = search.simulated(flat)
+    except (SoterError, CancelledError, StepFaultError, UnboundedError, EnclosureError):
+        return search.made
+    named = _named(found, module)
+    for cells, hints in _in_order(found, named):
+        if search.made.proved or not search.going():
+            break
+        search.attempt(hints, cells)
+    return search.made
+
+
+def _named(found: ModelStates, module: Module) -> set[int]:
+    """The states of which `grid` lines of the program have an axis."""
+    axes = [a for g in module.symbol.verify.groups for a in g.axes]
+    said = {leaf_name(a.instance if a.topic is None else a.topic.name, a.path) for a in axes}
+    own = (leaf.name for leaf in found.problem.quantities.states)
+    return {s for s, names in enumerate(zip(found.names, own, strict=True)) if said & {*names}}
+
+
+def _in_order(found: ModelStates, named: set[int]) -> Iterator[tuple[int, Hints]]:
+    """Hints to try with numbers of cells (0: none), those first that cost little."""
+    grids = grid_hints(found, named)
+    lines = [h for _, h in grids[:1] for h in h.items]
+    small = all(line.count("/") <= 2 for line in lines)
+    first = grids[: 2 * small]
+    yield from first
+    if not named and found.problem.kind == "flow" and found.rescued:
+        yield from ((0, h) for h in rest_hints(found))
+    yield from grids[len(first) :]
+
+
+class _Search:
+    """The tries of one module."""
+
+    def __init__(
+        self, checked: CheckResult, name: str, choose: Choose, module: Module, budget_s: float
+    ) -> None:
+        assert checked.loaded is not None
+        self.made = ProofSearch(name)
+        self._checked, self._choose, self._module = checked, choose, module
+        self._source = checked.loaded.main.source
+        self._until = cpu_s() + budget_s
+        self._best = -1.0
+        self._cell_s = 0.0, 0
+        self._no_rest = False
+
+    def going(self) -> bool:
+        """Whether there is time left."""
+        return cpu_s() < self._until
+
+    def simulated(self, flat: System) -> ModelStates:
+        """What runs of the module's model reach."""
+        at = verification_system_of(flat, self._module)
+        diagnostics = Diagnostics()
+        inputs = inputs_of(at, diagnostics)
+        diagnostics.raise_errors()
+        names = [x.name.removeprefix(at.prefix) for x in inputs.states]
+        lines = tuple(f"grid {name} in [{-WIDE!r}, {WIDE!r}] / 1;" for name in names)
+        checked = check_file(self._source.name, self._text(Hints(items=lines)))
+        _, _, problem = self._choose(checked)
+        return ModelStates.of(problem, self.going)
+
+    def _text(self, hints: Hints, comment: str = "") -> str:
+        return with_hints(self._source, self._module.symbol, hints, comment)
+
+    def attempt(self, hints: Hints, cells: int) -> None:
+        """Proves the module with these hints, and keeps them if they are the best."""
+        if hints.clauses and self._no_rest:
+            return
+        spent, before = self._cell_s
+        expected = spent * (cells / before) ** GROWTH if cells and before else 0.0
+        began = cpu_s()
+        if expected > self._until - began:
+            self.made.tries.append(Try(str(hints), "not tried", expected, untried=True))
+            return
+        phase(f"{self.made.module}: trying {hints}")
+        gave, result, checked = self._proved(hints)
+        took = cpu_s() - began
+        if cells and result is not None:
+            self._cell_s = took, cells
+        self.made.tries.append(Try(str(hints), gave, took))
+        self._no_rest |= bool(hints.clauses) and result is None and TOO_LONG not in gave
+        if result is None or (rank := _rank(result)) <= self._best:
+            return
+        self._best = rank
+        self.made.found, self.made.result, self.made.checked = hints, result, checked
+        if hints.clauses and result.verdict in (PROVED, ASSUMED) and rank < inf:
+            judged = Hints(clauses=(*hints.clauses, "shield;"))
+            if hints.clauses[-1] != "shield;":
+                self.attempt(judged, cells)
+
+    def _proved(self, hints: Hints) -> tuple[str, ModuleResult | None, CheckResult | None]:
+        """What hints gave in words, and the result and the program if there is one."""
+        try:
+            checked = check_file(self._source.name, self._laid_out(hints))
+            if not checked.ok:
+                raise SoterError(checked.diagnostics.items)
+            _, _, problem = self._choose(checked)
+            problem.cells_open = False
+            with within_phase(), cancelled_when(lambda: not self.going()):
+                result = module_method(problem).verify(
+                    problem, refute=False, explain=False, search=None, compiled=None
+                )
+        except SoterError as error:
+            first = error.diagnostics[0]
+            return f"{first.code}: {first.message}", None, None
+        except (UnboundedError, EnclosureError) as error:
+            return str(error), None, None
+        except CancelledError:
+            return "the budget ended", None, None
+        return _in_words(result), result, checked
+
+    def _laid_out(self, hints: Hints) -> str:
+        """The text with the hints; laid out anew if the program was."""
+        text, source = self._text(hints, COMMENT), self._source
+        if format_source(source, Diagnostics()) != source.text:
+            return text
+        return format_source(Source(source.name, text), Diagnostics()) or text
+
+
+def _rank(result: ModuleResult) -> float:
+    """How good a result is; inf: everything is proved, and AC gets control."""
+    held = result.verdict in (PROVED, ASSUMED)
+    never = result.vacuity is not None and result.vacuity.how_often == NEVER
+    if held and not never:
+        return inf
+    if held:
+        return 100.0
+    shown = [n for n, f in result.findings.items() if f.verdict != UNDECIDED]
+    return float(sum(WEIGHTS.get(n, 0) for n in shown))
+
+
+def _in_words(result: ModuleResult) -> str:
+    """What a try gave."""
+    if result.verdict in (PROVED, ASSUMED):
+        but = f", but {result.vacuity.text}" if result.vacuity is not None else ""
+        return f"{PROVED}{result.whilst}{but}"
+    open_ = {n: f for n, f in result.findings.items() if not f.holds}
+    first = next(iter(open_.values()))
+    return f"{', '.join(open_)} {result.verdict}: {first.text}"

@@ -1,0 +1,129 @@
+"""Clauses `rest` to try: where runs of the model under SC end, what still moves there, how soon.
+
+Purpose: `rest_hints` simulates SC from the farthest states that it still rescues. A state whose end
+does not hang on where the run began is held: it stands in the condition. Any other one moves, by as
+much as it did after the condition held first. Larger boxes come later.
+Non-goals: whether SC keeps such a box: that is proved (`tubes/rest_claims.py`), or not.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.diagnosis.model_runs import TRUE
+from soter.verify.problem.inputs import errors_of
+from soter.verify.search.hint_text import Hints
+from soter.verify.search.written_numbers import duration, rounded
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.core.layout import Floats
+    from soter.verify.diagnosis.model_runs import ModelTrace
+    from soter.verify.search.model_states import ModelStates
+
+LONG = 1000
+"""Runs that have to end are as long as this many periods of SC."""
+STARTS = 9
+LAST = 0.8
+"""The share of a run after which it is taken to be at its end."""
+HANGS = 0.1
+"""A state hangs on where the run began if its ends differ by this share of what was reached."""
+SIZES = (0.0, 0.1, 0.25, 0.45)
+"""How large boxes are, as shares of what was reached."""
+AROUND, LATER = 1.3, 1.3
+"""By these factors a box is larger than where runs end, and a time longer than they took."""
+
+
+def rest_hints(found: ModelStates) -> Iterator[Hints]:
+    """Clauses to try, smaller boxes first."""
+    starts = [*found.points[-1:], *found.points[:-1]][:STARTS]
+    runs = found.runs(starts, LONG)
+    if not runs:
+        return
+    width = np.maximum(found.far[1] - found.far[0], 1e-9)
+    quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
+    hangs = np.ptp(quiet, axis=0) > HANGS * width
+    with_sc, _ = found.reads()
+    asked = found.limited()
+    read = np.array([with_sc[np.arange(len(width)) != s, s].any() for s in range(len(width))])
+    held = [s for s in np.flatnonzero(~hangs) if read[s] or asked[s].any()]
+    moving = [s for s in np.flatnonzero(hangs) if read[s] or asked[s].any()]
+    if not held:
+        return
+    tails = np.concatenate([np.array(t.states)[int(LAST * len(t.states)) :] for t in runs])
+    low, high = tails.min(axis=0), tails.max(axis=0)
+    known = errors_of(found.problem)
+    errors = np.array([known.get(s, 0.0) for s in range(len(width))])
+    least = AROUND * ((high - low) / 2 + errors / 2 + width / 150)
+    boxes = [np.maximum(least, size * width / 2) for size in SIZES]
+    middle = (low + high) / 2
+    for half, before in ((b, a) for a, b in pairwise([np.zeros_like(least), *boxes])):
+        if (half > before).any() and (said := _clause(found, runs, middle, half, held, moving, asked)):
+            yield Hints(clauses=(said,))
+
+
+def _clause(
+    found: ModelStates,
+    runs: list[ModelTrace],
+    middle: Floats,
+    half: Floats,
+    held: list[int],
+    moving: list[int],
+    asked: Floats,
+) -> str:
+    """The clause of a box around `middle`; "" where `safe` does not hold in it, or no run enters."""
+    ends = {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
+    inside = [
+        np.all([(e[0] <= x[:, s]) & (x[:, s] <= e[1]) for s, e in ends.items()], axis=0)
+        for x in (np.array(t.states) for t in runs)
+    ]
+    entered = [(t, int(np.argmax(i))) for t, i in zip(runs, inside, strict=True) if i.any()]
+    if len(entered) < len(runs) or not _lies_in_safe(found, runs, ends):
+        return ""
+    latest = max(t.times[k] for t, k in entered)
+    moves = []
+    for s in moving:
+        after = [np.array(t.states)[k:, s] - t.states[k][s] for t, k in entered]
+        ways = [-min(x.min() for x in after), max(x.max() for x in after)]
+        width = found.far[1][s] - found.far[0][s]
+        down, up = (rounded(1.5 * float(w) + width / 1000, up=True) for w in ways)
+        name = found.names[s]
+        if asked[s].all() or not asked[s].any():
+            moves.append(f"{name} by {max(down, up)!r}")
+        else:
+            moves.append(f"{name} by {up!r} up" if asked[s, 1] else f"{name} by {down!r} down")
+    conditions = [_condition(found.names[s], *e) for s, e in ends.items()]
+    within = max(LATER * latest, 4 * found.period_s) + found.problem.times.jitter_sc * 1e-9
+    said = f" moves {', '.join(moves)}" if moves else ""
+    return f"rest {' && '.join(conditions)}{said} within {duration(within)};"
+
+
+def _symmetric(low: float, high: float) -> tuple[float, float]:
+    """The ends, rounded; the same on both sides of 0 if they nearly are."""
+    low, high = rounded(float(low), up=False), rounded(float(high), up=True)
+    if abs(low + high) < 0.35 * max(-low, high):
+        return -max(-low, high), max(-low, high)
+    return low, high
+
+
+def _condition(name: str, low: float, high: float) -> str:
+    return f"abs({name}) < {high!r}" if low == -high else f"{name} > {low!r} && {name} < {high!r}"
+
+
+def _lies_in_safe(
+    found: ModelStates, runs: list[ModelTrace], ends: dict[int, tuple[float, float]]
+) -> bool:
+    """Whether `safe` holds at all corners of the box that were tried, of ends of runs."""
+    draw = np.random.default_rng(5)
+    for trace in runs[:STARTS]:
+        for _ in range(8):
+            x = trace.states[-1].copy()
+            for s, e in ends.items():
+                x[s] = draw.choice(e)
+            if found.model.safe(trace.states[-1]) == TRUE and found.model.safe(x) != TRUE:
+                return False
+    return True

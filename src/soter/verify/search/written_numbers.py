@@ -1,0 +1,21 @@
+"""Numbers and times as a hint writes them: rounded outward to few digits."""
+
+from __future__ import annotations
+
+from math import ceil, floor, isfinite, log10
+
+
+def rounded(value: float, *, up: bool, digits: int = 2) -> float:
+    """A number rounded up or down to so many digits."""
+    if value == 0.0 or not isfinite(value):
+        return value
+    unit = 10.0 ** (floor(log10(abs(value))) - digits + 1)
+    count = value / unit
+    return float(f"{(ceil(count - 1e-9) if up else floor(count + 1e-9)) * unit:.12g}")
+
+
+def duration(seconds: float) -> str:
+    """A time of at least so long, in whole milliseconds or, if it is short, microseconds."""
+    if seconds >= 10.0:
+        return f"{ceil(seconds)}s"
+    return f"{ceil(seconds * 1e3)}ms" if seconds >= 0.01 else f"{ceil(seconds * 1e6)}us"
