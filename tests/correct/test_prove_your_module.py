@@ -34,16 +34,24 @@ def _changed(folder: Path, old: str, new: str) -> str:
     return "changed.soter"
 
 
-def test_a_car_on_a_road_is_proved_without_an_axis_along_it(tmp_path: Path) -> None:
-    lane = PIECES["lane.soter"].replace("}\nsystem", PIECES["road"] + "}\nsystem")
-    (tmp_path / "lane.soter").write_text(lane, encoding="utf-8")
-    verified = _soter(tmp_path, "verify", "lane.soter")
+def test_a_car_on_a_road_says_nothing_of_a_proof_and_is_proved(tmp_path: Path) -> None:
+    (tmp_path / "lane.soter").write_text(PIECES["lane.soter"], encoding="utf-8")
+    verified = _soter(tmp_path, "verify", "lane.soter", "--write")
     assert verified.returncode == 0, verified.stdout
     assert "PROVED under" in verified.stdout
     assert "where functions in its rate are defined: c.x" in verified.stdout
+    again = _soter(tmp_path, "verify", "lane.soter", "--cert", "proof")
+    assert again.returncode == 0, again.stdout
+    assert "tried" not in again.stdout
+    checked = _soter(tmp_path, "recheck", "proof")
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_a_car_whose_sc_reads_how_far_it_is_along_the_road_is_told_so(tmp_path: Path) -> None:
+    lane = PIECES["lane.soter"]
     read = lane.replace("-0.25 * pose.y", "-0.25 * pose.y + 0.001 * pose.x")
     (tmp_path / "lane.soter").write_text(read, encoding="utf-8")
-    refused = _soter(tmp_path, "verify", "lane.soter")
+    refused = _soter(tmp_path, "verify", "lane.soter", "--budget", "0")
     assert refused.returncode == 1
     assert "`c.x` is read by SC" in refused.stderr
 

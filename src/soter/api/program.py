@@ -337,7 +337,8 @@ class Program:
         the program that was written. `refute`: look for a counterexample to what is not proved;
         `explain`: measure why it is not proved, and try what may help (None: as `refute`).
         `budget_s`: CPU seconds for the search of hints where the program bounds no states; the
-        report is then about the program with them (`VerifyReport.searches`). `SoterError` with R... if the program does not determine a problem.
+        report is then about the program with them (`VerifyReport.searches`). `SoterError` with
+        R... if the program does not determine a problem.
         """
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 

@@ -67,6 +67,7 @@ TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the ca
 ENDING = "-proof.html"
 BUDGET_S = 120.0
 NOT_FOUND = "no hint was found with which all of it is proved"
+NO_HINTS = "the program says no grid and no `rest`"
 NOTHING_OPEN = "the program says how it is proved"
 
 
@@ -229,20 +230,23 @@ def _printout(report: VerifyReport) -> Printout:
 
 def _print_search(search: ProofSearch, report: VerifyReport, printed: Printout) -> None:
     """Prints what was tried to find hints of a module, and what was found."""
-    printed.say(f"\n{printed.paint('bold', search.module)}  the program says no grid and no `rest`; tried\n")
+    why = "what the program says leaves it undecided" if search.own else NO_HINTS
+    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried\n")
     rows = [
         (t.hints, t.gave, f"about {seconds(t.cpu_s)}" if t.untried else seconds(t.cpu_s))
         for t in search.tries
     ]
     printed.table(("hint", "what it gave", "processor"), rows)
-    if search.proved:
-        found = f"found   {printed.paint('green', str(search.found))}"
-        how = f"soter verify {shlex.quote(report.path)} --write"
-        printed.say(f"\n{found}\n        `{how}` puts it into the program; what is told below is with it")
-    else:
-        printed.say(f"\nthe best of these, of which more is told below: {search.found}")
     if any(t.untried for t in search.tries):
-        printed.say("        what was not tried needs more time: `--budget`")
+        printed.say("\nwhat was not tried needs a longer `--budget`")
+    if search.proved:
+        how = f"soter verify {shlex.quote(report.path)} --write"
+        printed.say(f"\nfound   {printed.paint('green', str(search.found))}")
+        printed.say(
+            f"        `{how}` puts it into the program; what follows is about the program with it"
+        )
+    elif not search.own:
+        printed.say(f"\nthe best of these, and what follows is with it: {search.found}")
 
 
 def _write_hints(report: VerifyReport, console: Console) -> None:
@@ -530,7 +534,7 @@ DOCUMENT = JsonObject(
     modules=VERIFIED,
     searches=JsonObject(
         "soter.verify.search.proof_search.ProofSearch",
-        "module proved found? tries",
+        "module own proved found? tries",
         {"found": _found},
         tries=JsonObject("soter.verify.search.proof_search.Try", "hints gave cpu_s untried"),
     ),

@@ -18,7 +18,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.certificate.folder import FORMAT, MANIFEST, SEAL, files_of
 from soter.diagnostics.current_phase import between
@@ -27,7 +27,7 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
 from soter.native.compiler import end_compilers
 from soter.verify.claims.case import settled, settled_before
-from soter.verify.claims.results import ModuleResult, VerifyReport
+from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import cache_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
 from soter.verify.problem.extract import extract
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
-    from soter.verify.search.proof_search import ProofSearch
+    from soter.verify.search.proof_search import ProofSearch, Try
 
 
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
@@ -75,13 +75,20 @@ def verify(
     whose program bounds none of its states; what is verified then is the program with them.
     """
     began = time.perf_counter()
-    checked, searches = _with_found_hints(checked, module, system, params or {}, budget_s)
+    what: Any = {"module": module, "system": system, "params": params or {}}
+    checked, searches = _with_found_hints(checked, what, budget_s)
+    chosen, problems = _chosen_problems(checked, **what)
+    results = _verify_problems(problems, refute, explain, search, _proved_by(searches))
+    if refute if explain is None else explain:
+        before, further = checked, _searched_anew(checked, what, results, budget_s)
+        checked, searches = further[0], (*searches, *further[1])
+        if checked is not before:
+            chosen, problems = _chosen_problems(checked, **what)
+            known = {r.name: r for r in results} | _proved_by(searches)
+            results = [known[problem.name] for problem in problems]
     assert checked.program is not None
-    chosen, problems = _chosen_problems(checked, module, system, params or {})
-    whole = {flat.name: flat for flat, _ in modules_of(checked, module, system, params or {})}
+    whole = {flat.name: flat for flat, _ in modules_of(checked, **what)}
     coverage = coverage_of(checked, chosen, problems, params or {})
-    known = {s.module: s.result for s in searches if s.proved}
-    results = _verify_problems(problems, refute, explain, search, known)
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
             if result.problem.computed:
@@ -103,8 +110,9 @@ def verify(
         searches=searches,
     )
     if cert is not None:
-        main = searches[-1].text if searches else None
-        write_certificate(cert, checked.program, results, [f.name for f, _ in chosen], main)
+        main = None if checked.loaded is None else checked.loaded.main.source.text
+        systems = [flat.name for flat, _ in chosen]
+        write_certificate(cert, checked.program, results, systems, main if searches else None)
     if report is not None:
         from soter.verify.proof_report import write_report  # noqa: PLC0415 - only then
 
@@ -126,48 +134,76 @@ def _chosen_problems(
 
 
 def _with_found_hints(
-    checked: CheckResult,
-    module: str | None,
-    system: str | None,
-    params: Mapping[str, Value],
-    budget_s: float,
+    checked: CheckResult, what: Mapping[str, Any], budget_s: float
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with hints that were found where it bounds no states; `SoterError` as without."""
+    """The program with hints that were found where it bounds no states; `SoterError` as without.
+
+    `what`: the modules to verify, as arguments of `modules_of`.
+    """
     try:
-        if not budget_s or _chosen_problems(checked, module, system, params):
+        if not budget_s or _chosen_problems(checked, **what):
             return checked, ()
     except SoterError as error:
         if {d.code for d in error.diagnostics} != {"R008"}:
             raise
         refused = error
-    from soter.verify.search.proof_search import find_hints, may_be_found  # noqa: PLC0415 - rarely
-
     searches: list[ProofSearch] = []
-    for _, m in modules_of(checked, module, system, params):
-        flat, here = _module_named(checked, m.name, system, params)
-        if not _is_refused(flat, here):
+    for name in [m.name for _, m in modules_of(checked, **what)]:
+        if not _is_refused(*_module_named(checked, name, what)):
             continue
-        if not may_be_found(checked, here):
-            raise refused
-
-        def choose(other: CheckResult, name: str = m.name) -> tuple[System, Module, Problem]:
-            assert other.program is not None
-            flat, m = _module_named(other, name, system, params)
-            return flat, m, _without_faults(other.program, flat, extract(flat, m))
-
-        made = find_hints(checked, m.name, choose, flat, here, budget_s)
+        made = _searched(checked, name, what, budget_s, own=False)
+        if made is None or made.checked is None:
+            tries = () if made is None else made.tries
+            raise SoterError(tuple(_told_tries(d, tries) for d in refused.diagnostics))
         searches.append(made)
-        if made.checked is None:
-            raise SoterError(tuple(_told_tries(d, made) for d in refused.diagnostics))
         checked = made.checked
     return checked, tuple(searches)
 
 
+def _searched_anew(
+    checked: CheckResult, what: Mapping[str, Any], results: Sequence[ModuleResult], budget_s: float
+) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
+    """The program with other hints of modules that its own leave undecided, where these prove."""
+    searches = []
+    for result in results if budget_s else ():
+        symbol = result.problem.module.symbol
+        if result.verdict != UNDECIDED or symbol.ttf or result.problem.kind == "nodes":
+            continue
+        made = _searched(checked, result.name, what, budget_s, own=True)
+        if made is not None:
+            searches.append(made)
+            checked = made.checked if made.proved and made.checked is not None else checked
+    return checked, tuple(searches)
+
+
+def _searched(
+    checked: CheckResult, name: str, what: Mapping[str, Any], budget_s: float, *, own: bool
+) -> ProofSearch | None:
+    """What a search for hints of a module gave; None where hints of it are not looked for."""
+    from soter.verify.search.proof_search import find_hints, may_be_found  # noqa: PLC0415 - rarely
+
+    def choose(other: CheckResult) -> tuple[System, Module, Problem]:
+        assert other.program is not None
+        flat, m = _module_named(other, name, what)
+        return flat, m, _without_faults(other.program, flat, extract(flat, m))
+
+    flat, module = _module_named(checked, name, what)
+    if not may_be_found(checked, module):
+        return None
+    return find_hints(checked, choose, flat, module, budget_s, own=own)
+
+
+def _proved_by(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
+    """The results of searches that proved their modules, by name."""
+    return {s.module: s.result for s in searches if s.proved and s.result is not None}
+
+
 def _module_named(
-    checked: CheckResult, name: str, system: str | None, params: Mapping[str, Value]
+    checked: CheckResult, name: str, what: Mapping[str, Any]
 ) -> tuple[System, Module]:
     """The module of this full name, with its flat system."""
-    return next((f, m) for f, m in modules_of(checked, name, system, params) if m.name == name)
+    every = modules_of(checked, **{**what, "module": name})
+    return next((flat, m) for flat, m in every if m.name == name)
 
 
 def _is_refused(flat: System, module: Module) -> bool:
@@ -179,9 +215,9 @@ def _is_refused(flat: System, module: Module) -> bool:
     return False
 
 
-def _told_tries(refused: Diagnostic, made: ProofSearch) -> Diagnostic:
+def _told_tries(refused: Diagnostic, tries: Sequence[Try]) -> Diagnostic:
     """The diagnostic that nothing bounds states, with what was tried in vain."""
-    tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in made.tries if not t.untried)
+    tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in tries if not t.untried)
     return replace(refused, notes=(*refused.notes, *tried))
 
 
@@ -208,7 +244,7 @@ def _verify_problems(
     refute: bool,
     explain: bool | None,
     search: Search | None,
-    known: Mapping[str, ModuleResult | None],
+    known: Mapping[str, ModuleResult],
 ) -> list[ModuleResult]:
     """Verifies one problem after the other; the C of the next ones is compiled meanwhile, in order.
 
@@ -403,8 +439,9 @@ def write_certificate(
 ) -> None:
     """Writes the certificate of `results`, each of a module in the system of that name.
 
-    `main_text`: the text of the main file, if it is not as on the disk. An old certificate in the folder is replaced. `SoterError` D008 where something else lies
-    there, D006 where the system refuses.
+    `main_text`: the text of the main file, if it is not as on the disk. An old certificate in the
+    folder is replaced. `SoterError` D008 where something else lies there, D006 where the system
+    refuses.
     """
     files = dict(_program_files(program))
     main = _main_file(program, files)

@@ -245,10 +245,8 @@ class Axes:
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
             names = [self.inputs.states[s].name for s in unbounded]
-            cells = min(BESIDE, DEFAULT_CELLS[min(len(names), AXES_MAX)])
-            example = ", ".join(f"{n} in [-1.0, 1.0] / {cells}" for n in names[:AXES_MAX])
             symbol = self.place.module.symbol
-            self._refuse_unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
+            self._refuse_unbounded(names, symbol.verify.span or symbol.span)
             return []
         if not alone and len(missing) <= AXES_MAX:
             cells = DEFAULT_CELLS[len(missing)]
@@ -266,8 +264,7 @@ class Axes:
         names = {n.variable.name for n in told if isinstance(n, typed.VarRead)}
         return state in self.inputs.still and self.inputs.states[state].member not in names
 
-    def _refuse_unbounded(self, names: list[str], span: Span, example: str) -> None:
-        price = "; `soter verify` says first how long so many cells take" * (len(names) > 2)
+    def _refuse_unbounded(self, names: list[str], span: Span) -> None:
         self.diagnostics.error(
             "R008",
             f"nothing bounds the state{'s' if len(names) > 1 else ''} "
@@ -277,7 +274,10 @@ class Axes:
                 "every state is analysed over a box; outside it counts as unsafe",
                 *(f"`{n}` is read by {self.readers[n]}" for n in names if n in self.readers),
             ),
-            helps=(f"write `verify {{ {example} }}` with your bounds{price}",),
+            helps=(
+                "`soter verify FILE --write` finds a grid or `rest` and puts it here",
+                f"or say it: `verify {{ grid {names[0]} in [low, high] / cells; }}`",
+            ),
         )
 
     def _natural_range(self, state: int) -> Interval | None:

@@ -19,14 +19,14 @@ from soter.verify.search.written_numbers import rounded
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from soter.core.layout import Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.search.model_states import ModelStates
 
 CELLS = {1: (400,), 2: (15_000, 60_000), 3: (30_000, 120_000, 270_000), 4: (65_000, 160_000)}
 """The numbers of cells of a group to try, by the number of its axes."""
 LEAST = 6
 """The fewest cells of an axis, and the most times as many as another one has."""
-BEYOND = {"near": 0.15, "far": 0.25}
+BEYOND = {"near": 0.4, "far": 0.2}
 """By how much of its width an axis reaches beyond what runs reached."""
 
 
@@ -37,8 +37,8 @@ def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]
     """
     with_sc, _ = found.reads()
     joined = with_sc | with_sc.T | found.compared()
-    asked = found.limited().any(axis=1)
-    kept = [s for s in range(len(asked)) if asked[s] or _is_read(with_sc, s)]
+    asked: Bools = np.asarray(found.limited().any(axis=1))
+    kept = [s for s, is_asked in enumerate(asked.tolist()) if is_asked or _is_read(with_sc, s)]
     kept = [s for s in kept if s not in named]
     groups: list[list[int]] = []
     left = set(kept)
@@ -54,8 +54,8 @@ def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]
     return groups
 
 
-def _is_read(reads: np.ndarray, state: int) -> bool:
-    return any(reads[other, state] for other in range(len(reads)) if other != state)
+def _is_read(reads: Bools, state: int) -> bool:
+    return bool(np.delete(reads[:, state], state).any())
 
 
 def grid_hints(found: ModelStates, named: Collection[int] = ()) -> list[tuple[int, Hints]]:
@@ -95,7 +95,7 @@ def _counts(weights: Floats, cells: int) -> list[int]:
 
 def _ends(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
     low, high = (found.near if reached == "near" else found.far)[:, state]
-    more = BEYOND[reached] * (high - low)
+    more = BEYOND[reached] * (high - low) or float(found.steps()[state])
     safe = found.ends[state]
     return (
         float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded(low - more, up=False),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 BESIDE_REST = ("grid", "core", "levels", "rest", "ttf", "safer", "shield")
 """Clauses of a module and items of its `verify` block for which a found `rest` stands."""
 BESIDE_GRIDS = ("grid", "rest")
-"""The same of found `grid` lines."""
+"""The same of found `grid` lines; a `shield` goes with the `rest` that it belongs to."""
 COMMENT = "  // found by `soter verify --write`"
 
 
@@ -45,7 +45,8 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
     """The text of `source` with these hints of `module`, which stands in it."""
     tokens, text = lex(source), source.text
     edits: list[tuple[int, int, str]] = []
-    replaced = () if hints.added else BESIDE_REST if hints.clauses else BESIDE_GRIDS
+    of_grids = BESIDE_GRIDS if module.rest is None else (*BESIDE_GRIDS, "shield")
+    replaced = () if hints.added else BESIDE_REST if hints.clauses else of_grids
     opened, block = _body_of(tokens, module.span.start), None
     for first, last in _items(tokens, opened):
         word = tokens.texts[first]
@@ -65,7 +66,9 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
         at, inner = tokens.ends[block], "".join(f"\n    {hint}" for hint in hints.items)
         edits.append((at, at, f"{comment}{inner}\n   "))
     elif hints.items:
-        said.append("".join(("  verify {", comment, *(f"\n    {i}" for i in hints.items), "\n  }\n")))
+        said.append(
+            "".join(("  verify {", comment, *(f"\n    {i}" for i in hints.items), "\n  }\n"))
+        )
     edits.append((closed, closed, "".join(said)))
     for start, end, new in sorted(edits, reverse=True):
         text = text[:start] + new + text[end:]

@@ -67,7 +67,9 @@ class ModelStates:
         """Simulates; `problem` is on any grid that holds the start, as one cell an axis."""
         library, _ = library_of(problem)
         parameter = next(iter(cases(problem)))
-        model = PointModel(Case(problem, parameter, CompiledEnclosures(library, problem, parameter)))
+        model = PointModel(
+            Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
+        )
         at = np.array([model.start, model.start])
         found = cls(problem, model, _names(problem), _some_patterns(model), at, at, at)
         found.ends = found._ends_of_safe()
@@ -113,11 +115,10 @@ class ModelStates:
     # ------------------------------------------------------------ ranges
 
     def _explore(self, going: Callable[[], bool]) -> None:
-        start, near, far = self.model.start, [], []
-        traces = self._rescue(start)
+        start, traces = self.model.start, self._rescue(self.model.start)
         self.rescued = traces is not None
-        for trace in traces or ():
-            near.append(np.array(trace.states))
+        near = [np.array([start]), *(np.array(trace.states) for trace in traces or ())]
+        far: list[Floats] = []
         ends = time.process_time() + EXPLORED_S
         for u, w in self._pushes() if self.rescued and not np.isfinite(self.ends).all() else ():
             if time.process_time() > ends or not going():
@@ -128,7 +129,6 @@ class ModelStates:
             for at, kept in ((k // 2, near), (k, far)):
                 kept += [np.array(pushed[: at + 1])]
                 kept += [np.array(trace.states) for trace in self._rescue(pushed[at]) or ()]
-        near.append(np.array([start]))
         self.near = _range_of(near)
         self.far = _range_of([*near, *far])
         self.points += [start]
@@ -139,8 +139,12 @@ class ModelStates:
         if len(corners) > CORNERS_MAX:
             drawn = np.random.default_rng(0).choice(len(corners), CORNERS_MAX, replace=False)
             corners = [corners[k] for k in sorted({0, len(corners) - 1, *drawn})]
-        winds = [np.array([getattr(w, e) for w in self.problem.disturbances]) for e in ("low", "high")]
-        return [(u, w) for u in corners for w in (winds if self.problem.disturbances else winds[:1])]
+        winds = [
+            np.array([getattr(w, e) for w in self.problem.disturbances]) for e in ("low", "high")
+        ]
+        return [
+            (u, w) for u in corners for w in (winds if self.problem.disturbances else winds[:1])
+        ]
 
     def _pushed(self, start: Floats, u: Floats, w: Floats) -> list[Floats]:
         """The states after 0, 1, ... horizons of a command, while `safe` may hold."""
@@ -211,7 +215,9 @@ class ModelStates:
     def _drawn_from(self) -> Floats:
         """Ranges to draw states from: those reached, and a little more where a state stood."""
         low, high = self.far
-        low, high = (np.where(np.isfinite(e), e, r) for e, r in zip(self.ends.T, (low, high), strict=True))
+        low, high = (
+            np.where(np.isfinite(e), e, r) for e, r in zip(self.ends.T, (low, high), strict=True)
+        )
         more = np.where(high - low > 0.0, 0.0, np.maximum(1e-3, 1e-3 * np.abs(low)))
         return np.array([low - more, high + more])
 
@@ -237,7 +243,9 @@ class ModelStates:
         for _ in range(SAMPLES):
             x = draw.uniform(low, high)
             for state, (side, sign) in product(range(len(x)), ((0, -1.0), (1, 1.0))):
-                for far in () if found[state, side] or self.model.safe(x) == FALSE else (1, 10, 1e3, 1e6):
+                for far in (
+                    () if found[state, side] or self.model.safe(x) == FALSE else (1, 10, 1e3, 1e6)
+                ):
                     y = x.copy()
                     y[state] += sign * far * (high[state] - low[state])
                     found[state, side] |= self.model.safe(y) == FALSE
@@ -260,11 +268,11 @@ class ModelStates:
         hold = self.period_s + self.problem.times.delay_sc * NS
         known = errors_of(self.problem)
         errors = np.array([known.get(s, 0.0) for s in range(len(self.names))])
-        return (moved if self.model.is_map else moved * hold) + errors
+        return np.asarray((moved if self.model.is_map else moved * hold) + errors)
 
 
 def _with(x: Floats, y: Floats, *states: int) -> Floats:
-    mixed = x.copy()
+    mixed: Floats = x.copy()
     for state in states:
         mixed[state] = y[state]
     return mixed
@@ -286,7 +294,11 @@ def _some_patterns(model: PointModel) -> list[Pattern]:
 def _names(problem: Problem) -> tuple[str, ...]:
     """The name of each state as a hint writes it: the topic that shows it, or the plant's own."""
     sc = problem.system.components[problem.module.sc]
-    scopes = [*(c.scope for c in problem.system.components if c.plant), sc.scope, problem.module.scope]
+    scopes = [
+        *(c.scope for c in problem.system.components if c.plant),
+        sc.scope,
+        problem.module.scope,
+    ]
     by_index = {index: symbol for scope in scopes for symbol, index in scope.topics.items()}
     names = []
     for state, leaf in enumerate(problem.quantities.states):

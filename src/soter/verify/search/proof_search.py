@@ -4,8 +4,7 @@ Purpose: `find_hints` makes hints (`grid_hints.py`, `rest_hints.py`), writes one
 into the text of the program, as a person would, checks that and proves the module: the cheapest
 promising try first. What it finds is a text, so certificates, builds and flights are of a program
 that says everything. Runs of the model only guide the search: what is proved was proved.
-Non-goals: modules with views, abstractions, proofs by induction, or an SC that is to be found; a
-`ttf` or `safer` that does not verify.
+Non-goals: modules with views, abstractions, proofs by induction, or an SC that is to be found.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import CancelledError, cancelled_when, phase, within_phase
-from soter.diagnostics.diagnostic import Diagnostics, Source, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source
 from soter.language.front_end import check_file
 from soter.language.model.types import leaf_name
 from soter.language.syntax.printer import format_source
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
     Choose = Callable[[CheckResult], tuple[System, Module, Problem]]
-    """The flat system, the module and the problem that are meant in a program."""
+    """It gives the flat system, the module and the problem that are meant in a program."""
 
 WIDE = 1e6
 """Half of the width of the one cell an axis on which runs are simulated: it holds all of them."""
@@ -50,6 +49,8 @@ GROWTH = 1.15
 """The exponent of the number of cells with which the time of a try is taken to grow."""
 WEIGHTS = {"P2a": 32, "start": 16, "P3": 8, "ttf": 4, "safer": 2, "P2b": 1}
 """How much it says of a try that a claim is shown."""
+OF_RESTS = 0.25
+"""The share of the budget that clauses `rest` may take together."""
 TOO_LONG = "operations"
 """Stands in the message of a `rest` that takes the DM too long: a larger one may not."""
 
@@ -72,6 +73,8 @@ class ProofSearch:
     """What was tried of a module; `found` are the best hints, `checked` the program with them."""
 
     module: str
+    own: bool
+    """Whether the program has hints of its own, which leave the module undecided."""
     tries: list[Try] = field(default_factory=list)
     found: Hints | None = None
     checked: CheckResult | None = None
@@ -96,28 +99,36 @@ def cpu_s() -> float:
 
 
 def may_be_found(checked: CheckResult, module: Module) -> bool:
-    """Whether hints of a module are looked for: it is proved by sets, and stands in the main file."""
+    """Whether hints of a module are looked for: it stands in the main file, without views."""
     symbol, verify = module.symbol, module.symbol.verify
     other = verify.views or verify.abstracts or verify.induction or verify.enters or module.view
     main = checked.loaded is not None and symbol.span.source is checked.loaded.main.source
-    return bool(main and not (other or symbol.synthesized or symbol.ttf or symbol.safer))
+    return bool(main and not (other or symbol.synthesized))
 
 
-def find_hints(checked: CheckResult, name: str, choose: Choose, flat: System, module: Module,
-               budget_s: float) -> ProofSearch:  # fmt: skip
+def find_hints(
+    checked: CheckResult,
+    choose: Choose,
+    flat: System,
+    module: Module,
+    budget_s: float,
+    *,
+    own: bool,
+) -> ProofSearch:
     """The first hints of a module with which all of it is proved, else the best of those tried.
 
-    `choose` picks the module `name` out of a program that was checked; `flat` and `module` are
-    those of `checked`.
+    `choose` picks the module out of a program that was checked; `flat` and `module` are those of
+    `checked`. `own`: it has hints of its own, in whose place others are tried.
     """
-    search = _Search(checked, name, choose, module, budget_s)
-    phase(f"{name}: which states its plants reach")
+    search = _Search(checked, choose, module, budget_s, own=own)
+    phase(f"{module.name}: which states its plants reach")
     try:
         found = search.simulated(flat)
     except (SoterError, CancelledError, StepFaultError, UnboundedError, EnclosureError):
         return search.made
-    named = _named(found, module)
-    for cells, hints in _in_order(found, named):
+    named = set[int]() if own else _named(found, module)
+    grids_alone = bool(named or module.symbol.ttf or module.symbol.safer)
+    for cells, hints in _in_order(found, named, grids_alone=grids_alone):
         if search.made.proved or not search.going():
             break
         search.attempt(hints, cells)
@@ -132,14 +143,16 @@ def _named(found: ModelStates, module: Module) -> set[int]:
     return {s for s, names in enumerate(zip(found.names, own, strict=True)) if said & {*names}}
 
 
-def _in_order(found: ModelStates, named: set[int]) -> Iterator[tuple[int, Hints]]:
+def _in_order(
+    found: ModelStates, named: set[int], *, grids_alone: bool
+) -> Iterator[tuple[int, Hints]]:
     """Hints to try with numbers of cells (0: none), those first that cost little."""
     grids = grid_hints(found, named)
-    lines = [h for _, h in grids[:1] for h in h.items]
+    lines = [line for _, hints in grids[:1] for line in hints.items]
     small = all(line.count("/") <= 2 for line in lines)
     first = grids[: 2 * small]
     yield from first
-    if not named and found.problem.kind == "flow" and found.rescued:
+    if not grids_alone and found.problem.kind == "flow" and found.rescued:
         yield from ((0, h) for h in rest_hints(found))
     yield from grids[len(first) :]
 
@@ -148,13 +161,13 @@ class _Search:
     """The tries of one module."""
 
     def __init__(
-        self, checked: CheckResult, name: str, choose: Choose, module: Module, budget_s: float
+        self, checked: CheckResult, choose: Choose, module: Module, budget_s: float, *, own: bool
     ) -> None:
         assert checked.loaded is not None
-        self.made = ProofSearch(name)
+        self.made = ProofSearch(module.name, own)
         self._checked, self._choose, self._module = checked, choose, module
         self._source = checked.loaded.main.source
-        self._until = cpu_s() + budget_s
+        self._until, self._for_rests = cpu_s() + budget_s, OF_RESTS * budget_s
         self._best = -1.0
         self._cell_s = 0.0, 0
         self._no_rest = False
@@ -180,7 +193,7 @@ class _Search:
 
     def attempt(self, hints: Hints, cells: int) -> None:
         """Proves the module with these hints, and keeps them if they are the best."""
-        if hints.clauses and self._no_rest:
+        if hints.clauses and (self._no_rest or self._for_rests <= 0.0):
             return
         spent, before = self._cell_s
         expected = spent * (cells / before) ** GROWTH if cells and before else 0.0
@@ -191,6 +204,7 @@ class _Search:
         phase(f"{self.made.module}: trying {hints}")
         gave, result, checked = self._proved(hints)
         took = cpu_s() - began
+        self._for_rests -= took if hints.clauses else 0.0
         if cells and result is not None:
             self._cell_s = took, cells
         self.made.tries.append(Try(str(hints), gave, took))
@@ -207,9 +221,7 @@ class _Search:
     def _proved(self, hints: Hints) -> tuple[str, ModuleResult | None, CheckResult | None]:
         """What hints gave in words, and the result and the program if there is one."""
         try:
-            checked = check_file(self._source.name, self._laid_out(hints))
-            if not checked.ok:
-                raise SoterError(checked.diagnostics.items)
+            checked = _checked(self._source.name, self._laid_out(hints))
             _, _, problem = self._choose(checked)
             problem.cells_open = False
             with within_phase(), cancelled_when(lambda: not self.going()):
@@ -231,6 +243,14 @@ class _Search:
         if format_source(source, Diagnostics()) != source.text:
             return text
         return format_source(Source(source.name, text), Diagnostics()) or text
+
+
+def _checked(name: str, text: str) -> CheckResult:
+    """The program of this text; `SoterError` if it has errors."""
+    checked = check_file(name, text)
+    if not checked.ok:
+        raise SoterError(checked.diagnostics.items)
+    return checked
 
 
 def _rank(result: ModuleResult) -> float:

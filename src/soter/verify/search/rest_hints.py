@@ -21,7 +21,7 @@ from soter.verify.search.written_numbers import duration, rounded
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.core.layout import Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.diagnosis.model_runs import ModelTrace
     from soter.verify.search.model_states import ModelStates
 
@@ -32,7 +32,7 @@ LAST = 0.8
 """The share of a run after which it is taken to be at its end."""
 HANGS = 0.1
 """A state hangs on where the run began if its ends differ by this share of what was reached."""
-SIZES = (0.0, 0.1, 0.25, 0.45)
+SIZES = (0.0, 0.2, 0.5, 0.9, 1.3)
 """How large boxes are, as shares of what was reached."""
 AROUND, LATER = 1.3, 1.3
 """By these factors a box is larger than where runs end, and a time longer than they took."""
@@ -50,8 +50,8 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     with_sc, _ = found.reads()
     asked = found.limited()
     read = np.array([with_sc[np.arange(len(width)) != s, s].any() for s in range(len(width))])
-    held = [s for s in np.flatnonzero(~hangs) if read[s] or asked[s].any()]
-    moving = [s for s in np.flatnonzero(hangs) if read[s] or asked[s].any()]
+    held = [int(s) for s in np.flatnonzero(~hangs) if read[s] or asked[s].any()]
+    moving = [int(s) for s in np.flatnonzero(hangs) if read[s] or asked[s].any()]
     if not held:
         return
     tails = np.concatenate([np.array(t.states)[int(LAST * len(t.states)) :] for t in runs])
@@ -62,7 +62,9 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     boxes = [np.maximum(least, size * width / 2) for size in SIZES]
     middle = (low + high) / 2
     for half, before in ((b, a) for a, b in pairwise([np.zeros_like(least), *boxes])):
-        if (half > before).any() and (said := _clause(found, runs, middle, half, held, moving, asked)):
+        if (half > before).any() and (
+            said := _clause(found, runs, middle, half, held, moving, asked)
+        ):
             yield Hints(clauses=(said,))
 
 
@@ -73,9 +75,9 @@ def _clause(
     half: Floats,
     held: list[int],
     moving: list[int],
-    asked: Floats,
+    asked: Bools,
 ) -> str:
-    """The clause of a box around `middle`; "" where `safe` does not hold in it, or no run enters."""
+    """The clause of a box around `middle`; "": `safe` does not hold in it, or a run stays out."""
     ends = {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
     inside = [
         np.all([(e[0] <= x[:, s]) & (x[:, s] <= e[1]) for s, e in ends.items()], axis=0)

@@ -1,0 +1,115 @@
+"""`soter verify` finds how a module is proved of which its program does not say it."""
+
+from __future__ import annotations
+
+import pytest
+
+import soter
+from soter.diagnostics.diagnostic import SoterError
+
+HOPPER = """soter 1;
+topic apex: float max_age 200ms;
+topic thrust: float in [0.0, 0.3] = 0.0;
+plant Hopper period 400ms {
+  reads thrust;
+  drives apex = h;
+  state h: float = 0.4;
+  disturbance ground: float in [-0.03, 0.03];
+  next h = 0.75 * h + thrust + ground;
+  measured apex within 0.01;
+}
+node Policy period 400ms { publishes thrust; step { publish thrust = 0.25; } }
+node Hold period 400ms {
+  subscribes apex;
+  publishes thrust;
+  step { publish thrust = clamp(0.1 + 0.5 * (0.4 - apex), 0.0, 0.3); }
+}
+rta Envelope { ac Policy; sc Hold; period 400ms; safe apex > 0.15 && apex < 0.8; }
+system S default { h: Hopper; module Envelope; until 60s; always h.truth.h < 0.8; }
+"""
+BOT = """soter 1;
+topic bot: { d: float, v: float } max_age 200ms;
+topic cmd: float in [-0.22, 0.22] = 0.0;
+plant Bot period 20ms {
+  reads cmd;
+  drives bot = { d: d, v: v };
+  state d: float = 2.0;
+  state v: float = 0.0;
+  disturbance toward: float in [-1.0, 1.0];
+  der d = -toward * v;
+  der v = (cmd - v) / 0.1;
+  measured bot.d within 0.02, bot.v within 0.01;
+}
+node Nav period 100ms { publishes cmd; step { publish cmd = 0.22; } }
+node Stop period 50ms { publishes cmd; step { publish cmd = 0.0; } }
+rta Bump { ac Nav; sc Stop; period 100ms; safe bot.d > 0.12; }
+system S default { b: Bot; module Bump; until 60s; always b.truth.d > 0.12; }
+"""
+
+
+def _loaded(text: str) -> soter.Program:
+    return soter.load("robot.soter", text=text)
+
+
+def test_a_grid_is_found_and_written_it_proves_as_quickly() -> None:
+    report = _loaded(HOPPER).verify(refute=False)
+    (search,) = report.searches
+    assert (report.verdict, search.proved, search.own) == ("proved", True, False)
+    assert "grid apex in [0.15, 0.8]" in search.text
+    again = _loaded(search.text).verify(refute=False)
+    assert again.searches == ()
+    assert again.program_sha256 == report.program_sha256
+    assert [f.verdict for f in again.modules[0].findings.values()] == [
+        f.verdict for f in report.modules[0].findings.values()
+    ]
+
+
+def test_an_sc_that_stops_anywhere_is_proved_by_a_rest_that_is_found() -> None:
+    report = _loaded(BOT).verify(refute=False)
+    (search,) = report.searches
+    assert search.proved
+    assert report.modules[0].findings["P2a"].verdict == "proved"
+    assert report.modules[0].findings["start"].verdict == "proved"
+    assert str(search.found).startswith("rest abs(bot.v) <")
+    assert "moves bot.d by" in str(search.found)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        (HOPPER, HOPPER.replace("0.5 * (0.4 - apex)", "0.5 * (apex - 0.4)")),
+        (HOPPER, HOPPER.replace("ground: float in [-0.03, 0.03]", "ground: float in [-0.2, 0.2]")),
+        (BOT, BOT.replace("step { publish cmd = 0.0; }", "step { publish cmd = 0.1; }")),
+        (BOT, BOT.replace("safe bot.d > 0.12", "safe bot.d > 1.999")),
+    ],
+    ids=["sign", "disturbance", "goes on", "no room"],
+)
+def test_a_robot_that_is_not_safe_is_not_proved(right: str, wrong: str) -> None:
+    assert right != wrong
+    report = _loaded(wrong).verify(refute=False, explain=False, budget_s=20.0)
+    assert report.verdict not in ("proved", "assumed")
+    assert not any(search.proved for search in report.searches)
+
+
+def test_without_a_budget_nothing_is_looked_for() -> None:
+    with pytest.raises(SoterError) as raised:
+        _loaded(HOPPER).verify(budget_s=0.0)
+    assert [d.code for d in raised.value.diagnostics] == ["R008"]
+
+
+def test_a_grid_of_the_program_that_proves_is_not_touched() -> None:
+    own = HOPPER.replace(
+        "< 0.8; }\nsystem", "< 0.8; verify { grid apex in [0.15, 0.8] / 130; } }\nsystem"
+    )
+    report = _loaded(own).verify(refute=False)
+    assert (report.verdict, report.searches) == ("proved", ())
+
+
+def test_a_grid_of_the_program_that_is_too_coarse_is_replaced_where_another_proves() -> None:
+    own = HOPPER.replace(
+        "< 0.8; }\nsystem", "< 0.8; verify { grid apex in [0.15, 0.8] / 3; } }\nsystem"
+    )
+    assert _loaded(own).verify(refute=False, explain=False).verdict == "undecided"
+    report = _loaded(own).verify(refute=False, explain=True)
+    assert report.verdict == "proved"
+    assert [s.own for s in report.searches] in ([], [True])
