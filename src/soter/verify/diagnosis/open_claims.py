@@ -36,7 +36,9 @@ from soter.verify.diagnosis.model_runs import (
     soonest,
     without_rounding,
 )
+from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.grid.claims import GridProof
+from soter.verify.grid.group_model import NO_ENCLOSURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -75,9 +77,7 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
     if not _comes_to_rest(model, first) or not going():
         return None
     rest = first.states[-1]
-    out = (rest < model.low) | (rest > model.high)
-    out[model.turning] = False
-    if out.any() or model.safe(rest) == FALSE:
+    if model.outside(rest).any() or model.safe(rest) == FALSE:
         text = (
             f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
         )
@@ -177,6 +177,15 @@ OLD = (
 MOVED_ACROSS = (
     "{0} and {1} in one `grid` line: {1} moves {0}, and may be anything there while it has another"
 )
+HINTS_ON_RETURN = {
+    "comes_back": "smaller cells where SC ends; smaller errors or delays",
+    "no_target": "a larger `safer`; smaller errors; smaller cells",
+}
+"""Advice on P2b where runs show nothing that is wrong with SC, by the cause."""
+NOT_FINITE = "over the whole grid {} has no finite range, by {}"
+FINITE = (
+    "an equal form in which each state stands once, so that this stays away from 0; or shorter axes"
+)
 TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads how far it has turned"
 
 
@@ -190,7 +199,9 @@ def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
         for case in done:
             stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
             if stuck is not None:
-                p2b.causes.append(_WayBackSearch(case, stuck).shown(_go_on_for(BACK_S, go_on)))
+                cause = _WayBackSearch(case, stuck).shown(_go_on_for(BACK_S, go_on))
+                p2b.causes.append(cause)
+                p2b.hint = HINTS_ON_RETURN.get(cause.kind, p2b.hint)
                 break
     clause = result.problem.module.symbol.stays
     if safer.verdict in OPEN and empty is None and clause:
@@ -208,6 +219,9 @@ def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
 
 def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) -> None:
     failure = case.failed("P2a")[0]
+    if failure.text == NO_ENCLOSURE and (term := term_without_bound(case.problem)):
+        finding.causes.append(Cause("no_enclosure", NOT_FINITE.format(*term)))
+        finding.hint = FINITE
     if EMPTY not in failure.text:
         return
     model, proof = PointModel(case), failure.proof
@@ -216,9 +230,12 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
     else:
         search = _leaving(case, model, _go_on_for(RUNS_S, go_on))
         finding.leaving = search.soonest
-        why, cause = (
-            _leaving_cause(search, case) if search.soonest is not None else _no_run_cause(search)
-        )
+        if search.soonest is not None:
+            why, cause = _leaving_cause(search, case)
+        else:
+            stop = _where_sc_stops(model, _go_on_for(HABIT_S, go_on))
+            why, cause = _no_run_cause(search, case, stop)
+            finding.hint = _no_run_hint(finding, case, stop)
         by_safe = search.soonest is None or search.soonest.safe
         found = habit(model, model.start, _go_on_for(HABIT_S, go_on)) if by_safe else None
         if found is not None:
@@ -278,10 +295,47 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
     return why, Cause("leaves", text, "", (("left_s", float(run_.time_s[-1])),))
 
 
-def _no_run_cause(search: LeavingSearch) -> tuple[str, Cause]:
-    """The text and cause where no run leaves C: cells are lost by their size, not by SC."""
+def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
+    """Where an undisturbed run from the declared start comes to rest, (states,); None: nowhere."""
+    until_s = HOLDS * model.inputs.period_ns * NS
+    trace = run(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
+    return trace.states[-1] if go_on() and _comes_to_rest(model, trace) else None
+
+
+def _last_axes(case: Case, stop: Floats | None) -> Iterator[str]:
+    """The axes in the last cell of which, before an end that counts, SC stops; with the value."""
+    if stop is None:
+        return
+    for a in (a for proof in case.proofs for a in proof.group.axes):
+        at = float(stop[a.state])
+        below, above = at < a.edges[1], at > a.edges[-2] and not a.open
+        if (below or above) and not (a.unbounded or a.wraps):
+            yield f"{a.name} = {without_rounding(at):.4g}"
+
+
+def _no_run_hint(finding: Finding, case: Case, stop: Floats | None) -> str:
+    """Advice where no run leaves C: nothing that asks for another SC."""
+    ends = ", ".join(_last_axes(case, stop))
+    wider = [f"a wider grid: an axis that goes on beyond {ends}, where SC stops"] if ends else []
+    smaller = [] if any("cells of" in t for t in finding.tried) else ["smaller cells"]
+    return "; ".join((*wider, *smaller, "smaller errors, delays or disturbances"))
+
+
+def _no_run_cause(search: LeavingSearch, case: Case, stop: Floats | None) -> tuple[str, Cause]:
+    """The text and cause where no run leaves C: cells are lost by their size, not by SC.
+
+    `stop`: where SC comes to rest, (states,), if it does.
+    """
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
+    if ends := ", ".join(_last_axes(case, stop)):
+        text += f"; undisturbed, SC stops at {ends}, in the last cell of the axis: what is pushed "
+        text += "beyond counts as lost"
+    reads = {"derivative": frozenset[int](), **case.forms.library.reads}
+    unread = set(reads.get("safe", ())).difference(reads.get("law", ()), reads["derivative"])
+    ways = [n.name for k, n in enumerate(case.problem.quantities.states) if k in unread]
+    if stop is not None and (names := ", ".join(ways)):
+        text += f"; SC stops, and brings {names} to no place: chains of cells go on there for ever"
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
     return "but no run of the model was seen to leave C", Cause("no_run", text, "", numbers)
 
@@ -290,8 +344,7 @@ def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
     """The run that leaves C soonest, from the declared start, else from another state of C."""
     last = LeavingSearch()
     for start, whose in _start_points(case, model):
-        inside = (start >= model.low).all() and (start <= model.high).all()
-        if not inside or not model.safe(start) & TRUE:
+        if model.outside(start).any() or not model.safe(start) & TRUE:
             continue
         part = FROM_START if whose == DECLARED else (1.0 - FROM_START) / 2
         search = soonest(model, start, whose, _go_on_for(part * RUNS_S, go_on))

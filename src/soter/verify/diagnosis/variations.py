@@ -25,14 +25,16 @@ from soter.language.model.types import show_ns
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
+from soter.verify.diagnosis.rest_from_runs import rests_of
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import Interval
+from soter.verify.problem.problem import TUBES, Interval
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.core.layout import Floats
     from soter.language.model.system import Module, System
+    from soter.language.model.typed import ModuleSymbol
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun
     from soter.verify.grid.claims import GridProof
@@ -94,8 +96,8 @@ class Remedy:
 
 
 def remedies(found: NotProved) -> Iterator[Remedy]:
-    """The changes that the table has for the claims that fail."""
-    for row in VARIATIONS:
+    """The changes that the table has for the claims that fail; none beside a `rest` that helped."""
+    for row in VARIATIONS if found.problem.kind != TUBES else ():
         if found.of_sc and row.cost != OTHERS:
             continue
         if row.without_core if found.loses_core else row.with_core:
@@ -197,6 +199,27 @@ def _change_return(found: NotProved) -> Iterator[Change]:
         yield _extract_again(problem, problem.system, module), ""
 
 
+def _change_to_rest(found: NotProved) -> Iterator[Change]:
+    """The changes to a `rest` that the runs show of an SC that stops; the DM then follows it."""
+    problem, symbol = found.problem, found.problem.module.symbol
+    first = found.done[0].problem is problem and found.leaving is None
+    asked_of = found.done[:1] if first and problem.kind == "flow" and not symbol.shield else ()
+    for rest, said in (clause for case in asked_of for clause in rests_of(case)):
+        asked = replace(symbol, rest=rest, ttf=None, safer=None, topics_read=())
+        module = replace(problem.module, symbol=asked)
+        beside = _replaced_by_rest(symbol)
+        changed = _extract_again(problem, problem.system, module)
+        yield changed, f"`{said}` in the place of {beside}"
+
+
+def _replaced_by_rest(symbol: ModuleSymbol) -> str:
+    """The clauses that do not stand beside `rest`, in words."""
+    verify, words = symbol.verify, ["grid"]
+    words += [w for w in ("levels", "core", "recover") if getattr(verify, w) is not None]
+    words += [w for w in ("ttf", "safer") if getattr(symbol, w) is not None]
+    return " and ".join(f"`{w}`" for w in words)
+
+
 def _change_ages(found: NotProved) -> Iterator[Change]:
     younger = younger_reads(found.problem)
     if younger is not None:
@@ -282,6 +305,7 @@ VARIATIONS = (
         without_core=True,
         with_core=False,
     ),
+    Variation("{}", _change_to_rest, without_core=True, with_core=False),
     Variation("{}", _change_ages, without_core=True, with_core=True),
     Variation("{}", _change_start, without_core=False, with_core=True),
     Variation("more cells: `{}`", _change_cells, without_core=False, with_core=True, cost=CELLS),
@@ -401,6 +425,8 @@ def _extract_again(problem: Problem, system: System, module: Module) -> Problem 
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
         return None  # R007
+    if module.symbol.rest is not None:
+        return again  # no grid
     return replace(again, groups=problem.groups, states=problem.states)
 
 
