@@ -37,6 +37,7 @@ from soter.verify.diagnosis.model_runs import (
     without_rounding,
 )
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
+from soter.verify.diagnosis.variations import why_no_rest
 from soter.verify.grid.claims import GridProof
 from soter.verify.grid.group_model import NO_ENCLOSURE
 
@@ -169,6 +170,7 @@ GIVEN_ALL_THE_SAME = (
     "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
     "wherever `safer` holds, so that has to be safe"
 )
+SMALLER = "smaller errors, delays or disturbances"
 LATE = 20
 """A command that answers what is more periods of SC old hardly keeps anything."""
 OLD = (
@@ -184,7 +186,8 @@ HINTS_ON_RETURN = {
 """Advice on P2b where runs show nothing that is wrong with SC, by the cause."""
 NOT_FINITE = "over the whole grid {} has no finite range, by {}"
 FINITE = (
-    "an equal form in which each state stands once, so that this stays away from 0; or shorter axes"
+    "`max(that, LEAST)` where it never is below a LEAST above 0 (or `min`, if it is negative), or "
+    "shorter axes"
 )
 TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads how far it has turned"
 
@@ -234,8 +237,8 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
             why, cause = _leaving_cause(search, case)
         else:
             stop = _where_sc_stops(model, _go_on_for(HABIT_S, go_on))
-            why, cause = _no_run_cause(search, case, stop)
-            finding.hint = _no_run_hint(finding, case, stop)
+            why = "but no run of the model was seen to leave C"
+            cause, finding.hint = _no_run_cause(search, case, stop, finding.tried)
         by_safe = search.soonest is None or search.soonest.safe
         found = habit(model, model.start, _go_on_for(HABIT_S, go_on)) if by_safe else None
         if found is not None:
@@ -297,7 +300,7 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
 
 def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
     """Where an undisturbed run from the declared start comes to rest, (states,); None: nowhere."""
-    until_s = HOLDS * model.inputs.period_ns * NS
+    until_s = 3 * HOLDS * model.inputs.period_ns * NS
     trace = run(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
     return trace.states[-1] if go_on() and _comes_to_rest(model, trace) else None
 
@@ -313,31 +316,30 @@ def _last_axes(case: Case, stop: Floats | None) -> Iterator[str]:
             yield f"{a.name} = {without_rounding(at):.4g}"
 
 
-def _no_run_hint(finding: Finding, case: Case, stop: Floats | None) -> str:
-    """Advice where no run leaves C: nothing that asks for another SC."""
-    ends = ", ".join(_last_axes(case, stop))
-    wider = [f"a wider grid: an axis that goes on beyond {ends}, where SC stops"] if ends else []
-    smaller = [] if any("cells of" in t for t in finding.tried) else ["smaller cells"]
-    return "; ".join((*wider, *smaller, "smaller errors, delays or disturbances"))
-
-
-def _no_run_cause(search: LeavingSearch, case: Case, stop: Floats | None) -> tuple[str, Cause]:
-    """The text and cause where no run leaves C: cells are lost by their size, not by SC.
+def _no_run_cause(
+    search: LeavingSearch, case: Case, stop: Floats | None, tried: Sequence[str]
+) -> tuple[Cause, str]:
+    """The cause and advice where no run leaves C: cells are lost by their size, not by SC.
 
     `stop`: where SC comes to rest, (states,), if it does.
     """
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
+    advice = [] if any("cells of" in t for t in tried) else ["smaller cells"]
     if ends := ", ".join(_last_axes(case, stop)):
         text += f"; undisturbed, SC stops at {ends}, in the last cell of the axis: what is pushed "
         text += "beyond counts as lost"
+        advice.insert(0, f"a wider grid: an axis that goes on beyond {ends}, where SC stops")
     reads = {"derivative": frozenset[int](), **case.forms.library.reads}
     unread = set(reads.get("safe", ())).difference(reads.get("law", ()), reads["derivative"])
     ways = [n.name for k, n in enumerate(case.problem.quantities.states) if k in unread]
-    if stop is not None and (names := ", ".join(ways)):
-        text += f"; SC stops, and brings {names} to no place: chains of cells go on there for ever"
+    if stop is not None and ways:
+        text += f"; SC stops, and brings {', '.join(ways)} to no place: chains of cells go on there"
+    if stop is not None and (why_not := why_no_rest(case.problem)):
+        text += f"; `rest`, which is for an SC that stops, cannot follow it: {why_not}"
+        advice.insert(0, "rates and an SC that `rest` can follow")
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
-    return "but no run of the model was seen to leave C", Cause("no_run", text, "", numbers)
+    return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER))
 
 
 def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:

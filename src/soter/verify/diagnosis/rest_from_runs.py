@@ -57,24 +57,20 @@ def rests_of(case: Case) -> Iterator[tuple[t.RestSymbol, str]]:
     half_way = {s: ((rest[s] + model.low[s]) / 2, (rest[s] + model.high[s]) / 2) for s in held}
     back = followed.runs(_corners(rest, half_way), every[:1], max(2 * settled_s, span_s / 20))
     within_s = ROOM * _settled_s([*calm, *back], held, STILL * width)
-    ended = [r for r in back if _settled_s([r], held, STILL * width) <= 0.75 * r.times[-1]]
-    kept = [
-        s
-        for s in held
-        if all(abs(r.states[-1][s] - rest[s]) <= 4 * STILL * width[s] for r in ended)
-    ]
-    ways += [s for s in held if s not in kept and s in reads.get("safe", ())]
-    held = kept
+    stopped = [r for r in back if _settled_s([r], held, STILL * width) <= 0.75 * r.times[-1]]
+    away = np.max([rest * 0.0, *(np.abs(r.states[-1] - rest) for r in stopped)], axis=0)
+    ways += [s for s in held if away[s] > 4 * STILL * width[s] and s in reads.get("safe", ())]
+    held = [s for s in held if away[s] <= 4 * STILL * width[s]]
     pushed = followed.runs([rest], every, within_s)
-    ended = np.concatenate([rest[None], *(r.states[len(r.states) // 2 :] for r in pushed)])
-    low, high = ended.min(axis=0), ended.max(axis=0)
+    late = np.concatenate([rest[None], *(r.states[len(r.states) // 2 :] for r in pushed)])
+    low, high = late.min(axis=0), late.max(axis=0)
     for factor in WIDER:
         half = factor * np.maximum((high - low) / 2, LEAST * width)
         ends = {s: _rounded_ends(low[s] / 2 + high[s] / 2, float(half[s])) for s in held}
         moved = every[:: max(1, len(every) - 1)] if ways else []
         resting = followed.runs(_corners(rest, ends), moved, 2 * within_s)
         by = {z: w for z in ways if (w := _way(resting, z)) is not None}
-        if followed.going():
+        if held and followed.going():
             yield from _clause(case.problem, ends, by, max(within_s, model.inputs.period_ns * NS))
 
 

@@ -14,20 +14,23 @@ fewer cells (`claims/grid_refinement.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
+from soter.language.elaborate.derived_systems import with_module
 from soter.language.elaborate.step_times import least_age_ns
-from soter.language.model.types import show_ns
+from soter.language.model.typed import Literal, RestSymbol
+from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
 from soter.verify.diagnosis.rest_from_runs import rests_of
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import TUBES, Interval
+from soter.verify.tubes.tube_check import TubeCheck
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import LeavingRun
     from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Axis, Problem
+    from soter.verify.tubes.problem import TubeProblem
 
     Ends = dict[int, tuple[float, float]]
     Change = tuple[Problem | None, str]
@@ -201,15 +205,33 @@ def _change_return(found: NotProved) -> Iterator[Change]:
 
 def _change_to_rest(found: NotProved) -> Iterator[Change]:
     """The changes to a `rest` that the runs show of an SC that stops; the DM then follows it."""
-    problem, symbol = found.problem, found.problem.module.symbol
-    first = found.done[0].problem is problem and found.leaving is None
-    asked_of = found.done[:1] if first and problem.kind == "flow" and not symbol.shield else ()
-    for rest, said in (clause for case in asked_of for clause in rests_of(case)):
-        asked = replace(symbol, rest=rest, ttf=None, safer=None, topics_read=())
-        module = replace(problem.module, symbol=asked)
-        beside = _replaced_by_rest(symbol)
-        changed = _extract_again(problem, problem.system, module)
-        yield changed, f"`{said}` in the place of {beside}"
+    problem = found.problem
+    if found.leaving is None and found.done[0].problem is problem and not why_no_rest(problem):
+        place = _replaced_by_rest(problem.module.symbol)
+        for rest, said in rests_of(found.done[0]):
+            module = _with_rest(problem.module, rest)
+            changed = _extract_again(problem, problem.system, module)
+            yield changed, f"`{said}` in the place of {place}"
+
+
+def why_no_rest(problem: Problem) -> str:
+    """Why a tube cannot follow SC, whatever `rest` says, in words; "": it can."""
+    symbol = problem.module.symbol
+    if problem.kind != "flow" or symbol.shield:
+        return "it is of plants that flow, and of modules without `shield`"
+    at = symbol.safe.span
+    anything = RestSymbol(symbol.safe, (), Literal(DURATION, at, problem.module.period_ns), at)
+    module = _with_rest(problem.module, anything)
+    try:
+        TubeCheck(cast("TubeProblem", extract(with_module(problem.system, module), module)))
+    except SoterError as error:
+        return error.diagnostics[0].message.rpartition("by tubes, and ")[2]
+    return ""
+
+
+def _with_rest(module: Module, rest: RestSymbol) -> Module:
+    symbol = replace(module.symbol, rest=rest, ttf=None, safer=None, topics_read=())
+    return replace(module, symbol=symbol)
 
 
 def _replaced_by_rest(symbol: ModuleSymbol) -> str:
@@ -420,7 +442,7 @@ def _extract_again(problem: Problem, system: System, module: Module) -> Problem 
     if module.shield is not None:  # what it permitted was of the other sets
         module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=()))
     try:
-        again = extract(derived_systems.with_module(system, module), module)
+        again = extract(with_module(system, module), module)
     except SoterError:
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
