@@ -162,9 +162,9 @@ def test_a_state_that_rest_leaves_without_an_end_is_told_to_be_bounded(
 
 BESIDE = (
     ("topic push", "topic near: float max_age 20ms;\ntopic push"),
-    ("plant Speed", "plant Walker period 10ms { drives near = d; state d: float = 3.0;\n"
+    ("plant Speed", ("plant Walker period 10ms { drives near = d; state d: float = 3.0;\n"
      "  disturbance walks: float in [-1.6, 1.6]; der d = walks; measured near within 0.05; }\n"
-     "plant Speed"),
+     "plant Speed")),
     ("p: Speed;", "p: Speed; w: Walker;"),
 )  # fmt: skip
 
