@@ -14,6 +14,7 @@ Non-goals: what following the advice leads to (`first_attempt.py`).
 from __future__ import annotations
 
 import argparse
+import re
 import resource
 import subprocess
 import sys
@@ -38,8 +39,8 @@ def first_help(text: str) -> dict[str, Any]:
     """The first claim of a run that is explained, and its help; both "" where nothing is open."""
     claim = ""
     for line in text.splitlines():
-        if line[:1].strip() and "  " in line:
-            claim = line.partition("  ")[0]
+        if found := re.match(r"error\[(\w+)\]|(P\d\w?|ttf|safer|start|failsafe)  ", line):
+            claim = found[1] or found[2]
         if line.startswith(("  help   ", "   = help: ")) and claim:
             return {"claim": claim, "help": line.partition("help")[2].lstrip(": ")}
     return {"claim": "", "help": ""}

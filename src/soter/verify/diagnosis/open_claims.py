@@ -339,7 +339,8 @@ def _no_run_cause(
         text += f"; `rest`, which is for an SC that stops, cannot follow it: {why_not}"
         advice.insert(0, "rates and an SC that `rest` can follow")
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
-    return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER))
+    weak = ("a stronger SC",) if stop is None else ()
+    return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER, *weak))
 
 
 def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:

@@ -223,7 +223,7 @@ def why_no_rest(problem: Problem) -> str:
     anything = RestSymbol(symbol.safe, (), Literal(DURATION, at, problem.module.period_ns), at)
     module = _with_rest(problem.module, anything)
     try:
-        TubeCheck(cast("TubeProblem", extract(with_module(problem.system, module), module)))
+        TubeCheck(cast("TubeProblem", problem_with(problem.system, module)))
     except SoterError as error:
         return error.diagnostics[0].message.rpartition("by tubes, and ")[2]
     return ""
@@ -431,6 +431,11 @@ def exchanged(problem: Problem) -> Problem | None:
     return _extract_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
 
 
+def problem_with(system: System, changed: Module) -> Problem:
+    """The problem of a module that was changed in its system; `SoterError` as of `extract`."""
+    return extract(with_module(system, changed), changed)
+
+
 def _extract_again(problem: Problem, system: System, module: Module) -> Problem | None:
     """The problem of a module that was changed in its own verification system; None: none.
 
@@ -442,7 +447,7 @@ def _extract_again(problem: Problem, system: System, module: Module) -> Problem 
     if module.shield is not None:  # what it permitted was of the other sets
         module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=()))
     try:
-        again = extract(with_module(system, module), module)
+        again = problem_with(system, module)
     except SoterError:
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):

@@ -247,9 +247,7 @@ class GridModel:
             )
             g.past = 1
         if not lib.soter_reach_prepare(g):
-            raise UnboundedError(
-                "the flow is too stiff for one period of SC", "a shorter period of SC"
-            )
+            raise UnboundedError("the flow is too stiff for one period of SC", "a shorter period")
 
     def _extend_to_kept_ends(self) -> None:
         found, g = kept_ends_of(self), self.c

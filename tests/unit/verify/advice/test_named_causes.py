@@ -15,8 +15,9 @@ from soter.verify.diagnosis.open_claims import _no_run_cause
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.verify_module import verify_module
-from unit.verify.diagnosis import tank_modules, test_stopping_sc
-from unit.verify.diagnosis.test_stopping_sc import problem_of
+from unit.verify.advice import test_stopping_sc
+from unit.verify.advice.test_stopping_sc import problem_of
+from unit.verify.diagnosis import tank_modules
 from unit.verify.diagnosis.test_way_back import FINE, LIFT
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def test_an_sc_that_stops_in_the_last_cell_of_an_axis_is_told_so(axis: str, name
     assert hint.startswith(f"a wider grid: an axis that goes on beyond {named}, " if named else "s")
     assert "c.x to no place" in cause.text
     assert "stronger SC" not in hint
+    assert _no_run_cause(LeavingSearch(), case, None, ())[1].endswith("; a stronger SC")
 
 
 def test_what_rest_cannot_follow_is_named() -> None:
