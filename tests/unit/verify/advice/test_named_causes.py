@@ -129,3 +129,21 @@ def test_a_quotient_without_finite_range_is_named(
 def test_the_guard_that_is_advised_gives_it_an_enclosure() -> None:
     assert term_without_bound(problem_of(changed(TANK, GUARDED))) is None
     assert case_of(changed(TANK, GUARDED)).proofs
+
+
+def test_a_number_without_a_set_is_not_told_to_have_a_wider_one() -> None:
+    """What nothing bounds is left out of the proof; a plant stops only where it is no number."""
+    text = changed(
+        TANK,
+        ("topic pump", "topic far: float max_age 100ms;\ntopic pump"),
+        ("reads pump;\n  drives level = h;", "reads pump;\n  drives level = h; drives far = z;"),
+        ("  disturbance", "  state z: float = 0.0;\n  disturbance"),
+        ("der h = pump - leak;", "der h = pump - leak; der z = pump;"),
+        ("0.5 * (1.0 - level), -0.1, 0.1", "0.5 * (level - 1.0), -0.1, 0.1"),
+        ("subscribes level; publishes pump; step", "subscribes level, far; publishes pump; step"),
+        ("step { publish pump = 0.1; }", "step { publish pump = far > 5.0 ? 0.0 : 0.1; }"),
+        ("/ 320", "/ 32"),
+    )
+    result = verify_module(problem_of(text), refute=False, explain=False)
+    assert any("`far` takes only finite numbers" in note for note in result.notes)
+    assert "wider set" not in result.findings["P2a"].hint
