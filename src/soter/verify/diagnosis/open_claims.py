@@ -181,7 +181,7 @@ MOVED_ACROSS = (
 )
 HINTS_ON_RETURN = {
     "comes_back": "smaller cells where SC ends; smaller errors or delays",
-    "no_target": "a larger `safer`; smaller errors; smaller cells",
+    "no_target": "smaller errors; smaller cells; fewer levels, or a larger `safer`",
 }
 """Advice on P2b where runs show nothing that is wrong with SC, by the cause."""
 NOT_FINITE = "over the whole grid {} has no finite range, by {}"
