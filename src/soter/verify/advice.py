@@ -22,7 +22,6 @@ import numpy as np
 
 from soter.diagnostics.current_phase import between, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate import derived_systems
 from soter.language.model import typed
 from soter.language.model.system import LEVELS_LEAST
 from soter.language.model.tree_walk import nodes
@@ -31,7 +30,7 @@ from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
 from soter.verify.claims.claims import compute_levels, find_way_back, make_tables
 from soter.verify.claims.results import PROVED
-from soter.verify.diagnosis.variations import at_periods
+from soter.verify.diagnosis.variations import at_periods, problem_with
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.set_figures import volume_share
@@ -477,7 +476,7 @@ def _what_fails(flat: System, module: Module, acts_ns: int) -> str:
     verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
     changed = replace(module, symbol=replace(module.symbol, verify=verify))
     try:
-        problem = extract(derived_systems.with_module(flat, changed), changed)
+        problem = problem_with(flat, changed)
         result = module_method(problem).verify(problem, refute=False, explain=False)
     except SoterError as error:
         first = error.diagnostics[0]

@@ -231,7 +231,7 @@ def _examined_case(
 
 def _fail_as_unbounded(case: Case, error: UnboundedError) -> None:
     for claim in CLAIMS:
-        case.fail(claim, str(error), hint="a smaller grid, or a shorter horizon")
+        case.fail(claim, str(error), hint=error.hint)
 
 
 def _examine_claims(case: Case) -> None:

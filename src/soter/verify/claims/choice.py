@@ -121,7 +121,7 @@ def _examine_way_back(done: list[Case]) -> None:
             with ClaimTimer(case, "P2b"):
                 find_way_back(case)
         except UnboundedError as error:
-            case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
+            case.fail("P2b", str(error), hint=error.hint)
 
 
 def _unshown_failures(case: Case) -> list[Failure]:

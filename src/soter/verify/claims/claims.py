@@ -337,9 +337,10 @@ def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Ite
     result.notes += (
         f"C is cut to what plants can publish, as a plant stops beyond: {', '.join(texts)}",
     )
-    for finding in (result.findings[c] for c in claims):
+    sets = [text for text in texts if " takes only [" in text]
+    for finding in (result.findings[c] for c in claims if sets):
         if finding.verdict == UNDECIDED:
-            wider = f"a wider set ({texts[0]}: a plant stops there)"
+            wider = f"a wider set ({sets[0]}: a plant stops there)"
             finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
 
 

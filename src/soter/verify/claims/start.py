@@ -23,7 +23,7 @@ import numpy as np
 
 from soter.language.elaborate import derived_systems
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import leaves
+from soter.language.model.types import leaves, show_ns
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step
 from soter.verify.problem.verification_system import AC, SC, sc_reads
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.semantics.configuration import Configuration
     from soter.verify.claims.case import Case
-    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.problem import Axis, Problem
 
 
 STEPS_MAX = 10_000
@@ -44,6 +44,18 @@ ENTERS = "enters"
 """The name of that predicate in the compiled enclosures."""
 MAY_HOLD = 2
 """The bit of `CompiledEnclosures.truth` for a predicate that may be true somewhere in a box."""
+
+FURTHER = "start further inside, or closer to rest"
+WHY_NOT_HERE = (
+    ("`safe` does not hold on the whole cell of an initial state", f"{FURTHER}; or smaller cells"),
+    ("an initial state is not in K: SC is not shown to keep `safe` from there", FURTHER),
+    (
+        "an initial state is in K, and other commands may lead it out within {}, before SC's",
+        FURTHER,
+    ),
+)
+"""Text and advice where an initial state is not in C, in C but not in K, in K but not in R(h_0)."""
+BEYOND = "the grid does not hold every initial state: {}"
 
 # ---------------------------------------------------------------- control at the start
 
@@ -55,7 +67,21 @@ def check_start(case: Case) -> None:
     _fails_on_defaults(case)
     until_ns = case.problem.in_horizon(case.problem.times.start)
     for proof in case.proofs:
-        proof.start(case, until_ns)
+        at = proof.at_start(case)
+        if at is None:
+            starts = ", ".join(_start_in_words(case, a) for a in proof.group.axes)
+            case.fail("start", BEYOND.format(starts), proof, "a wider grid, or another start")
+            continue
+        wrong_by_reason = zip(WHY_NOT_HERE, proof.wrong_at_start(at, until_ns), strict=True)
+        for (text, hint), wrong in wrong_by_reason:
+            if wrong.any():
+                case.fail("start", text.format(show_ns(until_ns)), proof, hint).cells = wrong
+                break
+
+
+def _start_in_words(case: Case, axis: Axis) -> str:
+    i = case.problem.initial[axis.state]
+    return f"{axis.name} = {i.low:.6g}" + f" to {i.high:.6g}" * (i.low < i.high)
 
 
 # ---------------------------------------------------------------- control by a hand-over

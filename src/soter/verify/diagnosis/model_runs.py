@@ -25,7 +25,7 @@ from soter.verify.grid.grid_problem import of_problem
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.core.layout import Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.claims.case import Case
 
 
@@ -55,6 +55,10 @@ class PointModel:
         self.forms, self.parameter = case.forms, case.parameter
         self.low, self.high = np.array([(i.low, i.high) for i in case.problem.states]).T
         self.turning = [*case.problem.quantities.turning]
+        axes = [a for g in case.problem.groups for a in g.axes]
+        self.below_ends = [a.state for a in axes if a.unbounded]
+        self.opened = [a.state for a in axes if a.open]
+        self.above_ends = [*self.opened, *self.below_ends]
         sizes = [len(v) for v in (self.problem.states, self.problem.controls)]
         sizes += [len(v) for v in (self.problem.disturbances, self.problem.errors)]
         ends = np.cumsum(sizes)
@@ -77,6 +81,13 @@ class PointModel:
             cast("void *", self._out.ctypes.data),
         )
         self._lib = library.lib
+
+    def outside(self, x: Floats) -> Bools:
+        """Which states, (states,), are beyond an end of the grid that counts, as (states,)."""
+        below, above = x < self.low, x > self.high
+        below[[*self.turning, *self.below_ends]] = False  # at the other end it goes on, or it has
+        above[[*self.turning, *self.above_ends]] = False  # no end, or no run is assumed there
+        return np.asarray(below | above)
 
     @property
     def start(self) -> Floats:
@@ -213,6 +224,7 @@ def run(
                 if (
                     not np.isfinite(x).all()
                     or not going()
+                    or (x > model.high)[model.opened].any()  # nothing is claimed of such a run
                     or (not beyond and _leaves(model, trace))
                 ):
                     break
@@ -283,8 +295,7 @@ def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Flo
 def _leaves(model: PointModel, trace: ModelTrace) -> bool:
     """Whether the last state is outside C; if so it enters by which end it left."""
     x = trace.states[-1]
-    beyond = (x < model.low) | (x > model.high)
-    beyond[model.turning] = False  # at the other end it goes on
+    beyond = model.outside(x)
     false = model.safe(x) == FALSE
     if not false and not beyond.any():
         return False

@@ -36,7 +36,10 @@ from soter.verify.diagnosis.model_runs import (
     soonest,
     without_rounding,
 )
+from soter.verify.diagnosis.unbounded_terms import term_without_bound
+from soter.verify.diagnosis.variations import why_no_rest
 from soter.verify.grid.claims import GridProof
+from soter.verify.grid.group_model import NO_ENCLOSURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -75,9 +78,7 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
     if not _comes_to_rest(model, first) or not going():
         return None
     rest = first.states[-1]
-    out = (rest < model.low) | (rest > model.high)
-    out[model.turning] = False
-    if out.any() or model.safe(rest) == FALSE:
+    if model.outside(rest).any() or model.safe(rest) == FALSE:
         text = (
             f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
         )
@@ -169,6 +170,7 @@ GIVEN_ALL_THE_SAME = (
     "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
     "wherever `safer` holds, so that has to be safe"
 )
+SMALLER = "smaller errors, delays or disturbances"
 LATE = 20
 """A command that answers what is more periods of SC old hardly keeps anything."""
 OLD = (
@@ -176,6 +178,16 @@ OLD = (
 )
 MOVED_ACROSS = (
     "{0} and {1} in one `grid` line: {1} moves {0}, and may be anything there while it has another"
+)
+HINTS_ON_RETURN = {
+    "comes_back": "smaller cells where SC ends; smaller errors or delays",
+    "no_target": "smaller errors; smaller cells; fewer levels, or a larger `safer`",
+}
+"""Advice on P2b where runs show nothing that is wrong with SC, by the cause."""
+NOT_FINITE = "over the whole grid {} has no finite range, by {}"
+FINITE = (
+    "`max(that, LEAST)` where it never is below a LEAST above 0 (or `min`, if it is negative), or "
+    "shorter axes"
 )
 TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads how far it has turned"
 
@@ -190,7 +202,9 @@ def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
         for case in done:
             stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
             if stuck is not None:
-                p2b.causes.append(_WayBackSearch(case, stuck).shown(_go_on_for(BACK_S, go_on)))
+                cause = _WayBackSearch(case, stuck).shown(_go_on_for(BACK_S, go_on))
+                p2b.causes.append(cause)
+                p2b.hint = HINTS_ON_RETURN.get(cause.kind, p2b.hint)
                 break
     clause = result.problem.module.symbol.stays
     if safer.verdict in OPEN and empty is None and clause:
@@ -208,6 +222,9 @@ def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
 
 def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) -> None:
     failure = case.failed("P2a")[0]
+    if failure.text == NO_ENCLOSURE and (term := term_without_bound(case.problem)):
+        finding.causes.append(Cause("no_enclosure", NOT_FINITE.format(*term)))
+        finding.hint = FINITE
     if EMPTY not in failure.text:
         return
     model, proof = PointModel(case), failure.proof
@@ -216,9 +233,12 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
     else:
         search = _leaving(case, model, _go_on_for(RUNS_S, go_on))
         finding.leaving = search.soonest
-        why, cause = (
-            _leaving_cause(search, case) if search.soonest is not None else _no_run_cause(search)
-        )
+        if search.soonest is not None:
+            why, cause = _leaving_cause(search, case)
+        else:
+            stop = _where_sc_stops(model, _go_on_for(HABIT_S, go_on))
+            why = "but no run of the model was seen to leave C"
+            cause, finding.hint = _no_run_cause(search, case, stop, finding.tried)
         by_safe = search.soonest is None or search.soonest.safe
         found = habit(model, model.start, _go_on_for(HABIT_S, go_on)) if by_safe else None
         if found is not None:
@@ -278,20 +298,56 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
     return why, Cause("leaves", text, "", (("left_s", float(run_.time_s[-1])),))
 
 
-def _no_run_cause(search: LeavingSearch) -> tuple[str, Cause]:
-    """The text and cause where no run leaves C: cells are lost by their size, not by SC."""
+def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
+    """Where an undisturbed run from the declared start comes to rest, (states,); None: nowhere."""
+    until_s = 3 * HOLDS * model.inputs.period_ns * NS
+    trace = run(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
+    return trace.states[-1] if go_on() and _comes_to_rest(model, trace) else None
+
+
+def _last_axes(case: Case, stop: Floats | None) -> Iterator[str]:
+    """The axes in the last cell of which, before an end that counts, SC stops; with the value."""
+    if stop is None:
+        return
+    for a in (a for proof in case.proofs for a in proof.group.axes):
+        at = float(stop[a.state])
+        below, above = at < a.edges[1], at > a.edges[-2] and not a.open
+        if (below or above) and not (a.unbounded or a.wraps):
+            yield f"{a.name} = {without_rounding(at):.4g}"
+
+
+def _no_run_cause(
+    search: LeavingSearch, case: Case, stop: Floats | None, tried: Sequence[str]
+) -> tuple[Cause, str]:
+    """The cause and advice where no run leaves C: cells are lost by their size, not by SC.
+
+    `stop`: where SC comes to rest, (states,), if it does.
+    """
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
+    advice = [] if any("cells of" in t for t in tried) else ["smaller cells"]
+    if ends := ", ".join(_last_axes(case, stop)):
+        text += f"; undisturbed, SC stops at {ends}, in the last cell of the axis: what is pushed "
+        text += "beyond counts as lost"
+        advice.insert(0, f"a wider grid: an axis that goes on beyond {ends}, where SC stops")
+    reads = {"derivative": frozenset[int](), **case.forms.library.reads}
+    unread = set(reads.get("safe", ())).difference(reads.get("law", ()), reads["derivative"])
+    ways = [n.name for k, n in enumerate(case.problem.quantities.states) if k in unread]
+    if stop is not None and ways:
+        text += f"; SC stops, and brings {', '.join(ways)} to no place: chains of cells go on there"
+    if stop is not None and (why_not := why_no_rest(case.problem)):
+        text += f"; `rest`, which is for an SC that stops, cannot follow it: {why_not}"
+        advice.insert(0, "rates and an SC that `rest` can follow")
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
-    return "but no run of the model was seen to leave C", Cause("no_run", text, "", numbers)
+    weak = ("a stronger SC",) if stop is None else ()
+    return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER, *weak))
 
 
 def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
     """The run that leaves C soonest, from the declared start, else from another state of C."""
     last = LeavingSearch()
     for start, whose in _start_points(case, model):
-        inside = (start >= model.low).all() and (start <= model.high).all()
-        if not inside or not model.safe(start) & TRUE:
+        if model.outside(start).any() or not model.safe(start) & TRUE:
             continue
         part = FROM_START if whose == DECLARED else (1.0 - FROM_START) / 2
         search = soonest(model, start, whose, _go_on_for(part * RUNS_S, go_on))

@@ -196,20 +196,13 @@ class GridProof:
         """Takes the DM's table and computes the states from which AC may have control by it."""
         estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
-    def start(self, case: Case, until_ns: int) -> None:
-        """Enters a failure where an initial state is not in R(h_0)."""
-        reach = self.engine.safe_for(until_ns, self.found.core > 0)
-        at = self.at_start(case)
-        if at is None:
-            case.fail("start", "an initial state lies outside the grid", self, "a wider grid")
-            return
-        if not reach[at].all():
-            wrong = np.zeros_like(reach)
-            wrong[at] = ~reach[at]
-            hint = "start further inside, or closer to rest"
-            case.fail(
-                "start", "SC may come too late for an initial state", self, hint
-            ).cells = wrong
+    def wrong_at_start(self, at: tuple[NDArray[np.intp], ...], until_ns: int) -> list[Bools]:
+        """The cells of initial states that are not in C, in K, in R(h_0), as sets of cells."""
+        kept, found = self.found.core > 0, []
+        for held in (self.found.allowed, kept, self.engine.safe_for(until_ns, kept)):
+            found.append(np.zeros_like(kept))
+            found[-1][at] = ~held[at]
+        return found
 
     def at_start(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
         """The cells of the initial states, one index an axis; None where the grid lacks some."""

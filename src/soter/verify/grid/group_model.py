@@ -63,7 +63,11 @@ LOOK_AHEAD = 4.0
 
 
 class UnboundedError(Exception):
-    """The enclosures give no finite bound (a possible step fault, or too stiff a flow)."""
+    """The dynamics, or a tube, have no finite enclosure; `hint`: what may help."""
+
+    def __init__(self, why: str, hint: str = "a smaller grid") -> None:
+        super().__init__(why)
+        self.hint = hint
 
 
 def _search_starts(edges: Floats) -> Ints:
@@ -243,7 +247,7 @@ class GridModel:
             )
             g.past = 1
         if not lib.soter_reach_prepare(g):
-            raise UnboundedError("the flow is too stiff for one period of SC")
+            raise UnboundedError("the flow is too stiff for one period of SC", "a shorter period")
 
     def _extend_to_kept_ends(self) -> None:
         found, g = kept_ends_of(self), self.c

@@ -325,7 +325,8 @@ class GridGroup(GridModel):
         if self.is_linear:
             tube = ffi.new("soter_reach_tube *")
             if not lib.soter_reach_tube_prepare(group, t_ns * NS, pieces, tube):
-                raise UnboundedError("the flow is too stiff for so long a tube")
+                hint = "a smaller grid, or a shorter horizon"
+                raise UnboundedError("the flow is too stiff for so long a tube", hint)
         elif self.inputs.kind == "flow":
             group = ffi.new("soter_reach_group *", group[0])
             group.period = float(np.nextafter(t_ns * NS / pieces, np.inf))

@@ -160,6 +160,36 @@ def test_a_state_that_rest_leaves_without_an_end_is_told_to_be_bounded(
     assert not verified(tmp_path, text).findings["P2a"].hint.startswith("bound")
 
 
+BESIDE = (
+    ("topic push", "topic near: float max_age 20ms;\ntopic push"),
+    ("plant Speed", ("plant Walker period 10ms { drives near = d; state d: float = 3.0;\n"
+     "  disturbance walks: float in [-1.6, 1.6]; der d = walks; measured near within 0.05; }\n"
+     "plant Speed")),
+    ("p: Speed;", "p: Speed; w: Walker;"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("safe", "needless"),
+    [
+        ("near > 0.2 || abs(seen) < 0.5", True),
+        ("near > 0.2 || abs(seen) < 0.5 && near > 0.1", False),
+        ("near > 0.2 && abs(seen) < 1.0", False),
+    ],
+    ids=["not at rest", "at rest", "always"],
+)
+def test_a_state_that_safe_does_not_need_at_rest_is_not_told_to_be_bounded(
+    tmp_path: Path, safe: str, needless: bool
+) -> None:
+    text = HELD
+    for old, new in (*BESIDE, ("safe abs(seen) < 1.0", f"safe {safe}")):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    hint = verified(tmp_path, text).findings["P2a"].hint
+    assert hint.startswith("nothing that bounds near: at rest `safe` holds") == needless
+    assert ("near" in hint and "bound near in `rest`" not in hint) or not needless
+
+
 def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
     tmp_path: Path,
 ) -> None:

@@ -1,0 +1,75 @@
+"""Names the quotient or root in a plant that has no finite range over the grid.
+
+Purpose: `term_without_bound` finds it where the dynamics have no finite enclosure, by the ranges of
+the states on their axes.
+Non-goals: the enclosure itself (`verify/enclose/`), which may be finite where these ranges are not,
+or the other way round; what a function of the program, or of the prelude, does inside.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError
+from soter.language.evaluate.ranges import Range
+from soter.language.evaluate.topic_ranges import declared
+from soter.language.model import typed as t
+from soter.language.model.tree_walk import nodes
+
+if TYPE_CHECKING:
+    from soter.language.model.system import Component
+    from soter.verify.problem.problem import Problem
+
+
+class _Ranges(RangeEvaluator):
+    """Ranges in which a sine or cosine, which is a polynomial of the prelude, is one."""
+
+    EXPRESSIONS: ClassVar[dict[type, Any]] = {
+        **RangeEvaluator.EXPRESSIONS,
+        t.TypedCall: lambda self, e: (
+            Range(-1.0, 1.0) if e.fun.name in {"sin", "cos"} else self._call(e)
+        ),
+    }
+
+
+def term_without_bound(problem: Problem) -> tuple[str, str] | None:
+    """The term, and its divisor (or what a root is taken of), in words; None: none was found."""
+    for c in (c for c in problem.system.components if c.plant is not None):
+        try:
+            if found := _term_of(problem, c):
+                return found
+        except TooHardError:
+            continue
+    return None
+
+
+def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
+    evaluator, plant = _Ranges(c.scope, c.period_ns, declared(problem.system)), c.plant
+    assert plant is not None
+    names = {v.name: v for v in (*plant.states, *(d.variable for d in plant.disturbances))}
+    q = problem.quantities
+    known = zip((*q.states, *q.disturbances), (*problem.states, *problem.disturbances), strict=True)
+    for leaf, ends in known:
+        if leaf.owner == c.index and not leaf.path and leaf.member in names:
+            evaluator.variables[names[leaf.member]] = Range(ends.low, ends.high)
+    lets = dict(plant.lets)
+    for variable, e in (*lets.items(), *plant.der.items(), *plant.next.items()):
+        for part in reversed(list(nodes([e]))):  # parts before what they are parts of
+            of = _asked(part)
+            if of is None or not isinstance(part, t.TypedExpr):
+                continue
+            r = evaluator.number(of)
+            if not (isfinite(r.low) and isfinite(r.high)) or (r.low <= 0.0 <= r.high):
+                where = f"`{of.span.text}`, which by ranges may be anything in [{r.low:.4g}, "
+                return f"`{part.span.text}`", f"{where}{r.high:.4g}]"
+        if variable in lets:
+            evaluator.variables[variable] = evaluator.evaluate(e)
+    return None
+
+
+def _asked(part: object) -> t.TypedExpr | None:
+    """What must not be 0, or below: the divisor of a quotient, what a root is taken of."""
+    if isinstance(part, (t.TypedBinary, t.Vector)) and part.op == "/":
+        return part.right
+    return part.arguments[0] if isinstance(part, t.Builtin) and part.name == "sqrt" else None
