@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from soter.codegen.unit import generate
 from soter.core.layout import ac_share, state_dtype
@@ -41,13 +41,7 @@ from soter.verify.claims.results import (
     FlownFigures,
     RemedyCost,
 )
-from soter.verify.deploy.missing_predicates import (
-    complete,
-    install,
-    open_modules,
-    rest_claims,
-    sets_of,
-)
+from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
@@ -55,10 +49,7 @@ from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, remedie
 from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import TUBES
 from soter.verify.proof_methods import tables_of_groups
-from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import TubeCheck
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -70,9 +61,6 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
     Attempt = Callable[[Problem], list[Case]]
-
-T = TypeVar("T")
-
 
 SEED = 1
 UNTIL_NS, PERIODS = 60_000_000_000, 200
@@ -113,8 +101,6 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
     if problem is not None and _plant_numbers(remedied) != _plant_numbers(problem):
         return RemedyCost(flat.name, not_measured="it is about another plant")
-    if remedied.kind == TUBES:
-        return RemedyCost(flat.name, not_measured="its DM follows SC, and has no tables")
     why = _why_not_run(flat, remedied)
     if why or not flat.until_ns:
         return RemedyCost(flat.name, not_measured=why)
@@ -236,8 +222,6 @@ class Trials:
 
         An AC that never has control counts as a failure of `ttf`.
         """
-        if isinstance(problem, TubeProblem):
-            return self._in_time(lambda: _failing_of_rest(problem))
         done = self._cases_in_time(problem)
         if done is None:
             return None
@@ -247,16 +231,12 @@ class Trials:
         return tuple(claim for claim in ORDER if claim in wrong)
 
     def _cases_in_time(self, problem: Problem) -> list[Case] | None:
-        return self._in_time(lambda: self._attempt(problem))
-
-    def _in_time(self, attempt: Callable[[], T]) -> T | None:
-        """What an attempt gives; None where it is none, or time runs out."""
         if not self.go_on():
             return None
         try:
             # of a proof that is tried nobody waits for P2a
             with within_phase(), cancelled_when(lambda: not self.go_on()):
-                done = attempt()
+                done = self._attempt(problem)
         except (CancelledError, UnboundedError, SoterError, EnclosureError):
             return None
         return done if self.go_on() else None
@@ -273,14 +253,6 @@ class Trials:
     def go_on(self) -> bool:
         """Whether there is CPU time left."""
         return time.process_time() < self._until
-
-
-def _failing_of_rest(problem: TubeProblem) -> tuple[str, ...]:
-    """The claims that are not shown of a module with `rest`; `ttf`: AC never has control."""
-    shown = rest_claims(TubeCheck(problem))
-    if shown.kept or shown.moves:
-        return ORDER
-    return ("start",) if shown.start else () if shown.given else ("ttf",)
 
 
 def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
@@ -361,8 +333,6 @@ class _KeptChanges:
         if self.said:
             first.remedied = None if left else self.found.problem
             then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
-            if self.found.problem.kind == TUBES:
-                then = "decided in flight, rest is shown" + " and so is the start" * (not left)
             first.tried.append(f"with {told(self.said)}: {then}")
             otherwise = f"; or {first.hint} {NOT_TRIED}" if left and first.hint else ""
             first.hint = f"{'; and '.join(self.said)} (tried: {then}){otherwise}"

@@ -27,9 +27,8 @@ from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
-from soter.verify.diagnosis.rest_from_runs import rests_of
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import TUBES, Interval
+from soter.verify.problem.problem import Interval
 from soter.verify.tubes.tube_check import TubeCheck
 
 if TYPE_CHECKING:
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
     from soter.core.layout import Floats
     from soter.language.model.system import Module, System
-    from soter.language.model.typed import ModuleSymbol
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun
     from soter.verify.grid.claims import GridProof
@@ -100,8 +98,8 @@ class Remedy:
 
 
 def remedies(found: NotProved) -> Iterator[Remedy]:
-    """The changes that the table has for the claims that fail; none beside a `rest` that helped."""
-    for row in VARIATIONS if found.problem.kind != TUBES else ():
+    """The changes that the table has for the claims that fail."""
+    for row in VARIATIONS:
         if found.of_sc and row.cost != OTHERS:
             continue
         if row.without_core if found.loses_core else row.with_core:
@@ -203,17 +201,6 @@ def _change_return(found: NotProved) -> Iterator[Change]:
         yield _extract_again(problem, problem.system, module), ""
 
 
-def _change_to_rest(found: NotProved) -> Iterator[Change]:
-    """The changes to a `rest` that the runs show of an SC that stops; the DM then follows it."""
-    problem = found.problem
-    if found.leaving is None and found.done[0].problem is problem and not why_no_rest(problem):
-        place = _replaced_by_rest(problem.module.symbol)
-        for rest, said in rests_of(found.done[0]):
-            module = _with_rest(problem.module, rest)
-            changed = _extract_again(problem, problem.system, module)
-            yield changed, f"`{said}` in the place of {place}"
-
-
 def why_no_rest(problem: Problem) -> str:
     """Why a tube cannot follow SC, whatever `rest` says, in words; "": it can."""
     symbol = problem.module.symbol
@@ -221,25 +208,13 @@ def why_no_rest(problem: Problem) -> str:
         return "it is of plants that flow, and of modules without `shield`"
     at = symbol.safe.span
     anything = RestSymbol(symbol.safe, (), Literal(DURATION, at, problem.module.period_ns), at)
-    module = _with_rest(problem.module, anything)
+    symbol = replace(symbol, rest=anything, ttf=None, safer=None, topics_read=())
+    module = replace(problem.module, symbol=symbol)
     try:
         TubeCheck(cast("TubeProblem", problem_with(problem.system, module)))
     except SoterError as error:
         return error.diagnostics[0].message.rpartition("by tubes, and ")[2]
     return ""
-
-
-def _with_rest(module: Module, rest: RestSymbol) -> Module:
-    symbol = replace(module.symbol, rest=rest, ttf=None, safer=None, topics_read=())
-    return replace(module, symbol=symbol)
-
-
-def _replaced_by_rest(symbol: ModuleSymbol) -> str:
-    """The clauses that do not stand beside `rest`, in words."""
-    verify, words = symbol.verify, ["grid"]
-    words += [w for w in ("levels", "core", "recover") if getattr(verify, w) is not None]
-    words += [w for w in ("ttf", "safer") if getattr(symbol, w) is not None]
-    return " and ".join(f"`{w}`" for w in words)
 
 
 def _change_ages(found: NotProved) -> Iterator[Change]:
@@ -327,7 +302,6 @@ VARIATIONS = (
         without_core=True,
         with_core=False,
     ),
-    Variation("{}", _change_to_rest, without_core=True, with_core=False),
     Variation("{}", _change_ages, without_core=True, with_core=True),
     Variation("{}", _change_start, without_core=False, with_core=True),
     Variation("more cells: `{}`", _change_cells, without_core=False, with_core=True, cost=CELLS),
@@ -452,8 +426,6 @@ def _extract_again(problem: Problem, system: System, module: Module) -> Problem 
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
         return None  # R007
-    if module.symbol.rest is not None:
-        return again  # no grid
     return replace(again, groups=problem.groups, states=problem.states)
 
 

@@ -26,8 +26,10 @@ CELLS = {1: (400,), 2: (15_000, 60_000), 3: (30_000, 120_000, 270_000), 4: (65_0
 """The numbers of cells of a group to try, by the number of its axes."""
 LEAST = 6
 """The fewest cells of an axis, and the most times as many as another one has."""
-BEYOND = {"near": 0.4, "far": 0.2}
-"""By how much of its width an axis reaches beyond what runs reached."""
+BEYOND = {"near": 0.4, "far": 0.2, "wide": 1.0}
+"""By how much of its width an axis reaches beyond what runs reached, at either end."""
+WIDE_TO = 2
+"""Up to so many axes of a group wide ones are tried, too: there a cell more costs little."""
 
 
 def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]]:
@@ -67,7 +69,7 @@ def grid_hints(found: ModelStates, named: Collection[int] = ()) -> list[tuple[in
     most = max(map(len, groups), default=0)
     hints: dict[Hints, int] = {}
     for cells in CELLS.get(most, ()):
-        for reached in ("near", "far"):
+        for reached in BEYOND if most <= WIDE_TO else ("near", "far"):
             lines = [_line(found, group, cells, reached) for group in groups]
             made = Hints(items=tuple(x for _, x in lines), added=bool(named))
             hints.setdefault(made, sum(n for n, _ in lines))

@@ -150,7 +150,7 @@ def _in_order(
     grids = grid_hints(found, named)
     lines = [line for _, hints in grids[:1] for line in hints.items]
     small = all(line.count("/") <= 2 for line in lines)
-    first = grids[: 2 * small]
+    first = grids[: 3 * small]
     yield from first
     if not grids_alone and found.problem.kind == "flow" and found.rescued:
         yield from ((0, h) for h in rest_hints(found))

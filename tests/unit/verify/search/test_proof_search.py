@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 import soter
 from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HOPPER = """soter 1;
 topic apex: float max_age 200ms;
@@ -113,3 +118,28 @@ def test_a_grid_of_the_program_that_is_too_coarse_is_replaced_where_another_prov
     report = _loaded(own).verify(refute=False, explain=True)
     assert report.verdict == "proved"
     assert [s.own for s in report.searches] in ([], [True])
+
+
+CART = BOT.replace("der d = -toward * v;", "der d = -v + 0.5 * toward * v;")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        CART,
+        CART.replace("/ 0.1;", "/ 0.6;"),
+        CART.replace("safe bot.d > 0.12", "safe bot.d > 0.12 && bot.v < 0.25"),
+    ],
+    ids=["stops where it is", "stops slowly", "a bound on the speed"],
+)
+def test_an_sc_that_stops_is_proved_and_its_certificate_accepted(text: str, tmp_path: Path) -> None:
+    (tmp_path / "robot.soter").write_text(text)
+    report = soter.load(tmp_path / "robot.soter").verify(refute=False, cert=tmp_path / "proof")
+    assert report.searches[0].proved
+    assert soter.recheck(tmp_path / "proof").accepted
+
+
+def test_wind_that_pushes_at_rest_for_ever_is_not_bounded_by_moves() -> None:
+    text = CART.replace("/ 0.1;", "/ 0.1 + 0.1 * toward;")
+    report = _loaded(text).verify(refute=False, explain=False, budget_s=30.0)
+    assert not report.searches[0].proved
