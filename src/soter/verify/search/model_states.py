@@ -9,7 +9,6 @@ Non-goals: hints made of it (`grid_hints.py`, `rest_hints.py`); the simulation (
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from itertools import product
 from math import inf
@@ -38,8 +37,11 @@ CORNERS_MAX = 8
 SAMPLES = 40
 FARTHEST = 1e7
 """A state without an end nearer than this, in its own unit, has none."""
-EXPLORED_S = 4.0
-"""The CPU seconds of a processor after which no further push is simulated."""
+STEPS_MAX = 60_000
+"""After so many steps of simulation no further push is followed."""
+LEAST_HOLDS, SETTLED = 40, 0.02
+"""A run is at least so long, and twice as long as it took until each state stayed at its end, but
+for this share of what it passed through."""
 
 
 @dataclass(eq=False)
@@ -61,6 +63,9 @@ class ModelStates:
     points: list[Floats] = field(default_factory=list)
     rescued: bool = False
     """Whether the runs from the start stay in `safe`."""
+    holds: int = HOLDS
+    """How many periods of SC a run lasts."""
+    steps_done: int = 0
 
     @classmethod
     def of(cls, problem: Problem, going: Callable[[], bool]) -> ModelStates:
@@ -115,13 +120,14 @@ class ModelStates:
     # ------------------------------------------------------------ ranges
 
     def _explore(self, going: Callable[[], bool]) -> None:
-        start, traces = self.model.start, self._rescue(self.model.start)
+        start = self.model.start
+        self.holds = self._holds_until_settled()
+        traces = self._rescue(start)
         self.rescued = traces is not None
         near = [np.array([start]), *(np.array(trace.states) for trace in traces or ())]
         far: list[Floats] = []
-        ends = time.process_time() + EXPLORED_S
-        for u, w in self._pushes() if self.rescued and not np.isfinite(self.ends).all() else ():
-            if time.process_time() > ends or not going():
+        for u, w in self._pushes() if self.rescued else ():
+            if self.steps_done > STEPS_MAX or not going():
                 break
             pushed = self._pushed(start, u, w)
             k = self._last_rescued(pushed)
@@ -132,6 +138,25 @@ class ModelStates:
         self.near = _range_of(near)
         self.far = _range_of([*near, *far])
         self.points += [start]
+
+    def _holds_until_settled(self) -> int:
+        """For how many periods of SC runs are followed: as it needs after pushes, and some more."""
+        pushed = [self._pushed(self.model.start, u, w)[:8][-1] for u, w in self._pushes()]
+        needed = LEAST_HOLDS
+        for x in pushed[:: max(1, len(pushed) // 3)]:
+            trace = run(
+                self.model, x, self.patterns[0], HOLDS * self.period_s, lambda: True, beyond=True
+            )
+            states = np.array(trace.states)
+            if not np.isfinite(states).all():
+                return HOLDS
+            still = np.abs(states - states[-1]) <= SETTLED * np.maximum(
+                np.ptp(states, axis=0), 1e-9
+            )
+            moved = np.flatnonzero(~still.all(axis=1))
+            last = trace.times[moved[-1]] if len(moved) else 0.0
+            needed = max(needed, int(2.0 * last / self.period_s))
+        return min(needed, HOLDS)
 
     def _pushes(self) -> list[tuple[Floats, Floats]]:
         """Commands at their ends, with disturbances at theirs."""
@@ -176,7 +201,8 @@ class ModelStates:
         """The runs from a state under SC; None where one of them leaves `safe`."""
         traces = []
         for pattern in self.patterns:
-            trace = run(self.model, x, pattern, HOLDS * self.period_s, lambda: True)
+            trace = run(self.model, x, pattern, self.holds * self.period_s, lambda: True)
+            self.steps_done += len(trace.times)
             if (trace.left and trace.safe) or not np.isfinite(trace.states[-1]).all():
                 return None
             traces.append(trace)
