@@ -6,7 +6,7 @@
 
 Purpose: *draws*: each figure is drawn from its range in `RANGES`, evenly in its logarithm, and the
 program is proved as it is made. *Proved*: every claim, or decided in flight with P2a and the start
-proved. One that is neither that nor safe but for P2b is asked again with one figure after another
+proved, and AC has control of a part of the states. One that is neither that nor safe but for P2b is asked again with one figure after another
 at its default: those with which it proves are in its way. *--way*: the commands from `soter new` to
 a robot that is proved, checked again, flown and tested, with their CPU time. *--wrong*: programs of
 `robot_kinds.txt` with one thing made wrong; in a run each is shown to be, then none may be proved.
@@ -44,6 +44,46 @@ RANGES: dict[str, dict[str, tuple[float | str, float | str]]] = {
         "RIPPLE": (0.1, 1.0), "Q_ERROR": (0.0001, 0.002), "W_ERROR": (0.005, 0.03),
         "AGE": ("2ms", "16ms"), "ACTS": ("1ms", "8ms"),
     },
+    # Igus, Festo, Bosch Rexroth belts and spindles; goods lifts; servo drives of 1 to 20 ms
+    "axis": {
+        "TRAVEL": (0.5, 30.0), "SPEED": (0.2, 2.5), "LAG": (0.02, 0.3), "PUSH": (0.02, 0.5),
+        "P_ERROR": (0.0001, 0.005), "V_ERROR": (0.002, 0.02), "AGE": ("5ms", "40ms"),
+        "ACTS": ("1ms", "20ms"),
+    },
+    # process tanks of 1 to 30 m^3; Grundfos CR, KSB Etanorm; ultrasonic and pressure gauges
+    "tank": {
+        "AREA": (0.8, 12.0), "LOW": (0.1, 0.5), "HIGH": (1.5, 4.0), "PUMP": (15.0, 60.0),
+        "DRAW": (4.0, 12.0), "DRAIN": (2.0, 15.0), "GAUGE": (0.003, 0.05),
+        "AGE": ("200ms", "2s"), "ACTS": ("200ms", "5s"),
+    },
+    # laboratory ovens, baths, heated beds of printers; thermocouples of classes 1 and 2, Pt100
+    "heater": {
+        "POWER": (300.0, 3000.0), "ELEMENT": (80.0, 400.0), "CONTACT": (5.0, 20.0),
+        "OVEN": (1500.0, 20000.0), "LOSS": (1.0, 4.0), "LIMIT": (100.0, 250.0),
+        "KEEP": (30.0, 70.0), "DOOR": (10.0, 60.0), "T_ERROR": (0.3, 2.5), "AGE": ("200ms", "2s"),
+        "ACTS": ("20ms", "400ms"),
+    },
+    # BlueROV2, Sparus, inspection vehicles; Bar30 and Keller sensors; DVLs of 4 to 10 Hz
+    "auv": {
+        "SHALLOW": (1.0, 3.0), "DEEP": (15.0, 150.0), "MASS": (15.0, 120.0),
+        "THRUST": (50.0, 250.0), "FLOATS": (1.0, 8.0), "DRAG": (40.0, 200.0), "SURGE": (1.0, 6.0),
+        "Z_ERROR": (0.02, 0.2), "W_ERROR": (0.005, 0.04), "AGE": ("50ms", "250ms"),
+        "ACTS": ("10ms", "100ms"),
+    },
+    # CubeSats to servicers; Fehse; lidars, cameras
+    "docking": {
+        "MASS": (8.0, 500.0), "THRUST": (0.5, 20.0), "TOUCH": (0.04, 0.15), "GLIDE": (0.01, 0.03),
+        "FAR": (50.0, 150.0), "WAITS": (12.0, 25.0), "PUSH": (0.004, 0.04),
+        "R_ERROR": (0.01, 0.06), "V_ERROR": (0.001, 0.005), "AGE": ("100ms", "300ms"),
+        "ACTS": ("10ms", "100ms"),
+    },
+    # PX4 and ArduPilot: their parameters' ranges, GNSS of 5 to 10 Hz, links of telemetry
+    "multicopter": {
+        "EAST": (25.0, 150.0), "NORTH": (25.0, 150.0), "FLOOR": (1.0, 4.0),
+        "CEILING": (20.0, 120.0), "FAST": (2.0, 8.0), "CLIMB": (1.0, 3.0), "LAG": (0.3, 1.2),
+        "GUST": (0.1, 0.4), "P_ERROR": (0.1, 1.0), "V_ERROR": (0.05, 0.2),
+        "AGE": ("50ms", "200ms"), "ACTS": ("10ms", "80ms"),
+    },
 }  # fmt: skip
 
 
@@ -78,13 +118,15 @@ def answer(text: str) -> tuple[str, float, str]:
 
 def verdict_of(module: Any) -> tuple[str, str]:
     """`proved`, `but for P2b` or `neither`, and why."""
-    found = {p.name: p for p in module.properties}
+    found = module.findings
     is_open = [n for n, p in found.items() if p.verdict not in ("proved", "assumed")]
     flown = found["P3"].verdict == "assumed"
     if flown and not all(found[n].verdict == "proved" for n in ("P2a", "start")):
         is_open.append("start")
+    if module.vacuity is not None:
+        return "neither", module.vacuity.text
     verdict = "neither" if set(is_open) - {"P2b"} else "but for P2b" if is_open else "proved"
-    return verdict, "; ".join(f"{n}: {found[n].how}"[:160] for n in is_open)
+    return verdict, "; ".join(f"{n}: {found[n].text}"[:160] for n in is_open)
 
 
 def in_the_way(kind: str, figures: Figures) -> list[str]:
