@@ -65,10 +65,9 @@ RANGES: dict[str, dict[str, tuple[float | str, float | str]]] = {
     },
     # BlueROV2, Sparus, inspection vehicles; Bar30 and Keller sensors; DVLs of 4 to 10 Hz
     "auv": {
-        "SHALLOW": (1.0, 3.0), "DEEP": (15.0, 150.0), "MASS": (15.0, 120.0),
-        "THRUST": (50.0, 250.0), "FLOATS": (1.0, 8.0), "DRAG": (40.0, 200.0), "SURGE": (1.0, 6.0),
-        "Z_ERROR": (0.02, 0.2), "W_ERROR": (0.005, 0.04), "AGE": ("50ms", "250ms"),
-        "ACTS": ("10ms", "100ms"),
+        "SHALLOW": (1.0, 3.0), "DEEP": (15.0, 150.0), "SPEED": (0.2, 1.5), "LAG": (0.3, 1.5),
+        "SURGE": (0.01, 0.1), "Z_ERROR": (0.02, 0.2), "W_ERROR": (0.005, 0.04),
+        "AGE": ("50ms", "250ms"), "ACTS": ("10ms", "100ms"),
     },
     # CubeSats to servicers; Fehse; lidars, cameras
     "docking": {

@@ -6,7 +6,7 @@
 int policy_step(const {{prefix}}_Guard_Learned_in *in, {{prefix}}_Guard_Learned_out *out);
 
 int policy_step(const {{prefix}}_Guard_Learned_in *in, {{prefix}}_Guard_Learned_out *out) {
-  out->thrust = in->state_down.z < {{DEEP}} ? {{THRUST}} : 0.0;
-  out->has_thrust = 1;
+  out->speed = in->depth.z < {{DEEP}} ? {{SPEED}} : 0.0;
+  out->has_speed = 1;
   return 0;
 }
