@@ -83,6 +83,37 @@ RANGES: dict[str, dict[str, tuple[float | str, float | str]]] = {
         "GUST": (0.1, 0.4), "P_ERROR": (0.1, 1.0), "V_ERROR": (0.05, 0.2),
         "AGE": ("50ms", "200ms"), "ACTS": ("10ms", "80ms"),
     },
+    # cars and shuttles at 5 to 30 m/s; lane cameras, RTK
+    "car": {
+        "SPEED": (5.0, 25.0), "WHEELBASE": (2.3, 3.2), "STEER": (0.4, 0.6), "LATERAL": (2.0, 4.0),
+        "EDGE": (0.7, 1.6), "SLIP": (0.0001, 0.001), "Y_ERROR": (0.02, 0.08),
+        "H_ERROR": (0.002, 0.008), "AGE": ("10ms", "40ms"), "ACTS": ("1ms", "10ms"),
+    },
+    # TurtleBot3 and 4, Jackal, MiR100
+    "rover": {
+        "LENGTH": (6.0, 40.0), "WIDTH": (5.0, 20.0), "BODY": (0.1, 0.6), "SPEED": (0.2, 2.0),
+        "SPIN": (0.5, 3.0), "LAG": (0.05, 0.4), "DRAG": (0.02, 0.2), "P_ERROR": (0.01, 0.1),
+        "H_ERROR": (0.005, 0.03), "V_ERROR": (0.005, 0.05), "AGE": ("20ms", "100ms"),
+        "ACTS": ("2ms", "20ms"),
+    },
+    # small aircraft of ArduPlane and PX4: their parameters' ranges
+    "aircraft": {
+        "SPEED": (14.0, 35.0), "FLOOR": (20.0, 100.0), "DIVE": (0.2, 0.5), "CLIMB": (0.12, 0.25),
+        "LAG": (0.3, 1.2), "SINK": (0.2, 1.0), "H_ERROR": (1.0, 6.0), "G_ERROR": (0.005, 0.03),
+        "AGE": ("20ms", "100ms"), "ACTS": ("5ms", "40ms"),
+    },
+    # small craft and surface vehicles; GNSS of 2 to 10 Hz
+    "boat": {
+        "SPEED": (1.5, 6.0), "BANK": (15.0, 80.0), "TURN": (0.4, 0.8), "LAG": (1.5, 5.0),
+        "CURRENT": (0.05, 0.4), "YAW": (0.005, 0.03), "Y_ERROR": (0.1, 1.5),
+        "H_ERROR": (0.005, 0.04), "AGE": ("200ms", "600ms"), "ACTS": ("50ms", "300ms"),
+    },
+    # UR, Franka, Fanuc CRX; SICK and Hokuyo scanners: response times of 60 to 200 ms
+    "arm": {
+        "REACH": (0.1, 0.6), "SPEED": (0.25, 2.0), "LAG": (0.05, 0.3), "CRAWL": (0.03, 0.1),
+        "WALK": (1.6, 2.0), "D_ERROR": (0.03, 0.1), "V_ERROR": (0.002, 0.02),
+        "AGE": ("40ms", "160ms"), "ACTS": ("2ms", "20ms"),
+    },
 }  # fmt: skip
 
 

@@ -6,7 +6,7 @@
 int policy_step(const {{prefix}}_Guard_Learned_in *in, {{prefix}}_Guard_Learned_out *out);
 
 int policy_step(const {{prefix}}_Guard_Learned_in *in, {{prefix}}_Guard_Learned_out *out) {
-  out->steer = in->pose.heading < 0.1 ? {{STEER}} : 0.0;
-  out->has_steer = 1;
+  out->turn = in->pose.heading < 0.1 ? {{LATERAL}} / {{SPEED}} : 0.0;
+  out->has_turn = 1;
   return 0;
 }
