@@ -6,10 +6,11 @@
 
 Purpose: *draws*: each figure is drawn from its range in `RANGES`, evenly in its logarithm, and the
 program is proved as it is made. *Proved*: every claim, or decided in flight with P2a and the start
-proved, and AC has control of a part of the states. One that is neither that nor safe but for P2b is asked again with one figure after another
-at its default: those with which it proves are in its way. *--way*: the commands from `soter new` to
-a robot that is proved, checked again, flown and tested, with their CPU time. *--wrong*: programs of
-`robot_kinds.txt` with one thing made wrong; in a run each is shown to be, then none may be proved.
+proved, and AC has control of a part of the states. One that is neither that nor safe but for P2b
+is asked again with one figure after another at its default: those with which it proves are in its
+way. *--way*: the commands from `soter new` to a robot that is proved, checked again, flown and
+tested, with their CPU time, on figures that are drawn. *--wrong*: programs of `robot_kinds.txt`
+with one thing made wrong: that it is, a run of SC alone shows; then none may be proved.
 Non-goals: whether a range is that of somebody's robot.
 """
 
@@ -18,22 +19,27 @@ from __future__ import annotations
 import argparse
 import math
 import random
+import re
 import resource
 import subprocess
 import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import soter
-from soter.cli.tool.robot_kinds import FIGURE, kinds, texts_of_kind
+from soter.cli.tool.robot_kinds import texts_of_kind
 from soter.language.model.types import duration_ns, write_ns
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT))
 
 from bench.rows import edited, edits_of, rows  # noqa: E402 - needs the path
+
+if TYPE_CHECKING:
+    from soter.verify.claims.results import ModuleResult
 
 Figures = dict[str, str]
 PROGRAM = "x.soter"
@@ -71,7 +77,7 @@ RANGES: dict[str, dict[str, tuple[float | str, float | str]]] = {
     },
     # CubeSats to servicers; Fehse; lidars, cameras
     "docking": {
-        "MASS": (8.0, 500.0), "THRUST": (0.5, 20.0), "TOUCH": (0.04, 0.15), "GLIDE": (0.01, 0.03),
+        "MASS": (8.0, 60.0), "THRUST": (0.5, 5.0), "TOUCH": (0.04, 0.15), "GLIDE": (0.01, 0.03),
         "FAR": (50.0, 150.0), "WAITS": (12.0, 25.0), "PUSH": (0.004, 0.04),
         "R_ERROR": (0.01, 0.06), "V_ERROR": (0.001, 0.005), "AGE": ("100ms", "300ms"),
         "ACTS": ("10ms", "100ms"),
@@ -119,7 +125,7 @@ RANGES: dict[str, dict[str, tuple[float | str, float | str]]] = {
 
 def drawn(kind: str, seed: int) -> Figures:
     """Figures of one robot of a kind."""
-    chance, figures = random.Random(f"{kind} {seed}"), Figures()
+    chance, figures = random.Random(f"{kind} {seed}"), Figures()  # noqa: S311 - repeatable
     for name, (low, high) in RANGES[kind].items():
         if isinstance(low, str):
             ends = math.log(duration_ns(low)), math.log(duration_ns(high))
@@ -146,7 +152,7 @@ def answer(text: str) -> tuple[str, float, str]:
     return verdict, resource.getrusage(resource.RUSAGE_SELF).ru_utime - before, told
 
 
-def verdict_of(module: Any) -> tuple[str, str]:
+def verdict_of(module: ModuleResult) -> tuple[str, str]:
     """`proved`, `but for P2b` or `neither`, and why."""
     found = module.findings
     is_open = [n for n, p in found.items() if p.verdict not in ("proved", "assumed")]
@@ -179,11 +185,9 @@ def print_draws(names: list[str], draws: int) -> int:
                 way = ", ".join(in_the_way(kind, figures)) if verdict == "neither" else ""
                 print(f"  {kind} {seed}: {verdict}; in the way: {way or '-'}; {told}")
                 print("   ", " ".join(f"{n}={v}" for n, v in figures.items()), flush=True)
-        print(
-            f"{kind}: {counts['proved']} of {draws} proved, {counts['but for P2b']} but for P2b,"
-            f" {counts['neither']} neither; CPU s {sum(spent) / draws:.1f}, at most {max(spent):.1f}",
-            flush=True,
-        )
+        told = f"{counts['but for P2b']} but for P2b, {counts['neither']} neither"
+        most = f"CPU s {sum(spent) / draws:.1f}, at most {max(spent):.1f}"
+        print(f"{kind}: {counts['proved']} of {draws} proved, {told}; {most}", flush=True)
         total += counts
     count = sum(total.values())
     safe = total["proved"] + total["but for P2b"]
@@ -192,12 +196,73 @@ def print_draws(names: list[str], draws: int) -> int:
     return 0
 
 
+def print_way(names: list[str]) -> int:
+    """The way of each kind, on figures that are drawn; 1 where one does not end well."""
+    bad = 0
+    for kind in names:
+        given = [word for n, v in drawn(kind, 0).items() for word in ("--set", f"{n}={v}")]
+        commands = (
+            ("soter", "new", "x", "--robot", kind, *given),
+            ("soter", "verify", "x/x.soter", "--cert", "proof"),
+            ("soter", "recheck", "proof"),
+            ("soter", "run", "x/x.soter", "--system", "Troubled"),
+            ("unittest", "discover", "x"),
+        )
+        before, exits = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, list[int]()
+        with tempfile.TemporaryDirectory() as folder:
+            for command in commands:
+                line = [sys.executable, "-m", *command]
+                done = subprocess.run(line, cwd=folder, capture_output=True, check=False)
+                exits.append(done.returncode)
+        spent = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        bad += any(exits)
+        print(f"{kind}: {len(commands)} commands, exits {exits}, CPU s {spent:.1f}", flush=True)
+    print(f"ways: {len(names) - bad} of {len(names)} end well in 5 commands")
+    return bad > 0
+
+
+def print_wrong(names: list[str]) -> int:
+    """Programs made wrong: shown to be, and proved; 1 where one is proved, or not shown."""
+    counts: Counter[str] = Counter()
+    for row in rows(HERE / "robot_kinds.txt", (), {}):
+        if row.section not in names:
+            continue
+        text = made(row.section, {})[PROGRAM]
+        edits = tuple(edit for line in row.said[""] for edit in edits_of(line, {}))
+        text = edited(text, edits)
+        alone = text.replace("force Guard ac;", "force Guard sc;")
+        flown = soter.load(PROGRAM, text=with_own_policy(alone))
+        shown = any(flown.simulate("Unguarded", seed=k).violations for k in range(10))
+        verdict = answer(text)[0]
+        counts.update(asked=1, shown=shown, proved=verdict == "proved")
+        if verdict == "proved" or not shown:
+            print(f"  {row.section}: {row.name}: {verdict}, shown to be wrong: {shown}")
+    print(f"wrong variants {counts['asked']}, shown to be {counts['shown']}")
+    print(f"proved {counts['proved']} (target 0)")
+    return counts["proved"] > 0 or counts["shown"] < counts["asked"]
+
+
+def with_own_policy(text: str) -> str:
+    """The program with SC's own text in the place of AC, which has no control in it."""
+    sc = re.search(r"^  sc (\w+);", text, re.MULTILINE)
+    assert sc is not None
+    node = re.search(rf"^node {sc[1]} .*?^}}\n", text, re.MULTILINE | re.DOTALL)
+    assert node is not None
+    learned = re.sub(r"^node \w+", "node Learned", node[0])
+    return re.sub(r"^extern node .*?^}\n", lambda _: learned, text, flags=re.MULTILINE | re.DOTALL)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("kinds", nargs="*")
     parser.add_argument("--draws", type=int, default=60)
+    parser.add_argument("--way", action="store_true")
+    parser.add_argument("--wrong", action="store_true")
     options = parser.parse_args()
-    return print_draws(options.kinds or list(RANGES), options.draws)
+    names = options.kinds or list(RANGES)
+    if options.way:
+        return print_way(names)
+    return print_wrong(names) if options.wrong else print_draws(names, options.draws)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import shutil
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.addons import by_name
 from soter.api.arguments import require_utf8
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.cli.terminal.console import Console
-    from soter.monitor.log_survey import LogSurvey
 
 TEMPLATE = Path(__file__).parent / "templates" / "robot"
 FILES = {
@@ -111,12 +110,11 @@ def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     }
 
 
-def _survey(args: argparse.Namespace) -> LogSurvey:
+def _survey(args: argparse.Namespace) -> Any:  # noqa: ANN401 - of an add-on
     """What stands in the logs; SoterError D016, D007."""
     require_utf8(*args.logs)
     survey = by_name("soter.monitor.log_survey")
-    found: LogSurvey = survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
-    return found
+    return survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
 
 
 def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple[str, str]]:

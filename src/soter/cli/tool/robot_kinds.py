@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from soter.api.arguments import time_ns
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
@@ -21,7 +21,29 @@ from soter.language.model.types import write_ns
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.monitor.log_survey import LogSurvey
+
+class LogSurvey(Protocol):
+    """What of `monitor.log_survey.LogSurvey`, which is of an add-on, is read here."""
+
+    channels: dict[str, Channel]
+
+
+class Channel(Protocol):
+    """A channel of the log."""
+
+    fields: dict[str, Range]
+    kept: list[str]
+
+    def first_max_age_ns(self) -> int:
+        """How old its samples may be."""
+
+
+class Range(Protocol):
+    """The ends of the numbers of a field."""
+
+    low: float
+    high: float
+
 
 FOLDER = Path(__file__).parents[1] / "templates" / "robots"
 SHARED, PROGRAM, MAPPING = "shared", "NAME.soter", "NAME.toml"
@@ -50,7 +72,9 @@ def texts_of_kind(
         what = f"there is no kind of robot `{safe(kind)[:40]}`"
         raise mistake("U001", what, nearest_or_all(kind, known), notes=("there are", *lines))
     paths = [p for folder in (SHARED, kind) for p in sorted((FOLDER / folder).iterdir())]
-    texts = {p.name.removesuffix(".in"): p.read_text(encoding="utf-8") for p in paths if p.is_file()}
+    texts = {
+        p.name.removesuffix(".in"): p.read_text(encoding="utf-8") for p in paths if p.is_file()
+    }
     figures = _figures(texts[PROGRAM], given)
     if survey is not None:
         _fill_from_log(texts, figures, survey, given)
@@ -110,8 +134,10 @@ def _fill_from_log(
         raise mistake("D016", what, f"without --from, and {AGE} by --set", f"it has {there}")
     if not any(word.startswith(f"{AGE}=") for word in given):
         figures[AGE] = write_ns(age)
-    ranges = (f"// {safe(p)}: {found.fields[p].low:.6g} to {found.fields[p].high:.6g}\n"
-              for p in found.kept[:8])
+    ranges = (
+        f"// {safe(p)}: {found.fields[p].low:.6g} to {found.fields[p].high:.6g}\n"
+        for p in found.kept[:8]
+    )
     told = f"// A log's `{channel}` gave {AGE}, and ranges to compare the figures with:\n"
     head, at, rest = texts[PROGRAM].partition("const ")
     texts[PROGRAM] = head + told + "".join(ranges) + at + rest
