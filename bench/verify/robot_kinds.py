@@ -98,9 +98,9 @@ RANGES: dict[str, dict[str, tuple[float | str, float | str]]] = {
     # TurtleBot3 and 4, Jackal, MiR100
     "rover": {
         "LENGTH": (6.0, 40.0), "WIDTH": (5.0, 20.0), "BODY": (0.1, 0.6), "SPEED": (0.2, 2.0),
-        "SPIN": (0.5, 3.0), "LAG": (0.05, 0.4), "DRAG": (0.02, 0.2), "P_ERROR": (0.01, 0.1),
+        "SPIN": (0.5, 3.0), "LAG": (0.08, 0.4), "DRAG": (0.02, 0.2), "P_ERROR": (0.01, 0.1),
         "H_ERROR": (0.005, 0.03), "V_ERROR": (0.005, 0.05), "AGE": ("20ms", "100ms"),
-        "ACTS": ("2ms", "20ms"),
+        "ACTS": ("2ms", "15ms"),
     },
     # small aircraft of ArduPlane and PX4: their parameters' ranges
     "aircraft": {
