@@ -1,8 +1,9 @@
-"""`soter new NAME`: makes a small robot that runs, or with `--from` a start for a given log.
+"""`soter new NAME`: makes a small robot that runs, or a start for a given log.
 
-Purpose: writes a folder with a program, its policy in Python and in C, and a test; or with a
-mapping and the head of a program for a log of another system. It writes all of it or nothing.
-Non-goals: more than one kind of robot; reading the log (`monitor/log_survey.py`).
+Purpose: writes a folder with a program, its policy in Python and in C, and a test; with `--robot`
+those of a kind of robot, by figures of its data sheet (`robot_kinds.py`); with `--from` a mapping
+and the head of a program for a log of another system. It writes all of it or nothing.
+Non-goals: reading the log (`monitor/log_survey.py`).
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import shutil
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.addons import by_name
 from soter.api.arguments import require_utf8
 from soter.cli.terminal.command_line import CommandOutcome, file_option
+from soter.cli.tool.robot_kinds import texts_of_kind
 from soter.codegen.c_names import program_prefix
 from soter.diagnostics.command_records import SEVERAL, SWITCH, option
 from soter.diagnostics.diagnostic import mistake, reason
@@ -46,6 +48,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 EXAMPLES = """\
   soter new rover
   soter run rover/rover.soter
+  soter new lift --robot axis --set TRAVEL=12.5 --set AGE=20ms     by the figures of a data sheet
   soter new rover --from flight.ulg       topics, types, a first max_age, and the mapping to them
   soter new rover --from pose.csv --from battery.csv     of several CSVs that are one log
 """
@@ -56,25 +59,36 @@ class Options:
     """Make a small robot that runs, in a new folder."""
 
     name: str = file_option("NAME", "of the robot and of its folder", told="")
+    robot: str | None = option("--robot KIND", None, "a kind of robot; `soter new x --robot help`")
+    figures: Sequence[str] = option(
+        "--set NAME=X", (), "with --robot: a figure, as in its program; may be repeated", SEVERAL
+    )
     logs: Sequence[str] = option(
-        "--from LOG", (), "a log: its mapping and the head of a program; may be repeated", SEVERAL
+        "--from LOG",
+        (),
+        "a log: its mapping and the head of a program; with --robot AGE; may be repeated",
+        SEVERAL,
     )
     partial: bool = option(
         "--partial", False, "with --from: of a damaged log what stands before that", SWITCH
     )
-    NEEDS = (("logs", "partial"),)
+    NEEDS = (("logs", "partial"), ("robot", "figures"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Makes the folder and tells what to type next; SoterError where it cannot be made."""
     folder = Path(args.name)
     name = _checked_name(folder, args.name)
-    if args.logs:
+    names = {"name": name, "prefix": program_prefix(name)}
+    if args.robot is not None:
+        survey = _survey(args) if args.logs else None
+        texts = texts_of_kind(args.robot, names, args.figures, survey)
+        commands = _commands(folder, name, kind=True)
+    elif args.logs:
         texts, commands = _files_of_log(name, args), _commands_of_log(folder, name, args.logs)
     else:
-        names = {"name": name, "prefix": program_prefix(name)}
         texts = {f.format(**names): _filled_template(t, names) for t, f in FILES.items()}
-        commands = _commands(folder, name)
+        commands = _commands(folder, name, kind=False)
     _make(folder, texts)
     files = sorted(texts)
     _say(folder, files, commands, console)
@@ -88,14 +102,19 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     """File name -> text of a mapping and the head of a program; SoterError D016, D007."""
-    require_utf8(*args.logs)
-    survey = by_name("soter.monitor.log_survey")
-    found = survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
+    survey, found = by_name("soter.monitor.log_survey"), _survey(args)
     log = ", ".join(Path(log).name for log in args.logs)
     return {
         f"{name}.soter": survey.program_head(found, log, name),
         f"{name}.toml": survey.mapping_of_log(found, log),
     }
+
+
+def _survey(args: argparse.Namespace) -> Any:  # noqa: ANN401 - of an add-on
+    """What stands in the logs; SoterError D016, D007."""
+    require_utf8(*args.logs)
+    survey = by_name("soter.monitor.log_survey")
+    return survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
 
 
 def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple[str, str]]:
@@ -142,19 +161,22 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
         raise
 
 
-def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
+def _commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, str]]:
     """Commands to type next, in the same folder and this order, each with what it does."""
     at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
     proof = shlex.quote(str(folder / "proof"))
     learned = shlex.quote(f"Learned=c:{folder / 'policy.c'}:policy_step")
     missing = [(pip_install("prove"), "what re-checks: it is not here")] * (not find_spec("flint"))
+    stays, leaves = ("keeps `safe`", "breaks it") if kind else ("stays on the rail", "leaves it")
     return [
         *missing,
         (f"soter verify {program} --cert {proof}", "proves it, under what it prints"),
         (f"soter recheck {proof}", "checks the proof again, by other code"),
-        (f"soter run {program}", "the policy, guarded: stays on the rail"),
-        (f"soter run {program} --system Unguarded", "the policy alone: leaves it, exit 3"),
-        (f"soter test {program}", "tries every schedule of its `test` block"),
+        (f"soter run {program}", f"the policy, guarded: {stays}"),
+        (f"soter run {program} --system Unguarded", f"the policy alone: {leaves}, exit 3"),
+        (f"soter run {program} --system Troubled", "guarded, with faults")
+        if kind
+        else (f"soter test {program}", "tries every schedule of its `test` block"),
         (f"soter run {program} --bind {learned}", "the same policy in C"),
         (f"python -m unittest discover {at}", "its tests; pytest runs them too"),
     ]

@@ -200,6 +200,13 @@ class Channel:
         """How old each sample was when the next one came, in order."""
         return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken) if b >= a)
 
+    def first_max_age_ns(self) -> int:
+        """Two of its periods, or what 99 % of its messages kept to; 0 where it has no period."""
+        ages, gaps = self.ages_ns(), self.gaps_ns()
+        if not gaps or median(gaps) <= 0:
+            return 0
+        return _up(max(2 * round(median(gaps)), ages[ceil(0.99 * len(ages)) - 1]))
+
 
 @dataclass
 class LogSurvey:
@@ -336,7 +343,7 @@ def program_head(survey: LogSurvey, log: str, name: str) -> str:
             turns = '; an angle? `float unit "rad"`, or "deg", counts modulo a turn'
             told = f"{_figure(n.low)} to {_figure(n.high)}{turns * bool(ANGLE.search(path))}"
             lines.append(f"  {called}: {found.kind(path)},  // {told}")
-        age = _first_max_age(found)
+        age = found.first_max_age_ns()
         lines += [
             "};",
             f"input topic {topic}: {of_type}{f' max_age {write_ns(age)}' if age else ''};",
@@ -445,14 +452,6 @@ def _rate(found: Channel) -> str:
     told = f"{count}, {hertz:.3g} Hz, gaps {write_ns(_up(half))} (half) to {write_ns(_up(most))}"
     since = "since its stamp" if found.stamped else "since it was logged"
     return f"{told}, at most {write_ns(_up(ages[-1]))} old {since}"
-
-
-def _first_max_age(found: Channel) -> int:
-    """Two of its periods, or what 99 % of its messages kept to; 0 where it has no period."""
-    ages, gaps = found.ages_ns(), found.gaps_ns()
-    if not gaps or median(gaps) <= 0:
-        return 0
-    return _up(max(2 * round(median(gaps)), ages[ceil(0.99 * len(ages)) - 1]))
 
 
 def _up(ns: int) -> int:

@@ -46,7 +46,7 @@ ALWAYS = {
     "explain": "code",
     "fmt": "files check diff",
     "lsp": "stdio tcp",
-    "new": "name logs",
+    "new": "name robot logs",
     "completion": "shell",
     "cache": "action size",
 }

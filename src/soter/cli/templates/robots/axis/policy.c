@@ -1,0 +1,13 @@
+/* The advanced controller of {{name}} in C: the same as policy.py.
+ *
+ * {{prefix}}.h is generated from {{name}}.soter; 0 says that the step went well. */
+#include "{{prefix}}.h"
+
+int policy_step(const {{prefix}}_Guard_Learned_in *in, {{prefix}}_Guard_Learned_out *out);
+
+int policy_step(const {{prefix}}_Guard_Learned_in *in, {{prefix}}_Guard_Learned_out *out) {
+  const double travel = {{TRAVEL}}, speed = {{SPEED}};
+  out->speed = in->axis.p < travel ? speed : -speed;
+  out->has_speed = 1;
+  return 0;
+}
