@@ -30,12 +30,14 @@ COMMENT = "  // found by `soter verify --write`"
 class Hints:
     """Items of the `verify` block, or clauses of the module, each with its semicolon.
 
-    `added`: they stand beside those that the program has, and replace none.
+    `added`: they stand beside those that the program has, and replace none. `longer`: the clause
+    `rest` with a longer time, to be tried where only the start is not led there in time.
     """
 
     items: tuple[str, ...] = ()
     clauses: tuple[str, ...] = ()
     added: bool = False
+    longer: str = ""
 
     def __str__(self) -> str:
         return " ".join((*self.clauses, *self.items))

@@ -21,7 +21,7 @@ from soter.language.model.types import leaf_name
 from soter.language.syntax.printer import format_source
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
 from soter.verify.diagnosis.model_runs import StepFaultError
-from soter.verify.diagnosis.vacuity import NEVER
+from soter.verify.diagnosis.vacuity import NEVER, NOT_SHOWN
 from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.inputs import inputs_of
@@ -51,6 +51,8 @@ WEIGHTS = {"P2a": 32, "start": 16, "P3": 8, "ttf": 4, "safer": 2, "P2b": 1}
 """How much it says of a try that a claim is shown."""
 OF_RESTS = 0.25
 """The share of the budget that clauses `rest` may take together."""
+IN_VAIN, HELD = 100.0, 200.0
+"""The ranks of proofs of a module whose AC never gets control, or nothing says that it does."""
 TOO_LONG = "operations"
 """Stands in the message of a `rest` that takes the DM too long: a larger one may not."""
 
@@ -88,8 +90,8 @@ class ProofSearch:
 
     @property
     def proved(self) -> bool:
-        """Whether the module is proved with what was found, and its AC gets control."""
-        return self.result is not None and _rank(self.result) == inf
+        """Whether the module is proved with what was found, and its AC may get control."""
+        return self.result is not None and _rank(self.result) >= HELD
 
 
 def cpu_s() -> float:
@@ -209,14 +211,21 @@ class _Search:
             self._cell_s = took, cells
         self.made.tries.append(Try(str(hints), gave, took))
         self._no_rest |= bool(hints.clauses) and result is None and TOO_LONG not in gave
-        if result is None or (rank := _rank(result)) <= self._best:
+        if result is None:
             return
-        self._best = rank
-        self.made.found, self.made.result, self.made.checked = hints, result, checked
-        if hints.clauses and result.verdict in (PROVED, ASSUMED) and rank < inf:
-            judged = Hints(clauses=(*hints.clauses, "shield;"))
-            if hints.clauses[-1] != "shield;":
-                self.attempt(judged, cells)
+        if (rank := _rank(result)) > self._best:
+            self._best = rank
+            self.made.found, self.made.result, self.made.checked = hints, result, checked
+        if hints.clauses and rank < inf:
+            self._attempt_more(hints, result)
+
+    def _attempt_more(self, hints: Hints, result: ModuleResult) -> None:
+        """Tries a `rest` that keeps its box for longer, or with single commands judged."""
+        open_ = [n for n, f in result.findings.items() if not f.holds]
+        if open_ == ["start"] and hints.longer:
+            self.attempt(Hints(clauses=(hints.longer, *hints.clauses[1:])), 0)
+        elif not open_ and "shield;" not in hints.clauses:
+            self.attempt(Hints(clauses=(*hints.clauses, "shield;"), longer=hints.longer), 0)
 
     def _proved(self, hints: Hints) -> tuple[str, ModuleResult | None, CheckResult | None]:
         """What hints gave in words, and the result and the program if there is one."""
@@ -255,12 +264,9 @@ def _checked(name: str, text: str) -> CheckResult:
 
 def _rank(result: ModuleResult) -> float:
     """How good a result is; inf: everything is proved, and AC gets control."""
-    held = result.verdict in (PROVED, ASSUMED)
-    never = result.vacuity is not None and result.vacuity.how_often == NEVER
-    if held and not never:
-        return inf
-    if held:
-        return 100.0
+    often = "" if result.vacuity is None else result.vacuity.how_often
+    if result.verdict in (PROVED, ASSUMED):
+        return {NEVER: IN_VAIN, NOT_SHOWN: HELD}.get(often, inf)
     shown = [n for n, f in result.findings.items() if f.verdict != UNDECIDED]
     return float(sum(WEIGHTS.get(n, 0) for n in shown))
 

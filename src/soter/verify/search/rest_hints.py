@@ -8,12 +8,11 @@ Non-goals: whether SC keeps such a box: that is proved (`tubes/rest_claims.py`),
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.diagnosis.model_runs import TRUE
+from soter.verify.diagnosis.model_runs import NS, TRUE
 from soter.verify.problem.inputs import errors_of
 from soter.verify.search.hint_text import Hints
 from soter.verify.search.written_numbers import duration, rounded
@@ -30,12 +29,14 @@ LONG = 1000
 STARTS = 9
 LAST = 0.8
 """The share of a run after which it is taken to be at its end."""
+FROM = (0.5, 0.25, 0.12, 0.06)
+"""Larger boxes, around the same place, hold what runs pass through after these shares of the time
+of `ModelStates.holds`."""
 HANGS = 0.1
 """A state hangs on where the run began if its ends differ by this share of what was reached."""
-SIZES = (0.0, 0.2, 0.5, 0.9, 1.3)
-"""How large boxes are, as shares of what was reached."""
-AROUND, LATER = 1.3, 1.3
-"""By these factors a box is larger than where runs end, and a time longer than they took."""
+AROUND, LATER = 1.3, (1.3, 2.2)
+"""By these factors a box is larger than where runs end, and a time longer than they took: first by
+the one, then, where SC is shown to keep the box and not to lead there in time, by the other."""
 
 
 def rest_hints(found: ModelStates) -> Iterator[Hints]:
@@ -54,21 +55,25 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     moving = [int(s) for s in np.flatnonzero(hangs) if read[s] or asked[s].any()]
     if not held:
         return
-    tails = np.concatenate([np.array(t.states)[int(LAST * len(t.states)) :] for t in runs])
-    low, high = tails.min(axis=0), tails.max(axis=0)
     known = errors_of(found.problem)
     errors = np.array([known.get(s, 0.0) for s in range(len(width))])
-    least = AROUND * ((high - low) / 2 + errors / 2 + width / 150)
-    boxes = [np.maximum(least, size * width / 2) for size in SIZES]
-    middle = (low + high) / 2
-    for half, before in ((b, a) for a, b in pairwise([np.zeros_like(least), *boxes])):
-        if (half > before).any() and (
-            said := _clause(found, runs, middle, half, held, moving, asked)
-        ):
-            yield Hints(clauses=(said,))
+    least = errors / 2 + width / 150
+    ends_s = [LAST * LONG * found.period_s]
+    ends_s += [share * found.holds * found.period_s for share in FROM]
+    before, middle = np.zeros_like(least), None
+    for end_s in ends_s:
+        tails = np.concatenate(
+            [np.array(t.states)[np.searchsorted(t.times, min(end_s, t.times[-1])) :] for t in runs]
+        )
+        low, high = tails.min(axis=0), tails.max(axis=0)
+        middle = (low + high) / 2 if middle is None else middle
+        half = AROUND * (np.maximum(high - middle, middle - low) + least)
+        if (half > AROUND * before)[held].any():
+            yield from _hints(found, runs, middle, half, held, moving, asked)
+        before = half
 
 
-def _clause(
+def _hints(
     found: ModelStates,
     runs: list[ModelTrace],
     middle: Floats,
@@ -76,8 +81,8 @@ def _clause(
     held: list[int],
     moving: list[int],
     asked: Bools,
-) -> str:
-    """The clause of a box around `middle`; "": `safe` does not hold in it, or a run stays out."""
+) -> Iterator[Hints]:
+    """A box around `middle`; nothing where `safe` does not hold in it, or a run stays out."""
     ends = {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
     inside = [
         np.all([(e[0] <= x[:, s]) & (x[:, s] <= e[1]) for s, e in ends.items()], axis=0)
@@ -85,7 +90,7 @@ def _clause(
     ]
     entered = [(t, int(np.argmax(i))) for t, i in zip(runs, inside, strict=True) if i.any()]
     if len(entered) < len(runs) or not _lies_in_safe(found, runs, ends):
-        return ""
+        return
     latest = max(t.times[k] for t, k in entered)
     moves = []
     for s in moving:
@@ -99,9 +104,12 @@ def _clause(
         else:
             moves.append(f"{name} by {up!r} up" if asked[s, 1] else f"{name} by {down!r} down")
     conditions = [_condition(found.names[s], *e) for s, e in ends.items()]
-    within = max(LATER * latest, 4 * found.period_s) + found.problem.times.jitter_sc * 1e-9
-    said = f" moves {', '.join(moves)}" if moves else ""
-    return f"rest {' && '.join(conditions)}{said} within {duration(within)};"
+    moved = f" moves {', '.join(moves)}" if moves else ""
+    said = f"rest {' && '.join(conditions)}{moved} within"
+    least_s = 4 * found.period_s
+    within = [max(x * latest, least_s) + found.problem.times.jitter_sc * NS for x in LATER]
+    first, longer = (f"{said} {duration(x)};" for x in within)
+    yield Hints(clauses=(first,), longer=longer)
 
 
 def _symmetric(low: float, high: float) -> tuple[float, float]:
