@@ -1,12 +1,14 @@
 """Honest robots as they stand: what `soter verify` says, what it advises then, and `recheck`.
 
     .venv/bin/python bench/newcomers/first_attempt.py [--folder ../shared/robots]
-        [--recheck-below S] [--kept .soter/newcomers] [NAME ...]
+        [--without-hints] [--recheck-below S] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a row a program: proved in full or what is not, CPU seconds of both commands, and whether
 the certificate is accepted. Where it is not proved, what `help` says that was tried is done, as it
 is written there, and it is asked again, four times at most. `--recheck-below`: certificates of
-proofs that took more CPU seconds are not re-checked, and the table says so. Answers are kept, by
+proofs that took more CPU seconds are not re-checked, and the table says so. `--without-hints`: what
+hints at a proof is taken out first, and nothing is followed: the search alone has to find it.
+*Proved*: every claim, or *decided in flight* with P2a and the start proved. Answers are kept, by
 program and the tool's sources: the next call goes on.
 Non-goals: advice that was not tried, or that no edit of the printed words carries out; wrong
 variants (`wrong_robots.py`).
@@ -33,6 +35,11 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 900.0
 """CPU seconds that a command may take."""
+BUDGET = "300s"
+"""Of the search for hints."""
+HINTS = ("grid", "core", "levels", "ttf", "safer", "shield", "rest")
+"""The words with which items begin that `--without-hints` takes out of modules."""
+HELD = ("proved", "decided in flight")
 ATTEMPTS = 4
 """So often the advice is followed at most."""
 TRIED = " (tried: "
@@ -78,7 +85,11 @@ def said(document: dict[str, Any]) -> str:
         return f"error {errors[0]}"
     verdicts = []
     for module in document["modules"].values():
-        open_ = [c for c, f in module["properties"].items() if f["verdict"] == "undecided"]
+        claims = {c: f["verdict"] for c, f in module["properties"].items()}
+        open_ = [c for c, verdict in claims.items() if verdict == "undecided"]
+        if module["verdict"] == "assumed" and claims["P2a"] == claims["start"] == "proved":
+            verdicts.append(HELD[1])
+            continue
         undecided = module["verdict"] == "undecided" and open_
         verdicts.append(f"undecided: {', '.join(open_)}" if undecided else str(module["verdict"]))
     return "; ".join(verdicts)
@@ -113,16 +124,31 @@ def followed(text: str, advice: str) -> str:
     return text
 
 
+def without_hints(text: str) -> str:
+    """The program with nothing in its modules that hints at a proof."""
+    text = re.sub(r"//[^\n]*", "", text)
+    head, *modules = re.split(r"(?=\brta \w+ *\{)", text)
+    words = "|".join(HINTS)
+    for k, module in enumerate(modules):
+        parts = re.fullmatch(r"(.*?\n\}|.*\})(.*)", module, re.DOTALL)
+        assert parts is not None
+        body, rest = parts.groups()
+        body = re.sub(rf"(?<=[;{{]|\s)(?:{words})\b[^;]*;", "", body)
+        modules[k] = re.sub(r"verify \{\s*\}", "", body) + rest
+    return head + "".join(modules)
+
+
 def answered(name: str, text: str, recheck_below_s: float) -> dict[str, Any]:
     """What `verify` says of a program, and `recheck` of its certificate: an `Answer`."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / f"{name}.soter").write_text(text)
-        document, cpu_s = run("verify", f"{name}.soter", "--cert", "proof", folder=folder)
+        command = ("verify", f"{name}.soter", "--cert", "proof", "--budget", BUDGET)
+        document, cpu_s = run(*command, folder=folder)
         verdict, again, again_s = said(document), "-", 0.0
-        if verdict == "proved" and cpu_s > recheck_below_s:
+        if verdict in HELD and cpu_s > recheck_below_s:
             again = f"not asked: the proof took more than {recheck_below_s:.0f} s"
-        elif verdict == "proved":
+        elif verdict in HELD:
             checked, again_s = run("recheck", "proof", folder=folder)
             again = str(checked.get("verdict", f"no verdict in {LONGEST_S:.0f} s"))
     return asdict(Answer(verdict, cpu_s, again, again_s, advised(document)))
@@ -156,6 +182,7 @@ def main(argv: list[str]) -> int:
     """0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
+    parser.add_argument("--without-hints", action="store_true")
     parser.add_argument("--recheck-below", type=float, default=LONGEST_S)
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
     parser.add_argument("names", nargs="*")
@@ -167,13 +194,15 @@ def main(argv: list[str]) -> int:
     print(f"{HEAD}\n|{'---|' * (HEAD.count('|') - 1)}")
     for path in paths:
         text, done = path.read_text(), list[str]()
+        text = without_hints(text) if options.without_hints else text
         while True:
             about = (path.stem, text, str(below), sources)
             made = kept(options.kept, about, partial(answered, path.stem, text, below))
             answer = Answer(**made)
             firsts += [] if done else [answer]
             again = followed(text, answer.advice)
-            if answer.verdict == "proved" or again == text or len(done) == ATTEMPTS:
+            held = answer.verdict in HELD or options.without_hints
+            if held or again == text or len(done) == ATTEMPTS:
                 break
             text = again
             done.append(answer.advice)
@@ -183,7 +212,7 @@ def main(argv: list[str]) -> int:
         steps += [f"{path.stem}: {'; then '.join(done)}"] if done else []
     print("\nWhat was done: " + ("; ".join(steps) or "nothing") + ".")
     for when, answers in (("at the first attempt", firsts), ("by what is printed", lasts)):
-        proved = [a for a in answers if a.verdict == "proved"]
+        proved = [a for a in answers if a.verdict in HELD]
         accepted = sum(a.again == "accepted" for a in proved)
         unasked = sum(a.again.startswith("not asked") for a in proved)
         print(
