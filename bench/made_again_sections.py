@@ -523,6 +523,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("proof-flight.md", "| | value | derivation"): DEFINED,
     ("proof-flight.md", "| a naive version"): DEFINED,
     ("prove-your-module.md", "| cells declared"): f"{SESSION}prove_your_module.py",
+    ("prove-your-module.md", "```SafeLane"): f"{SESSION}prove_your_module.py",
     ("prove-your-module.md", "```SafeTank"): f"{SESSION}prove_your_module.py",
     ("prove-your-module.md", "```P3"): f"{SESSION}prove_your_module.py",
     ("prove-your-module.md", "```P2a"): f"{SESSION}prove_your_module.py",
@@ -558,6 +559,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("tool-qualification.md", "| part | tried by"): f"{HELD}correct/test_docs_site.py",
     ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_hostile_files.py",
     ("verification.md", "| what is written"): DEFINED,
+    ("verification.md", "| what | how it is measured"): DEFINED,
     ("verification.md", "| kind"): DEFINED,
     ("verification.md", "| function | what is enclosed"): "bounds of a theorem; "
     f"{HELD}unit/certificate/test_functions_of_the_prelude.py",

@@ -28,8 +28,8 @@ from soter import SoterError
 from soter.api import load
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file
+from soter.verify.chosen_modules import modules_of, problems_of, refuse_forced
 from soter.verify.claims import results
-from soter.verify.command import modules_of, problems_of, refuse_forced
 from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 

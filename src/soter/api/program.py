@@ -408,7 +408,7 @@ class Program:
         HTML file with the figure. `SoterError` R... if a problem is not determined; D006, D007.
         """
         from soter.verify.advice import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
-        from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
+        from soter.verify.chosen_modules import modules_of, problems_of  # noqa: PLC0415 - the same
 
         if report is not None:
             require_writable(Path(report))
@@ -432,7 +432,7 @@ class Program:
         `SoterError` R... if a problem is not determined as it is declared.
         """
         from soter.verify.advice import largest_delay  # noqa: PLC0415 - needs a compiler
-        from soter.verify.command import modules_of  # noqa: PLC0415 - the same
+        from soter.verify.chosen_modules import modules_of  # noqa: PLC0415 - the same
 
         chosen = modules_of(self._checked, module, system, self._values(params))
         with telling_shares(progress):

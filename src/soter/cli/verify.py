@@ -6,7 +6,6 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +29,7 @@ from soter.cli.terminal.command_line import (
     warned_of_files,
 )
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.proof_hints import SEARCHES, print_search, seconds_text, write_hints
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 from soter.diagnostics.command_records import seconds as time_in_seconds
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.scope import ComposedAssumption
-    from soter.verify.search.proof_search import ProofSearch
 
 EXAMPLES = f"""\
   soter verify cart.soter
@@ -65,10 +64,6 @@ REGIONS_SHOWN, LONG = 3, 40
 """How many regions are shown; from how many characters on a sentence is not repeated in a table."""
 TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
 ENDING = "-proof.html"
-BUDGET_S = 120.0
-NOT_FOUND = "no hint was found with which all of it is proved"
-NO_HINTS = "the program says no grid and no `rest`"
-NOTHING_OPEN = "the program says how it is proved"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +88,7 @@ class Options:
     )
     budget: float = option(
         "--budget T",
-        BUDGET_S,
+        120.0,
         f"of the processor, to find a grid or `rest` where the program says none{TIMES}",
         time_in_seconds("from 0 to", 1_000_000),
     )
@@ -116,7 +111,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     printed.show(console)
     _say_files(report, args, console)
     if args.write:
-        _write_hints(report, console)
+        write_hints(report, console)
     exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
     if words and report.verdict in HOLDING:
         outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
@@ -212,7 +207,7 @@ def _printout(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for search in report.searches:
-        _print_search(search, report, printed)
+        print_search(search, report.path, printed)
     for module in report.modules:
         printed.say(f"\n{_headline(module, printed)}\n")
         _table(module, printed)
@@ -226,39 +221,6 @@ def _printout(report: VerifyReport) -> Printout:
     if report.composed:
         _print_joint_verdict(report, printed)
     return printed
-
-
-def _print_search(search: ProofSearch, report: VerifyReport, printed: Printout) -> None:
-    """Prints what was tried to find hints of a module, and what was found."""
-    why = "what the program says leaves it undecided" if search.own else NO_HINTS
-    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried\n")
-    rows = [
-        (t.hints, t.gave, f"about {seconds(t.cpu_s)}" if t.untried else seconds(t.cpu_s))
-        for t in search.tries
-    ]
-    printed.table(("hint", "what it gave", "processor"), rows)
-    if any(t.untried for t in search.tries):
-        printed.say("\nwhat was not tried needs a longer `--budget`")
-    if search.proved:
-        how = f"soter verify {shlex.quote(report.path)} --write"
-        printed.say(f"\nfound   {printed.paint('green', str(search.found))}")
-        printed.say(
-            f"        `{how}` puts it into the program; what follows is about the program with it"
-        )
-    elif not search.own:
-        printed.say(f"\nthe best of these, and what follows is with it: {search.found}")
-
-
-def _write_hints(report: VerifyReport, console: Console) -> None:
-    """Writes what was found into the program, if it proves."""
-    from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
-
-    found = [s for s in report.searches if s.proved]
-    if not found or len(found) < len(report.searches):
-        console.say("\nnothing was written: " + (NOT_FOUND if report.searches else NOTHING_OPEN))
-        return
-    replace_file(Path(report.path), found[-1].text)
-    console.say(f"\nwritten {report.path}")
 
 
 def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
@@ -281,9 +243,13 @@ def _coverage(report: VerifyReport) -> list[str]:
         values = ", ".join(f"{name} = {value}" for name, value in coverage.params)
         lines += ["", f"with these values of its parameters, and no other: {values}"]
     if coverage.also:
-        lines += ["", "the same problem, and so the same verdict", *_indented(coverage.also)]
+        lines += [
+            "",
+            "the same problem, and so the same verdict",
+            *(f"  {t}" for t in coverage.also),
+        ]
     if coverage.rest:
-        lines += ["", "not covered", *_indented(coverage.rest)]
+        lines += ["", "not covered", *(f"  {t}" for t in coverage.rest)]
     return lines
 
 
@@ -319,10 +285,6 @@ def _open_clauses(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
     if timed:
         clauses.append(f"P1c is assumed of {', '.join(timed)}")
     return f", where {' and '.join(clauses)}" if clauses else ""
-
-
-def _indented(texts: tuple[str, ...]) -> list[str]:
-    return [f"  {text}" for text in texts]
 
 
 def _certificate_lines(report: VerifyReport) -> list[str]:
@@ -393,7 +355,7 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
             under += " alone: safe as proved while the trusted part runs; its law is not shown"
     if module.not_rechecked:
         under += f", {printed.paint('yellow', 'not re-checked')}: {module.not_rechecked}"
-    return f"{printed.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
+    return f"{printed.paint('bold', module.name)}  {verdict}{under}  {seconds_text(module.seconds)}"
 
 
 def _table(module: ModuleResult, printed: Printout) -> None:
@@ -403,7 +365,7 @@ def _table(module: ModuleResult, printed: Printout) -> None:
     for name, f in module.findings.items():
         again = len(f.text) >= LONG and said.setdefault(f.text, name) != name
         text = f"for the same reason as `{said[f.text]}`" if again else f.text
-        rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), text))
+        rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds_text(f.seconds), text))
     printed.table(("property", "verdict", "time", "how"), rows)
 
 
@@ -444,11 +406,6 @@ def _failure_lines(name: str, finding: Finding, printed: Printout) -> list[str]:
     return lines
 
 
-def seconds(value: float) -> str:
-    """A time in seconds as text for people: `1.2 s` or `340 ms`."""
-    return f"{value:.1f} s" if value >= 1.0 else f"{value * 1000:.0f} ms"
-
-
 # --- as JSON; a list of words has `field` or `field=path.in.record` each, ? and * as in JsonObject
 
 
@@ -479,10 +436,6 @@ def _times(run: LeavingRun) -> list[float]:
 def _states(run: LeavingRun) -> dict[str, list[float]]:
     """State name -> its values along the run."""
     return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
-
-
-def _found(search: ProofSearch) -> str | None:
-    return None if search.found is None else str(search.found)
 
 
 RESULTS = "soter.verify.claims.results"
@@ -532,12 +485,7 @@ DOCUMENT = JsonObject(
     verdict=VERDICT,
     together=VERDICT,
     modules=VERIFIED,
-    searches=JsonObject(
-        "soter.verify.search.proof_search.ProofSearch",
-        "module own proved found? tries",
-        {"found": _found},
-        tries=JsonObject("soter.verify.search.proof_search.Try", "hints gave cpu_s untried"),
-    ),
+    searches=SEARCHES,
     guarantees=JsonObject(
         "soter.verify.problem.problem.ScopeGuarantee",
         "module what by how",

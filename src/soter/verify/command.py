@@ -14,7 +14,6 @@ import os
 import shlex
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,16 +21,14 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.folder import FORMAT, MANIFEST, SEAL, files_of
 from soter.diagnostics.current_phase import between
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, reason
-from soter.language.elaborate.views_for_proofs import systems_by_view
-from soter.language.front_end import system_of, system_to_prove
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.language.front_end import system_of
 from soter.native.compiler import end_compilers
+from soter.verify.chosen_modules import chosen_problems, modules_of
 from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import cache_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
-from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import Assumption
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 from soter.verify.verify_module import module_method
@@ -40,15 +37,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.language.front_end import CheckResult
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
-    from soter.verify.search.proof_search import ProofSearch, Try
+    from soter.verify.search.proof_search import ProofSearch
 
 
-NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 LOOK_S = 0.05
 """Seconds between two looks, after an interruption, whether the compiler has ended."""
 
@@ -76,15 +72,29 @@ def verify(
     """
     began = time.perf_counter()
     what: Any = {"module": module, "system": system, "params": params or {}}
-    checked, searches = _with_found_hints(checked, what, budget_s)
-    chosen, problems = _chosen_problems(checked, **what)
-    results = _verify_problems(problems, refute, explain, search, _proved_by(searches))
-    if refute if explain is None else explain:
-        before, further = checked, _searched_anew(checked, what, results, budget_s)
-        checked, searches = further[0], (*searches, *further[1])
-        if checked is not before:
-            chosen, problems = _chosen_problems(checked, **what)
-            known = {r.name: r for r in results} | _proved_by(searches)
+    searches: tuple[ProofSearch, ...] = ()
+    try:
+        chosen, problems = chosen_problems(checked, **what)
+    except SoterError as error:
+        if not budget_s or {d.code for d in error.diagnostics} != {"R008"}:
+            raise
+        from soter.verify.search.searched_program import with_found_hints  # noqa: PLC0415 - rarely
+
+        checked, searches = with_found_hints(checked, what, budget_s, error)
+        chosen, problems = chosen_problems(checked, **what)
+    known = {s.module: s.result for s in searches if s.proved and s.result is not None}
+    results = _verify_problems(problems, refute, explain, search, known)
+    explained = refute if explain is None else explain
+    if budget_s and explained and any(r.verdict == UNDECIDED for r in results):
+        from soter.verify.search.searched_program import searched_anew  # noqa: PLC0415 - rarely
+
+        changed, further = searched_anew(checked, what, results, budget_s)
+        searches += further
+        if changed is not checked:
+            checked = changed
+            chosen, problems = chosen_problems(checked, **what)
+            known = {r.name: r for r in results}
+            known |= {s.module: s.result for s in further if s.proved and s.result is not None}
             results = [known[problem.name] for problem in problems]
     assert checked.program is not None
     whole = {flat.name: flat for flat, _ in modules_of(checked, **what)}
@@ -119,115 +129,6 @@ def verify(
         write_report(verification, report)
     verification.page = _page
     return verification
-
-
-def _chosen_problems(
-    checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
-) -> tuple[list[tuple[System, Module]], list[Problem]]:
-    """The modules to verify, in every view, and their problems; `SoterError` as `problems_of`."""
-    assert checked.program is not None
-    chosen = modules_of(checked, module, system, params)
-    refuse_forced(chosen)
-    chosen = _in_every_view(chosen)
-    pairs = zip(problems_of(chosen), chosen, strict=True)
-    return chosen, [_without_faults(checked.program, flat, p) for p, (flat, _) in pairs]
-
-
-def _with_found_hints(
-    checked: CheckResult, what: Mapping[str, Any], budget_s: float
-) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with hints that were found where it bounds no states; `SoterError` as without.
-
-    `what`: the modules to verify, as arguments of `modules_of`.
-    """
-    try:
-        if not budget_s or _chosen_problems(checked, **what):
-            return checked, ()
-    except SoterError as error:
-        if {d.code for d in error.diagnostics} != {"R008"}:
-            raise
-        refused = error
-    searches: list[ProofSearch] = []
-    for name in [m.name for _, m in modules_of(checked, **what)]:
-        if not _is_refused(*_module_named(checked, name, what)):
-            continue
-        made = _searched(checked, name, what, budget_s, own=False)
-        if made is None or made.checked is None:
-            tries = () if made is None else made.tries
-            raise SoterError(tuple(_told_tries(d, tries) for d in refused.diagnostics))
-        searches.append(made)
-        checked = made.checked
-    return checked, tuple(searches)
-
-
-def _searched_anew(
-    checked: CheckResult, what: Mapping[str, Any], results: Sequence[ModuleResult], budget_s: float
-) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with other hints of modules that its own leave undecided, where these prove."""
-    searches = []
-    for result in results if budget_s else ():
-        symbol = result.problem.module.symbol
-        if result.verdict != UNDECIDED or symbol.ttf or result.problem.kind == "nodes":
-            continue
-        made = _searched(checked, result.name, what, budget_s, own=True)
-        if made is not None:
-            searches.append(made)
-            checked = made.checked if made.proved and made.checked is not None else checked
-    return checked, tuple(searches)
-
-
-def _searched(
-    checked: CheckResult, name: str, what: Mapping[str, Any], budget_s: float, *, own: bool
-) -> ProofSearch | None:
-    """What a search for hints of a module gave; None where hints of it are not looked for."""
-    from soter.verify.search.proof_search import find_hints, may_be_found  # noqa: PLC0415 - rarely
-
-    def choose(other: CheckResult) -> tuple[System, Module, Problem]:
-        assert other.program is not None
-        flat, m = _module_named(other, name, what)
-        return flat, m, _without_faults(other.program, flat, extract(flat, m))
-
-    flat, module = _module_named(checked, name, what)
-    if not may_be_found(checked, module):
-        return None
-    return find_hints(checked, choose, flat, module, budget_s, own=own)
-
-
-def _proved_by(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
-    """The results of searches that proved their modules, by name."""
-    return {s.module: s.result for s in searches if s.proved and s.result is not None}
-
-
-def _module_named(
-    checked: CheckResult, name: str, what: Mapping[str, Any]
-) -> tuple[System, Module]:
-    """The module of this full name, with its flat system."""
-    every = modules_of(checked, **{**what, "module": name})
-    return next((flat, m) for flat, m in every if m.name == name)
-
-
-def _is_refused(flat: System, module: Module) -> bool:
-    """Whether nothing bounds a state of the module."""
-    try:
-        problems_of(_in_every_view([(flat, module)]))
-    except SoterError:
-        return True
-    return False
-
-
-def _told_tries(refused: Diagnostic, tries: Sequence[Try]) -> Diagnostic:
-    """The diagnostic that nothing bounds states, with what was tried in vain."""
-    tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in tries if not t.untried)
-    return replace(refused, notes=(*refused.notes, *tried))
-
-
-def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Problem:
-    """The problem with the assumption that none of the system's declared faults happens."""
-    declared = program.systems.get(flat.name)
-    if declared is None or not declared.faults:
-        return problem
-    without = Assumption("no faults", NO_FAULTS.format(flat.name))
-    return replace(problem, assumptions=(*problem.assumptions, without))
 
 
 def _why_not_recheckable(flat: System, result: ModuleResult) -> str:
@@ -311,24 +212,6 @@ def _page(report: VerifyReport) -> str:
     return page_text(report)
 
 
-def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
-    """`SoterError` R019 for a module that is forced: the theorem is about a DM that switches."""
-    diagnostics = Diagnostics()
-    for flat, m in chosen:
-        if m.forced is not None:
-            diagnostics.error(
-                "R019",
-                f"module `{m.name}` is forced to {m.forced.upper()} in system `{flat.name}`",
-                m.symbol.span,
-                notes=("its DM does not switch there: nothing can be proved of it",),
-                helps=(
-                    "verify it in a system that does not force it: `--system NAME`",
-                    "or the other modules of this one: `--module NAME`",
-                ),
-            )
-    diagnostics.raise_errors()
-
-
 def _command_line(
     path: str, module: str | None, system: str | None, given: Mapping[str, object]
 ) -> str:
@@ -338,96 +221,6 @@ def _command_line(
     for name, value in given.items():
         words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
     return shlex.join(words)
-
-
-def _systems_by_preference(checked: CheckResult, params: Mapping[str, Value]) -> list[str]:
-    preferred = checked.default_system()
-    names = [n for n, s in checked.systems.items() if s.deploys is None]
-    if preferred is not None:
-        names.sort(key=lambda n: n != preferred.name and 1 + _forces_a_module(checked, n, params))
-    return names
-
-
-def modules_of(
-    checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
-) -> list[tuple[System, Module]]:
-    """The modules to verify, each in a flat system that has it; `SoterError` U008 for none."""
-    _refuse_deployed_system(checked, system)
-    names = [system] if system else _systems_by_preference(checked, params)
-    modules: list[tuple[System, Module]] = []
-    known: list[str] = []
-    seen: set[object] = set()
-    for name in names or [""]:
-        flat = system_to_prove(checked, name, params, exact=system is not None)
-        here: set[object] = set()
-        for m in flat.modules:
-            known.append(m.name)
-            here.add(m.symbol)
-            if m.symbol not in seen and (module is None or module in (m.name, m.symbol.name)):
-                modules.append((flat, m))
-        seen |= here
-    if module is not None and not modules:
-        raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
-    return modules
-
-
-def _forces_a_module(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
-    """Whether a system forces a module; the default system counts as one that does not."""
-    return any(m.forced for m in system_to_prove(checked, system, params, exact=False).modules)
-
-
-def _refuse_deployed_system(checked: CheckResult, system: str | None) -> None:
-    """U008 for a deployed system: the system that it deploys has to be proved instead."""
-    every = list(checked.systems.values())
-    meant = [s for s in every if s.name == system or system is None]
-    if not meant or any(s.deploys is None for s in meant):
-        return
-    symbol = meant[0]
-    assert symbol.deploys is not None
-    what = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
-    there = symbol.deploys
-    name = there.name.rpartition(".")[2]
-    how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
-    helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
-    raise SoterError((Diagnostic("U008", what, helps=helps),))
-
-
-def _no_module(module: str, known: list[str]) -> Diagnostic:
-    there = ", ".join(f"`{n}`" for n in known) or "none"
-    return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
-
-
-def _in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
-    """Every module once for each of its views; `SoterError` with all diagnostics at once."""
-    views: list[tuple[System, Module]] = []
-    diagnostics = Diagnostics()
-    for flat, m in chosen:
-        try:
-            views += systems_by_view(flat, m)
-        except SoterError as error:
-            for d in error.diagnostics:
-                diagnostics.add(d)
-    diagnostics.raise_errors()
-    return views
-
-
-def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
-    """The problem of every module; `SoterError` with all diagnostics at once."""
-    problems: list[Problem] = []
-    refused: list[Diagnostic] = []
-    names = dict.fromkeys(m.name for _, m in chosen)
-    for flat, m in chosen:
-        try:
-            problems.append(extract(flat, m))
-        except SoterError as error:
-            refused += error.diagnostics
-            names.pop(m.name, None)
-    diagnostics = Diagnostics()
-    others = (f"`--module` takes one by itself: {', '.join(names)}",) if names else ()
-    for d in refused:
-        diagnostics.add(replace(d, helps=(*d.helps, *others)))
-    diagnostics.raise_errors()
-    return problems
 
 
 def write_certificate(

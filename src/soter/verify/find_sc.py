@@ -25,7 +25,7 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.language.front_end import check_file
 from soter.language.load.named_files import ReadError, opened
 from soter.verify import synthesized_sc
-from soter.verify.command import modules_of
+from soter.verify.chosen_modules import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid import sets as grids
 from soter.verify.grid.grid_problem import of_problem

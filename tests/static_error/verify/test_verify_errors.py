@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
-from soter.verify.command import refuse_forced
+from soter.verify.chosen_modules import refuse_forced
 from soter.verify.problem.extract import extract
 from tables import all_rows
 from unit.diagnostics.page_examples import mended, wrong

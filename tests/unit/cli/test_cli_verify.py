@@ -149,9 +149,24 @@ def test_a_program_that_determines_no_problem_is_told_so(soter: Soter, here: Pat
     grid = re.search(r"    grid .*\n", CART)
     assert grid is not None
     (here / "bare.soter").write_text(CART.replace(grid.group(), ""))
-    done = soter("verify", "bare.soter", "--json")
+    done = soter("verify", "bare.soter", "--budget", "0", "--json")
     assert done.exit == 1
     assert done.codes == ["R008"]
+
+
+def test_what_is_found_is_told_and_written(soter: Soter, here: Path) -> None:
+    grid = re.search(r"    grid .*\n", CART)
+    assert grid is not None
+    (here / "bare.soter").write_text(CART.replace(grid.group(), ""))
+    done = soter("verify", "bare.soter", "--write", "--json")
+    assert done.exit == 0
+    (search,) = done.document["searches"]
+    assert search["proved"]
+    assert search["found"] == search["tries"][-1]["hints"]
+    assert search["found"] in (here / "bare.soter").read_text()
+    again = soter("verify", "bare.soter", "--write")
+    assert "nothing was written" in again.out
+    assert "tried" not in again.out
 
 
 def test_a_module_that_is_not_there_is_a_mistake_of_the_command_line(soter: Soter) -> None:

@@ -39,7 +39,7 @@ def proofs(
         return ModuleMethod(verify, unused, unused, compiled[problem.name])
 
     monkeypatch.setattr(command, "module_method", method)
-    command._verify_problems(PROBLEMS, False, None, None)
+    command._verify_problems(PROBLEMS, False, None, None, {})
 
 
 def test_it_is_compiled_meanwhile_and_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:

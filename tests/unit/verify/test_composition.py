@@ -12,7 +12,7 @@ from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.problem.problem import texts
 from soter.verify.proof_report import page
 from soter.verify.scope import coverage_of, rows_of

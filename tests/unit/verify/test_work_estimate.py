@@ -11,8 +11,8 @@ import pytest
 from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.claims.grid_refinement import announce_work, cells_of
-from soter.verify.command import modules_of, problems_of
 from soter.verify.deploy import missing_predicates
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.diagnosis.test_tried_remedies import PREDICATES

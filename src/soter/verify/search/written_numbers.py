@@ -1,4 +1,8 @@
-"""Numbers and times as a hint writes them: rounded outward to few digits."""
+"""Numbers and times as a hint writes them: rounded outward to few digits.
+
+Purpose: `rounded` for ends and bounds, `duration` for a time that is long enough.
+Non-goals: numbers for people (`report/`).
+"""
 
 from __future__ import annotations
 

@@ -8,6 +8,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from soter.language.front_end import check_file
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.claims.claims import open_case
 from soter.verify.diagnosis import tried_remedies
 from soter.verify.diagnosis.model_runs import LeavingSearch, PointModel, patterns, run
@@ -15,19 +17,47 @@ from soter.verify.diagnosis.open_claims import _no_run_cause
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.verify_module import verify_module
-from unit.verify.advice import test_stopping_sc
-from unit.verify.advice.test_stopping_sc import problem_of
 from unit.verify.diagnosis import tank_modules
 from unit.verify.diagnosis.test_way_back import FINE, LIFT
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Case
+    from soter.verify.problem.problem import Problem
 
-TANK, CART = tank_modules.TANK, test_stopping_sc.CART
+TANK = tank_modules.TANK
+CART = """soter 1;
+topic seen: { x: float, v: float } max_age 100ms;
+topic speed: float in [-0.5, 0.5] = 0.0;
+plant Cart period 50ms {
+  reads speed;
+  drives seen = { x: x, v: v };
+  state x: float = 2.0;
+  state v: float = 0.0;
+  disturbance slope: float in [-0.5, 0.5];
+  der x = -v + slope * v;
+  der v = (speed - v) / 0.2;
+  measured seen.x within 0.01, seen.v within 0.01;
+}
+node Drive period 100ms { publishes speed; step { publish speed = 0.5; } }
+node Stop period 100ms { subscribes seen; publishes speed; step { publish speed = 0.0; } }
+rta Halt {
+  ac Drive; sc Stop; period 100ms;
+  safe seen.x > 0.1;
+  verify { grid seen.x in [0.1, 4.1] / 8, seen.v in [-0.6, 0.6] / 6; }
+}
+system S default { c: Cart; module Halt; until 10s; }
+"""
 LATE = (
     ("/ 320;", "/ 320; late dm 0s, sc 0s; response dm 0s, sc 0s; acts within 45ms;"),
     ("ttf level < 0.25 || level > 1.75;", "ttf level < 0.35 || level > 1.65;"),
 )
+
+
+def problem_of(text: str) -> Problem:
+    checked = check_file("cart.soter", text)
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    (problem,) = problems_of(modules_of(checked, None, None, {}))
+    return problem
 
 
 def case_of(text: str) -> Case:

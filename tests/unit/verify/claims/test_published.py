@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.language.front_end import check_file
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed

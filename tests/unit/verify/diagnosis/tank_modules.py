@@ -13,7 +13,7 @@ from unittest.mock import patch
 import numpy as np
 
 from soter.language.front_end import check_file
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.diagnosis import open_claims
 from soter.verify.diagnosis.tried_remedies import mark_untried
 from soter.verify.verify_module import verify_module

@@ -8,7 +8,7 @@ from unittest.mock import patch
 import pytest
 
 from soter.language.front_end import check_file
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.diagnosis import tried_remedies
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import cause, changed, explained, kinds

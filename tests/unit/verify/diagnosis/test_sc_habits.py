@@ -9,7 +9,7 @@ import pytest
 
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.diagnosis import tried_remedies
 from soter.verify.diagnosis.variations import HALVED, NotProved, Remedy
 from soter.verify.verify_module import verify_module

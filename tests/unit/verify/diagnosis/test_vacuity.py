@@ -12,8 +12,8 @@ import pytest
 import soter
 from soter.cli.main import main
 from soter.language.front_end import check_file
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from soter.verify.command import modules_of, problems_of
 from soter.verify.diagnosis.vacuity import RARE_SHARE
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained

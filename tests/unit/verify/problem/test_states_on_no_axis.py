@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from soter.language.front_end import check_file
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.verify_module import verify_module
 
 CART = """soter 1;

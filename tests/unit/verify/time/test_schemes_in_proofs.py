@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from soter.language.front_end import check_file
-from soter.verify.command import modules_of, problems_of
+from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.enclose.scheme_error import scheme_error, scheme_weight
 from soter.verify.verify_module import verify_module
 from tables import all_rows

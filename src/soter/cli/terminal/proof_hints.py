@@ -1,0 +1,75 @@
+"""What a search for hints of a proof tried and found, for people; and writing it into the program.
+
+Purpose: `print_search` prints the table of tries, `SEARCHES` is what JSON has of it; `write_hints`
+puts what was found into the file.
+Non-goals: the search (`verify/search/`).
+"""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.command_records import JsonObject
+
+if TYPE_CHECKING:
+    from soter.cli.terminal.console import Console
+    from soter.cli.terminal.stored_outcome import Printout
+    from soter.verify.claims.results import VerifyReport
+    from soter.verify.search.proof_search import ProofSearch
+
+NOT_FOUND = "no hint was found with which all of it is proved"
+NO_HINTS = "the program says no grid and no `rest`"
+NOTHING_OPEN = "the program says how it is proved"
+
+
+def seconds_text(value: float) -> str:
+    """A time in seconds as text for people: `1.2 s` or `340 ms`."""
+    return f"{value:.1f} s" if value >= 1.0 else f"{value * 1000:.0f} ms"
+
+
+def print_search(search: ProofSearch, path: str, printed: Printout) -> None:
+    """Prints what was tried to find hints of a module, and what was found."""
+    why = "what the program says leaves it undecided" if search.own else NO_HINTS
+    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried\n")
+    rows = [
+        (t.hints, t.gave, f"about {seconds_text(t.cpu_s)}" if t.untried else seconds_text(t.cpu_s))
+        for t in search.tries
+    ]
+    printed.table(("hint", "what it gave", "processor"), rows)
+    if any(t.untried for t in search.tries):
+        printed.say("\nwhat was not tried needs a longer `--budget`")
+    if search.proved:
+        how = f"soter verify {shlex.quote(path)} --write"
+        printed.say(f"\nfound   {printed.paint('green', str(search.found))}")
+        printed.say(
+            f"        `{how}` puts it into the program; what follows is about the program with it"
+        )
+    elif not search.own:
+        printed.say(f"\nthe best of these, and what follows is with it: {search.found}")
+
+
+def write_hints(report: VerifyReport, console: Console) -> None:
+    """Writes what was found into the program, if it proves."""
+    from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
+
+    found = [s for s in report.searches if s.proved]
+    if not found or len(found) < len(report.searches):
+        console.say("\nnothing was written: " + (NOT_FOUND if report.searches else NOTHING_OPEN))
+        return
+    replace_file(Path(report.path), found[-1].text)
+    console.say(f"\nwritten {report.path}")
+
+
+def _found(search: ProofSearch) -> str | None:
+    return None if search.found is None else str(search.found)
+
+
+SEARCHES = JsonObject(
+    "soter.verify.search.proof_search.ProofSearch",
+    "module own proved found? tries",
+    {"found": _found},
+    tries=JsonObject("soter.verify.search.proof_search.Try", "hints gave cpu_s untried"),
+)
+"""What the document of `soter verify` has of a search."""
