@@ -30,7 +30,7 @@ ALWAYS = {
     "check": "files params times format",
     "show": "file system params output",
     "run": "file system params log report why recorded trace sha256 progress partial apart",
-    "verify": "file module system params cert report synthesize no_refute format",
+    "verify": "file module system params cert report synthesize no_refute budget write format",
     "recheck": "folder logs report",
     "monitor": "file system module emit params format",
     "advise": "file module system params delay",

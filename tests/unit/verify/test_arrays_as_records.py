@@ -161,9 +161,9 @@ def test_what_is_advised_where_a_joint_has_no_bounds_can_be_written() -> None:
     with pytest.raises(soter.SoterError) as raised:
         problem_of(robot(ARRAYS, "grid j.q[0] in [-1.0, 1.0] / 20;"))
     (told,) = raised.value.diagnostics
-    (help_,) = told.helps
-    line = str(help_).partition("{ ")[2].partition(" }")[0]
-    assert line == "grid a.q[1] in [-1.0, 1.0] / 100;"
+    line = str(told.helps[-1]).partition("{ ")[2].partition(" }")[0]
+    assert line == "grid a.q[1] in [low, high] / cells;"
+    line = line.replace("low, high", "-1.0, 1.0").replace("cells", "100")
     problem_of(robot(ARRAYS, f"grid j.q[0] in [-1.0, 1.0] / 20; {line}"))
 
 

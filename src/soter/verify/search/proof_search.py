@@ -90,8 +90,11 @@ class ProofSearch:
 
     @property
     def proved(self) -> bool:
-        """Whether the module is proved with what was found, and its AC may get control."""
-        return self.result is not None and _rank(self.result) >= HELD
+        """Whether the module is proved with what was found, and its AC may get control.
+
+        Where the program has hints of its own others are taken only if AC surely gets it.
+        """
+        return self.result is not None and _rank(self.result) >= (inf if self.own else HELD)
 
 
 def cpu_s() -> float:

@@ -40,7 +40,7 @@ def declared_cells(monkeypatch: pytest.MonkeyPatch) -> None:
 def cost_of(path: Path, text: str) -> RemedyCost:
     """What the one advice that proves all of it costs."""
     path.write_text(text)
-    (module,) = soter.load(path).verify(refute=False, explain=True).modules
+    (module,) = soter.load(path).verify(refute=False, explain=True, budget_s=0.0).modules
     (cost,) = [f.cost for f in module.findings.values() if f.cost is not None]
     return cost
 
@@ -116,7 +116,9 @@ def test_a_second_instance_of_the_module_is_not_guessed(tmp_path: Path) -> None:
     """What is written of the module changes both, and one was tried."""
     fleet = "system Fleet default { a: Plant; b: Plant; until 60s; }\n"
     (tmp_path / "tank.soter").write_text(changed(*COARSE) + fleet)
-    modules = soter.load(tmp_path / "tank.soter").verify(refute=False, explain=True).modules
+    modules = (
+        soter.load(tmp_path / "tank.soter").verify(refute=False, explain=True, budget_s=0.0).modules
+    )
     costs = [f.cost for m in modules for f in m.findings.values() if f.cost is not None]
     why = "the module stands 2 times in system `Fleet`, and one was tried"
     assert [cost.not_measured for cost in costs] == [why, why]
@@ -130,7 +132,7 @@ def test_beside_another_module_only_the_one_is_changed(tmp_path: Path) -> None:
     both = body + again + "system Two { t: Tank; module SafeTank; u: Tank_b; module SafeTank_b; "
     both += "until 60s; }\n"
     path.write_text(both)
-    first = soter.load(path).verify("SafeTank", refute=False, explain=True).modules[0]
+    first = soter.load(path).verify("SafeTank", refute=False, explain=True, budget_s=0.0).modules[0]
     (cost,) = [f.cost for f in first.findings.values() if f.cost is not None]
     path.write_text(both.replace(*FINER, 1))
     run = soter.load(path).simulate()
@@ -151,9 +153,9 @@ def test_what_takes_too_long_is_not_measured(
 def test_text_and_document_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "tank.soter"
     path.write_text(changed(*COARSE))
-    main(["verify", str(path)])
+    main(["verify", str(path), "--budget", "0"])
     (line,) = [t for t in capsys.readouterr().out.splitlines() if t.startswith("  costs  ")]
-    main(["verify", str(path), "--json"])
+    main(["verify", str(path), "--budget", "0", "--json"])
     found: Any = json.loads(capsys.readouterr().out)["modules"]["SafeTank"]["properties"]
     cost = found["P2b"]["cost"]
     assert f"with it {cost['after']['takeovers_per_min']:.4g} takeovers a minute" in line

@@ -6,7 +6,6 @@ The oracle is the graph of who reads whom that the drawn programs are made from.
 from __future__ import annotations
 
 import random
-import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,7 +15,6 @@ from soter.certificate.reading.left_out_states import leave_out, refuse_read
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.problem.axes import DEFAULT_CELLS
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
@@ -126,18 +124,6 @@ def test_what_is_read_needs_bounds_and_a_reader_is_named(
     (diagnostic,) = refused.value.diagnostics
     assert diagnostic.code == "R008"
     assert f"`c.x` is read by {reader}" in diagnostic.notes
-
-
-def test_proposed_cells_are_as_many_as_are_taken_unasked_and_have_their_price(
-    tmp_path: Path,
-) -> None:
-    text = changed("grid pose.y in [-0.9, 0.9] / 20, pose.h in [-0.3, 0.3] / 20;", "")
-    text = text.replace("(-0.25 * pose.y", "(-0.25 * pose.y + 0.001 * pose.x")
-    with pytest.raises(SoterError) as refused:
-        problem_of(tmp_path, text)
-    (help_,) = refused.value.diagnostics[0].helps
-    assert [int(n) for n in re.findall(r" / (\d+)", help_)] == [DEFAULT_CELLS[3]] * 3
-    assert "says first how long" in help_
 
 
 def test_sets_are_those_of_the_plant_without_that_state(tmp_path: Path) -> None:
