@@ -29,7 +29,13 @@ from soter.cli.terminal.command_line import (
     warned_of_files,
 )
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.proof_hints import SEARCHES, print_search, seconds_text, write_hints
+from soter.cli.terminal.proof_hints import (
+    SEARCHES,
+    print_search,
+    require_writable,
+    seconds_text,
+    write_hints,
+)
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 from soter.diagnostics.command_records import seconds as time_in_seconds
@@ -105,13 +111,16 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         return told
     if args.report is not None:
         args.report = str(report_path(args.report, args.file, ENDING))
+    if args.write and not args.synthesize:
+        require_writable(Path(args.file))
     report, written = _prove(args, console)
     _save_runs(report)
     printed, fields = _printout(report), DOCUMENT.of(report)
     printed.show(console)
     _say_files(report, args, console)
-    if args.write:
-        write_hints(report, console)
+    paths = [str(p) for p in written]
+    if args.write and (path := write_hints(report, console)) is not None:
+        paths += [path] if path not in paths else []
     exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
     if words and report.verdict in HOLDING:
         outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
@@ -120,7 +129,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         _remember(report)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
-        fields["written"] = [str(p) for p in written]
+    if paths:
+        fields["written"] = paths
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
     return CommandOutcome(exit_, (), fields, tuple(_ci_findings(report)) if args.format else ())
 
@@ -207,7 +217,7 @@ def _printout(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for search in report.searches:
-        print_search(search, report.path, printed)
+        print_search(search, report.command, printed)
     for module in report.modules:
         printed.say(f"\n{_headline(module, printed)}\n")
         _table(module, printed)

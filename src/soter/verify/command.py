@@ -72,6 +72,7 @@ def verify(
     """
     began = time.perf_counter()
     what: Any = {"module": module, "system": system, "params": params or {}}
+    read = checked
     searches: tuple[ProofSearch, ...] = ()
     try:
         chosen, problems = chosen_problems(checked, **what)
@@ -88,7 +89,9 @@ def verify(
     if budget_s and explained and any(r.verdict == UNDECIDED for r in results):
         from soter.verify.search.searched_program import searched_anew  # noqa: PLC0415 - rarely
 
-        changed, further = searched_anew(checked, what, results, budget_s)
+        asked = {s.module for s in searches}
+        others = [r for r in results if r.name not in asked]
+        changed, further = searched_anew(checked, what, others, budget_s)
         searches += further
         if changed is not checked:
             checked = changed
@@ -116,7 +119,7 @@ def verify(
         time.perf_counter() - began,
         _command_line(checked.program.path, module, system, given or {}),
         coverage=coverage,
-        contents={} if checked.loaded is None else checked.loaded.contents,
+        contents={} if read.loaded is None else read.loaded.contents,
         searches=searches,
     )
     if cert is not None:

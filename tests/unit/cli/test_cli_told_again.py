@@ -146,6 +146,26 @@ def test_what_is_told_again_is_what_a_proof_says(
     assert [told[1] for told in again] == fresh
 
 
+def test_what_was_found_is_told_again_of_the_text_in_which_it_was_looked_for_and_of_no_other(
+    verify: Verify, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bare = TANK.replace("    grid level in [-4.0, 4.0] / 80;\n", "").replace(
+        "topic level: float in [-5.0, 5.0]", "topic level: float"
+    )
+    tank.write_text(bare)
+    code, out, _ = verify("--no-refute")
+    assert code == 0
+    assert "says no grid and no `rest`; tried" in out
+    with monkeypatch.context() as refusing:
+        unproved(refusing)
+        assert verify("--no-refute")[:2] == (code, out)
+    assert "written" in verify("--no-refute", "--write")[1]
+    code, out, err = verify("--no-refute")
+    assert code == 0
+    assert TOLD_AGAIN not in err
+    assert "tried" not in out.partition("PROVED")[0]
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.api.program import Program
 from soter.verify.diagnosis import tried_remedies
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Any
 
     Soter = Callable[..., Any]
     Golden = Callable[[str, str], None]
@@ -167,6 +167,88 @@ def test_what_is_found_is_told_and_written(soter: Soter, here: Path) -> None:
     again = soter("verify", "bare.soter", "--write")
     assert "nothing was written" in again.out
     assert "what it gave" not in again.out
+
+
+HOPPER = """soter 1;
+param TOP: float = 0.8;
+topic apex: float max_age 200ms;
+topic thrust: float in [0.0, 0.3] = 0.0;
+plant Hopper period 400ms {
+  reads thrust;
+  drives apex = h;
+  state h: float = 0.4;
+  next h = 0.75 * h + thrust;
+  measured apex within 0.01;
+}
+node Policy period 400ms { publishes thrust; step { publish thrust = 0.25; } }
+node Hold period 400ms {
+  subscribes apex;
+  publishes thrust;
+  step { publish thrust = clamp(0.1 + 0.5 * (0.4 - apex), 0.0, 0.3); }
+}
+rta Envelope { ac Policy; sc Hold; period 400ms; safe apex > 0.15 && apex < TOP; }
+system S default { h: Hopper; module Envelope; }
+"""
+
+
+def test_the_document_says_that_hints_were_written(soter: Soter, here: Path) -> None:
+    (here / "hop.soter").write_text(HOPPER)
+    done = soter("verify", "hop.soter", "--write", "--no-refute", "--json")
+    assert done.document["written"] == ["hop.soter"]
+    again = soter("verify", "hop.soter", "--write", "--no-refute", "--json")
+    assert "written" not in again.document
+
+
+def test_what_writes_hints_down_asks_for_the_same_parameters(soter: Soter, here: Path) -> None:
+    (here / "hop.soter").write_text(HOPPER)
+    done = soter("verify", "hop.soter", "--set", "TOP=0.7", "--no-refute")
+    assert "`soter verify hop.soter --set TOP=0.7 --write` puts it" in done.out
+
+
+@pytest.mark.parametrize("why", ["read-only", "no plain file"])
+def test_a_file_that_cannot_be_written_is_refused_before_hints_are_looked_for(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    (here / "hop.soter").write_text(HOPPER)
+    (here / "hop.soter").chmod(0o444)
+    monkeypatch.setattr("soter.api.program.Program.verify", None)
+    name = "hop.soter" if why == "read-only" else "/dev/null"
+    done = soter("verify", name, "--write")
+    assert done.exit == 1
+    assert why in done.err
+    assert "soter fmt" not in done.err
+
+
+def test_hints_are_not_written_over_what_somebody_wrote_meanwhile(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "hop.soter").write_text(HOPPER)
+    verify, changed = Program.verify, HOPPER.replace("TOP: float = 0.8", "TOP: float = 0.6")
+
+    def slowly(self: Program, *words: Any, **how: Any) -> Any:
+        report = verify(self, *words, **how)
+        (here / "hop.soter").write_text(changed)
+        return report
+
+    monkeypatch.setattr(Program, "verify", slowly)
+    done = soter("verify", "hop.soter", "--write", "--no-refute")
+    assert done.exit == 1
+    assert "has changed since it was read" in done.err
+    assert (here / "hop.soter").read_text() == changed
+
+
+def test_hints_of_an_imported_module_are_not_promised(soter: Soter, here: Path) -> None:
+    library = HOPPER[: HOPPER.index("system S")]
+    (here / "lib.soter").write_text(library)
+    (here / "main.soter").write_text(
+        'soter 1;\nimport "lib.soter" as lib;\n'
+        "system S { h: lib.Hopper; module lib.Envelope; until 1s; }\n"
+    )
+    done = soter("verify", "main.soter")
+    assert done.exit == 1
+    assert "R008" in done.err
+    assert "finds a grid" not in done.err
+    assert "stand in the file that is verified" in done.err
 
 
 def test_a_module_that_is_not_there_is_a_mistake_of_the_command_line(soter: Soter) -> None:

@@ -7,11 +7,14 @@ Non-goals: the search (`verify/search/`).
 
 from __future__ import annotations
 
+import hashlib
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.api import read_text
 from soter.diagnostics.command_records import JsonObject
+from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
@@ -29,8 +32,11 @@ def seconds_text(value: float) -> str:
     return f"{value:.1f} s" if value >= 1.0 else f"{value * 1000:.0f} ms"
 
 
-def print_search(search: ProofSearch, path: str, printed: Printout) -> None:
-    """Prints what was tried to find hints of a module, and what was found."""
+def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
+    """Prints what was tried to find hints of a module, and what was found.
+
+    `command`: the command line that verifies the same.
+    """
     why = "what the program says leaves it undecided" if search.own else NO_HINTS
     printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried\n")
     rows = [
@@ -41,25 +47,43 @@ def print_search(search: ProofSearch, path: str, printed: Printout) -> None:
     if any(t.untried for t in search.tries):
         printed.say("\nwhat was not tried needs a longer `--budget`")
     if search.proved:
-        how = f"soter verify {shlex.quote(path)} --write"
         printed.say(f"\nfound   {printed.paint('green', str(search.found))}")
         printed.say(
-            f"        `{how}` puts it into the program; what follows is about the program with it"
+            f"        `{command} --write` puts it into the program; "
+            "what follows is about the program with it"
         )
     elif not search.own:
         printed.say(f"\nthe best of these, and what follows is with it: {search.found}")
 
 
-def write_hints(report: VerifyReport, console: Console) -> None:
-    """Writes what was found into the program, if it proves."""
+def require_writable(path: Path) -> None:
+    """SoterError D006 where hints cannot be put into a file, before minutes are spent on them."""
+    from soter.cli.tool.fmt import require_leave  # noqa: PLC0415 - only then
+
+    if path.exists() and not path.is_file():
+        raise mistake("D006", f"cannot write `{path}`: it is no plain file")
+    if path.exists():
+        require_leave(path, f"chmod u+w {shlex.quote(str(path))}, or leave `--write` out")
+
+
+def write_hints(report: VerifyReport, console: Console) -> str | None:
+    """Writes what was found into the program, if it proves; the path of what was written.
+
+    `SoterError` D006 where the file is not that any more which was read.
+    """
     from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
 
     found = [s for s in report.searches if s.proved]
     if not found or len(found) < len(report.searches):
         console.say("\nnothing was written: " + (NOT_FOUND if report.searches else NOTHING_OPEN))
-        return
-    replace_file(Path(report.path), found[-1].text)
+        return None
+    path, now = Path(report.path), read_text(report.path).encode("utf-8", "surrogatepass")
+    if report.contents.get(path) != hashlib.sha256(now).hexdigest():
+        why = f"cannot write `{path}`: it has changed since it was read"
+        raise mistake("D006", why, "verify it again")
+    replace_file(path, found[-1].text)
     console.say(f"\nwritten {report.path}")
+    return report.path
 
 
 def _found(search: ProofSearch) -> str | None:

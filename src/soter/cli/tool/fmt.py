@@ -105,8 +105,10 @@ def _say(
 def replace_file(path: Path, text: str) -> None:
     """Writes a file whole or not at all, with its old permissions; SoterError D006."""
     try:
+        again = shlex.quote(str(path))
+        help_ = f"chmod u+w {again} && soter fmt {again}"
+        require_leave(path, help_, f"only look: soter fmt --diff {again}")
         mode = stat.S_IMODE(path.stat().st_mode)
-        _require_leave(path, mode)
         with atomic_write(path) as stream:
             os.chmod(stream.fileno(), mode)  # noqa: PTH101 - a descriptor has no path
             stream.write(text.encode("utf-8", "surrogatepass"))
@@ -114,10 +116,7 @@ def replace_file(path: Path, text: str) -> None:
         raise mistake("D006", f"cannot write `{path}`: {reason(error)}") from error
 
 
-def _require_leave(path: Path, mode: int) -> None:
+def require_leave(path: Path, *helps: str) -> None:
     """Raises D006 for a read-only file, which `atomic_write`'s rename would replace."""
-    if mode & 0o222 and os.access(path, os.W_OK):
-        return
-    again = shlex.quote(str(path))
-    helps = (f"chmod u+w {again} && soter fmt {again}", f"only look: soter fmt --diff {again}")
-    raise mistake("D006", f"cannot write `{path}`: it is read-only", *helps)
+    if not (path.stat().st_mode & 0o222 and os.access(path, os.W_OK)):
+        raise mistake("D006", f"cannot write `{path}`: it is read-only", *helps)

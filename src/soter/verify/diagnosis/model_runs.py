@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from itertools import product
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,8 @@ LENGTHS = (100, 800, 5000)
 """Lengths of runs in periods: all patterns the first, those that got furthest the next ones."""
 FURTHEST = 5
 STEPS_A_HOLD = 2
+STABLE = 2.0
+"""A step is at most so many times the fastest lag: with more than 2.7, RK4 grows where it sinks."""
 SHOWN = 600
 """How many states of a run are kept to be shown; the first and the last are among them."""
 FALSE, TRUE = 1, 2
@@ -151,6 +154,18 @@ class PointModel:
         d = self.rate(x + t * c, u, w)
         return np.asarray(x + t / 6 * (a + 2 * b + 2 * c + d))
 
+    def longest_step_s(self, x: Floats, u: Floats, w: Floats) -> float:
+        """The longest step that follows the fastest lag at a state; arrays as of `rate`."""
+        at, more = self.rate(x, u, w), np.maximum(1e-6, 1e-6 * np.abs(x))
+        try:
+            slopes = np.array([(self.rate(x + d, u, w) - at) / d.sum() for d in np.diag(more)]).T
+        except StepFaultError:
+            return inf
+        if not np.isfinite(slopes).all():
+            return inf
+        fastest = float(np.abs(np.linalg.eigvals(slopes)).max(initial=0.0))
+        return STABLE / fastest if fastest > 0.0 else inf
+
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
@@ -257,6 +272,8 @@ def _extend(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) ->
         return
     longest = max(min(model.problem.plant_period_ns * NS, period), period / STEPS_A_HOLD)
     u = model.law(x, errors, others)
+    most = model.longest_step_s(x, u, _disturbances_at(model, p, x, u))
+    longest = min(longest, max(most, min(model.problem.plant_period_ns * NS, period)))
     waiting: deque[tuple[float, Floats]] = deque()
     k = 1
     while t < until_s:

@@ -141,15 +141,17 @@ def _why_not_run(flat: System, problem: Problem) -> str:
 
 
 def _instances(flat: System, problem: Problem) -> list[Module]:
-    """The modules of the system that are instances of the same declaration."""
-    declared = problem.module.symbol.span
-    return [m for m in flat.modules if m.symbol.span == declared]
+    """The modules of the system that are instances of the same declaration.
+
+    By its name: the system may be of a text in which hints of another module were put since.
+    """
+    return [m for m in flat.modules if m.symbol.name == problem.module.symbol.name]
 
 
 def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> System:
     """A fresh system with the ages that were tried, and without predicates that were left out."""
     ages = {
-        now.symbol: now.max_age_ns
+        now.symbol.name: now.max_age_ns
         for now, was in zip(remedied.system.topics, problem.system.topics, strict=True)
         if now.max_age_ns != was.max_age_ns
     }
@@ -157,9 +159,9 @@ def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> Syste
         (module,) = _instances(flat, problem)
         module.symbol = replace(module.symbol, ttf=None, safer=None, topics_read=())
     younger = [
-        replace(t, max_age_ns=ages[t.symbol])
+        replace(t, max_age_ns=ages[t.symbol.name])
         for t in flat.topics
-        if t.symbol in ages and t.max_age_ns is not None
+        if t.symbol.name in ages and t.max_age_ns is not None
     ]
     return with_changed_topics(flat, younger)
 

@@ -46,6 +46,8 @@ WIDEST = 1e6
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 BESIDE = 100
 """How many cells a state gets that no line names, where lines name others."""
+FINDS = "`soter verify FILE --write` finds a grid or `rest` and puts it here"
+"""The first help of R008; a search that was in vain takes it back."""
 Path = tuple[str, ...]
 NEAR = 2.0**-44
 """How much the written ends of a full turn may be rounded."""
@@ -275,7 +277,7 @@ class Axes:
                 *(f"`{n}` is read by {self.readers[n]}" for n in names if n in self.readers),
             ),
             helps=(
-                "`soter verify FILE --write` finds a grid or `rest` and puts it here",
+                FINDS,
                 f"or say it: `verify {{ grid {names[0]} in [low, high] / cells; }}`",
             ),
         )

@@ -72,8 +72,9 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
             "".join(("  verify {", comment, *(f"\n    {i}" for i in hints.items), "\n  }\n"))
         )
     edits.append((closed, closed, "".join(said)))
+    ends_of_lines = "\r\n" if text.partition("\n")[0].endswith("\r") else "\n"
     for start, end, new in sorted(edits, reverse=True):
-        text = text[:start] + new + text[end:]
+        text = text[:start] + new.replace("\n", ends_of_lines) + text[end:]
     return text
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
-from math import inf
+from math import ceil, inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -176,7 +176,9 @@ class ModelStates:
         horizon = self.problem.in_horizon(self.problem.times.horizon_ns)
         steps = max(1, round(horizon / self.problem.plant_period_ns))
         x, states = start, [start]
-        steps = min(steps, 50) if not self.model.is_map else steps
+        if not self.model.is_map:
+            most = self.model.longest_step_s(start, u, w)
+            steps = min(steps, max(50, ceil(horizon * NS / most)))
         for _ in range(PUSHES):
             for _ in range(steps):
                 x = self.model.rate(x, u, w) if self.model.is_map else self.model.step(

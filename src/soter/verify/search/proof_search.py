@@ -129,14 +129,17 @@ def find_hints(
     phase(f"{module.name}: which states its plants reach")
     try:
         found = search.simulated(flat)
+        named = set[int]() if own else _named(found, module)
+        grids_alone = bool(named or module.symbol.ttf or module.symbol.safer)
+        for cells, hints in _in_order(found, named, grids_alone=grids_alone):
+            if search.made.proved or not search.going():
+                break
+            search.attempt(hints, cells)
     except (SoterError, CancelledError, StepFaultError, UnboundedError, EnclosureError):
         return search.made
-    named = set[int]() if own else _named(found, module)
-    grids_alone = bool(named or module.symbol.ttf or module.symbol.safer)
-    for cells, hints in _in_order(found, named, grids_alone=grids_alone):
-        if search.made.proved or not search.going():
-            break
-        search.attempt(hints, cells)
+    except KeyboardInterrupt as stopped:
+        vars(stopped)["__notes__"] = search.so_far()
+        raise
     return search.made
 
 
@@ -180,6 +183,13 @@ class _Search:
     def going(self) -> bool:
         """Whether there is time left."""
         return cpu_s() < self._until
+
+    def so_far(self) -> list[str]:
+        """Lines of what was tried before an interruption."""
+        name, tries = self.made.module, [t for t in self.made.tries if not t.untried]
+        if not tries:
+            return [f"{name}: no hint was tried yet, no claim settled"]
+        return [f"{name}: tried `{t.hints}`: {t.gave}" for t in tries]
 
     def simulated(self, flat: System) -> ModelStates:
         """What runs of the module's model reach."""

@@ -19,6 +19,7 @@ from soter.verify.chosen_modules import (
     without_faults,
 )
 from soter.verify.claims.results import UNDECIDED
+from soter.verify.problem.axes import FINDS
 from soter.verify.problem.extract import extract
 from soter.verify.search.proof_search import find_hints, may_be_found
 
@@ -29,7 +30,13 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.verify.claims.results import ModuleResult
     from soter.verify.problem.problem import Problem
-    from soter.verify.search.proof_search import ProofSearch, Try
+    from soter.verify.search.proof_search import ProofSearch
+
+NOT_LOOKED_FOR = (
+    "hints are looked for of modules that stand in the file that is verified, without views, "
+    "`abstracts`, `enters` and an SC that is to be found"
+)
+NO_RUNS = "no hint was tried: runs of the model, of which hints are made, could not be followed"
 
 
 def with_found_hints(
@@ -37,17 +44,26 @@ def with_found_hints(
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
     """The program with hints that were found where it bounds no states.
 
-    `what`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them,
-    which is raised with what was tried in vain where none of it could be asked.
+    `what`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them.
+    Where nothing that was tried of one could be asked, that of it and of those after it is raised.
     """
     searches: list[ProofSearch] = []
-    for name in [m.name for _, m in modules_of(checked, **what)]:
+    places = {
+        name: _place_of(module_named(checked, name, what)[1]) for name in _names(checked, what)
+    }
+    for name, place in places.items():
         if not _is_refused(*module_named(checked, name, what)):
             continue
         made = _searched(checked, name, what, budget_s, own=False)
         if made is None or made.checked is None:
-            tries = () if made is None else made.tries
-            raise SoterError(tuple(_told_tries(d, tries) for d in refused.diagnostics))
+            found = {places[s.module] for s in searches}
+            raise SoterError(
+                tuple(
+                    _told_tries(d, made) if _begins(d) == place else d
+                    for d in refused.diagnostics
+                    if _begins(d) not in found
+                )
+            )
         searches.append(made)
         checked = made.checked
     return checked, tuple(searches)
@@ -94,7 +110,31 @@ def _is_refused(flat: System, module: Module) -> bool:
     return False
 
 
-def _told_tries(refused: Diagnostic, tries: Sequence[Try]) -> Diagnostic:
-    """The diagnostic that nothing bounds states, with what was tried in vain."""
-    tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in tries if not t.untried)
-    return replace(refused, notes=(*refused.notes, *tried))
+def _names(checked: CheckResult, what: Mapping[str, Any]) -> list[str]:
+    return [m.name for _, m in modules_of(checked, **what)]
+
+
+def _place_of(module: Module) -> tuple[str, int]:
+    """The file and the place where R008 of a module stands."""
+    span = module.symbol.verify.span or module.symbol.span
+    return span.source.name, span.start
+
+
+def _begins(refused: Diagnostic) -> tuple[str, int]:
+    return (
+        ("", -1)
+        if refused.primary is None
+        else (
+            refused.primary.span.source.name,
+            refused.primary.span.start,
+        )
+    )
+
+
+def _told_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
+    """The diagnostic that nothing bounds states, with what was tried in vain; None: nothing was."""
+    helps = tuple(h for h in refused.helps if h != FINDS)
+    if search is None:
+        return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)
+    tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in search.tries if not t.untried)
+    return replace(refused, notes=(*refused.notes, *(tried or (NO_RUNS,))), helps=helps)

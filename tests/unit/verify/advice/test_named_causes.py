@@ -129,6 +129,14 @@ def test_a_run_does_not_leave_by_an_end_that_is_open(end: str, leaves: bool) -> 
     assert trace.states[-1][0] > 1.8
 
 
+def test_a_run_under_an_sc_much_slower_than_a_lag_of_the_plant_does_not_grow_by_itself() -> None:
+    lag = ("der h = pump - leak;", "der h = (1.0 + pump - leak - h) / 0.1;")
+    model = PointModel(case_of(changed(TANK, lag).replace("period 100ms", "period 1s")))
+    trace = run(model, model.start, next(patterns(model)), 60.0, lambda: True)
+    assert not trace.left
+    assert abs(trace.states[-1][0] - 1.0) < 0.1
+
+
 PULLED = ("der h = pump - leak;", "der h = (pump - leak) / (h * h - 1.2 * h + 0.5);")
 BY_LET = (
     ("  der h = pump - leak;", "  let m = h * h - 1.2 * h + 0.5;\n  der h = (pump - leak) / m;"),

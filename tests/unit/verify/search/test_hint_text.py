@@ -88,3 +88,15 @@ def test_lines_that_are_added_stand_beside_those_of_the_program() -> None:
     hints = Hints(items=GRID.items, added=True)
     after = with_hints(checked.loaded.main.source, checked.program.modules["M"], hints)
     assert _texts(after).count("grid") == 2
+
+
+@pytest.mark.parametrize("hints", [GRID, REST], ids=["grid", "rest"])
+def test_lines_end_as_those_of_the_file_do(hints: Hints) -> None:
+    for own in OWN.values():
+        text = TEMPLATE.format(own=own).replace("\n", "\r\n")
+        checked = check_file("m.soter", text)
+        assert checked.program is not None
+        assert checked.loaded is not None
+        module = checked.program.modules["M"]
+        after = with_hints(checked.loaded.main.source, module, hints, COMMENT)
+        assert after.count("\n") == after.count("\r\n")

@@ -96,6 +96,36 @@ def test_a_robot_that_is_not_safe_is_not_proved(right: str, wrong: str) -> None:
     assert not any(search.proved for search in report.searches)
 
 
+def test_a_module_is_searched_once_and_its_own_hints_are_none_that_it_does_not_have() -> None:
+    wrong = HOPPER.replace("0.5 * (0.4 - apex)", "0.5 * (apex - 0.4)")
+    report = _loaded(wrong).verify(refute=False, explain=True)
+    assert [(s.module, s.own) for s in report.searches] == [("Envelope", False)]
+
+
+def test_modules_beside_those_of_which_hints_are_found_are_measured_in_the_same_system() -> None:
+    modules, system = HOPPER.removeprefix("soter 1;").split("system S")
+    second = modules
+    for name in ("apex", "thrust", "Hopper", "Policy", "Hold", "Envelope"):
+        second = second.replace(name, f"{name}2")
+    both = system.replace("module Envelope;", "g: Hopper2; module Envelope; module Envelope2;")
+    report = _loaded(f"soter 1;{modules}{second}system S{both}").verify(refute=False)
+    assert [s.proved for s in report.searches] == [True, True]
+    costs = [m.levels_cost for m in report.modules]
+    assert all(c is not None and "stands" not in c.not_measured for c in costs)
+
+
+def test_an_interruption_tells_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object) -> float:
+        raise KeyboardInterrupt
+
+    wrong = HOPPER.replace("0.5 * (0.4 - apex)", "0.5 * (apex - 0.4)")
+    monkeypatch.setattr("soter.verify.search.proof_search._rank", stopped)
+    with pytest.raises(KeyboardInterrupt) as raised:
+        _loaded(wrong).verify(refute=False, explain=False)
+    (line,) = raised.value.__notes__
+    assert line.startswith("Envelope: tried `grid apex")
+
+
 def test_without_a_budget_nothing_is_looked_for() -> None:
     with pytest.raises(SoterError) as raised:
         _loaded(HOPPER).verify(budget_s=0.0)
