@@ -49,10 +49,14 @@ GROWTH = 1.15
 """The exponent of the number of cells with which the time of a try is taken to grow."""
 WEIGHTS = {"P2a": 32, "start": 16, "P3": 8, "ttf": 4, "safer": 2, "P2b": 1}
 """How much it says of a try that a claim is shown."""
+OF_A_TRY = 0.4
+"""The share of what is left of the budget that one try may take; what it cut short comes again, at
+the end, with all that is left then."""
 OF_RESTS = 0.25
 """The share of the budget that clauses `rest` may take together."""
 IN_VAIN, HELD = 100.0, 200.0
 """The ranks of proofs of a module whose AC never gets control, or nothing says that it does."""
+CUT_SHORT, ENDED = "cut short, so that others may be tried", "the budget ended"
 TOO_LONG = "operations"
 """Stands in the message of a `rest` that takes the DM too long: a larger one may not."""
 
@@ -134,7 +138,10 @@ def find_hints(
         for cells, hints in _in_order(found, named, grids_alone=grids_alone):
             if search.made.proved or not search.going():
                 break
-            search.attempt(hints, cells)
+            search.attempt(hints, cells, OF_A_TRY)
+        for cells, hints in search.cut_short:
+            if not search.made.proved and search.going():
+                search.attempt(hints, cells)
     except (SoterError, CancelledError, StepFaultError, UnboundedError, EnclosureError):
         return search.made
     except KeyboardInterrupt as stopped:
@@ -179,6 +186,7 @@ class _Search:
         self._best = -1.0
         self._cell_s = 0.0, 0
         self._no_rest = False
+        self.cut_short: list[tuple[int, Hints]] = []
 
     def going(self) -> bool:
         """Whether there is time left."""
@@ -206,8 +214,11 @@ class _Search:
     def _text(self, hints: Hints, comment: str = "") -> str:
         return with_hints(self._source, self._module.symbol, hints, comment)
 
-    def attempt(self, hints: Hints, cells: int) -> None:
-        """Proves the module with these hints, and keeps them if they are the best."""
+    def attempt(self, hints: Hints, cells: int, share: float = 1.0) -> None:
+        """Proves the module with these hints, and keeps them if they are the best.
+
+        `share`: of what is left of the budget it may take so much.
+        """
         if hints.clauses and (self._no_rest or self._for_rests <= 0.0):
             return
         spent, before = self._cell_s
@@ -217,13 +228,18 @@ class _Search:
             self.made.tries.append(Try(str(hints), "not tried", expected, untried=True))
             return
         phase(f"{self.made.module}: trying {hints}")
-        gave, result, checked = self._proved(hints)
+        until = began + share * (self._until - began)
+        gave, result, checked = self._proved(hints, until)
+        if gave == CUT_SHORT and share < 1.0:
+            self.cut_short.append((cells, hints))
+        shown = ENDED if gave == CUT_SHORT and share == 1.0 else gave
         took = cpu_s() - began
         self._for_rests -= took if hints.clauses else 0.0
         if cells and result is not None:
             self._cell_s = took, cells
-        self.made.tries.append(Try(str(hints), gave, took))
-        self._no_rest |= bool(hints.clauses) and result is None and TOO_LONG not in gave
+        self.made.tries.append(Try(str(hints), shown, took))
+        refused = result is None and gave != CUT_SHORT and TOO_LONG not in gave
+        self._no_rest |= bool(hints.clauses) and refused
         if result is None:
             return
         if (rank := _rank(result)) > self._best:
@@ -240,13 +256,15 @@ class _Search:
         elif not open_ and "shield;" not in hints.clauses:
             self.attempt(Hints(clauses=(*hints.clauses, "shield;"), longer=hints.longer), 0)
 
-    def _proved(self, hints: Hints) -> tuple[str, ModuleResult | None, CheckResult | None]:
+    def _proved(
+        self, hints: Hints, until: float
+    ) -> tuple[str, ModuleResult | None, CheckResult | None]:
         """What hints gave in words, and the result and the program if there is one."""
         try:
             checked = _checked(self._source.name, self._laid_out(hints))
             _, _, problem = self._choose(checked)
             problem.cells_open = False
-            with within_phase(), cancelled_when(lambda: not self.going()):
+            with within_phase(), cancelled_when(lambda: cpu_s() > until):
                 result = module_method(problem).verify(
                     problem, refute=False, explain=False, search=None, compiled=None
                 )
@@ -256,7 +274,7 @@ class _Search:
         except (UnboundedError, EnclosureError) as error:
             return str(error), None, None
         except CancelledError:
-            return "the budget ended", None, None
+            return CUT_SHORT, None, None
         return _in_words(result), result, checked
 
     def _laid_out(self, hints: Hints) -> str:

@@ -173,3 +173,14 @@ def test_wind_that_pushes_at_rest_for_ever_is_not_bounded_by_moves() -> None:
     text = CART.replace("/ 0.1;", "/ 0.1 + 0.1 * toward;")
     report = _loaded(text).verify(refute=False, explain=False, budget_s=30.0)
     assert not report.searches[0].proved
+
+
+def test_a_try_that_takes_too_much_leaves_time_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first grid is cut short; a later one proves, so the first is not asked again."""
+    monkeypatch.setattr("soter.verify.search.proof_search.OF_A_TRY", 1e-9)
+    report = _loaded(HOPPER).verify(refute=False, explain=False, budget_s=60.0)
+    (search,) = report.searches
+    assert search.proved
+    first, *_, last = search.tries
+    assert first.gave.startswith("cut short")
+    assert last.gave == "proved"
