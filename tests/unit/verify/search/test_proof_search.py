@@ -124,7 +124,7 @@ def test_an_interruption_tells_what_was_tried(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("soter.verify.search.proof_search._rank", stopped)
     with pytest.raises(KeyboardInterrupt) as raised:
         _loaded(wrong).verify(refute=False, explain=False)
-    (line,) = raised.value.__notes__
+    (line,) = vars(raised.value)["__notes__"]
     assert line.startswith("Envelope: tried `grid apex")
 
 
