@@ -196,7 +196,8 @@ KINDS: dict[str, Kind] = {
 def _ci_findings(report: VerifyReport) -> Iterator[CiFinding]:
     """Yields a finding for every verdict, at the declaration of its module."""
     for module in report.modules:
-        span = module.problem.module.symbol.span
+        symbol = module.problem.module.symbol
+        span = report.places.get(symbol.name, symbol.span)
         for name, f in module.findings.items():
             hint = (f"help: {f.hint}",) if f.hint else ()
             yield CiFinding(

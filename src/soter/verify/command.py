@@ -119,6 +119,7 @@ def verify(
         time.perf_counter() - began,
         _command_line(checked.program.path, module, system, given or {}),
         coverage=coverage,
+        places={} if read.program is None else {n: m.span for n, m in read.program.modules.items()},
         contents={} if read.loaded is None else read.loaded.contents,
         searches=searches,
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from soter.diagnostics.diagnostic import Span
     from soter.verify.problem.problem import Assumption, Group, Problem
     from soter.verify.search.proof_search import ProofSearch
 
@@ -379,6 +380,8 @@ class VerifyReport:
     """What else the report covers beside these modules, and what it does not."""
     contents: Mapping[Path, str] = field(default_factory=dict, repr=False)
     """SHA-256 of every file that the program was made of, as it was read, by path."""
+    places: Mapping[str, Span] = field(default_factory=dict, repr=False, compare=False)
+    """Where each module stands in the files that were read, which lack what was found."""
     searches: tuple[ProofSearch, ...] = ()
     """For each module of which hints were looked for what was tried and found."""
     page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)

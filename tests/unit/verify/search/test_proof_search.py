@@ -108,8 +108,10 @@ def test_modules_beside_those_of_which_hints_are_found_are_measured_in_the_same_
     for name in ("apex", "thrust", "Hopper", "Policy", "Hold", "Envelope"):
         second = second.replace(name, f"{name}2")
     both = system.replace("module Envelope;", "g: Hopper2; module Envelope; module Envelope2;")
-    report = _loaded(f"soter 1;{modules}{second}system S{both}").verify(refute=False)
+    text = f"soter 1;{modules}{second}system S{both}"
+    report = _loaded(text).verify(refute=False)
     assert [s.proved for s in report.searches] == [True, True]
+    assert report.places["Envelope2"].start == text.index("rta Envelope2") + len("rta ")
     costs = [m.levels_cost for m in report.modules]
     assert all(c is not None and "stands" not in c.not_measured for c in costs)
 
@@ -124,6 +126,16 @@ def test_an_interruption_tells_what_was_tried(monkeypatch: pytest.MonkeyPatch) -
         _loaded(wrong).verify(refute=False, explain=False)
     (line,) = vars(raised.value)["__notes__"]
     assert line.startswith("Envelope: tried `grid apex")
+
+
+def test_an_sc_that_leaves_the_set_of_its_topic_is_refused_and_no_defect() -> None:
+    wrong = HOPPER.replace("0.0, 0.3); }\n}\nrta", "0.0, 0.3) - 0.2; }\n}\nrta")
+    assert wrong != HOPPER
+    try:
+        verdict = _loaded(wrong).verify(refute=False, explain=False, budget_s=5.0).verdict
+    except SoterError as error:
+        verdict = error.diagnostics[0].code
+    assert verdict in ("R008", "undecided")
 
 
 def test_without_a_budget_nothing_is_looked_for() -> None:
