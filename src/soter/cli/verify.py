@@ -36,7 +36,13 @@ from soter.cli.terminal.proof_hints import (
     seconds_text,
     write_hints,
 )
-from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
+from soter.cli.terminal.stored_outcome import (
+    Printout,
+    StoredOutcome,
+    remember_verdicts,
+    store_outcome,
+    stored_outcome,
+)
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 from soter.diagnostics.command_records import seconds as time_in_seconds
 from soter.diagnostics.diagnostic import mistake
@@ -126,7 +132,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
         store_outcome(args.file, words, report.contents, outcome)
     if not (args.params or args.bindings or report.searches):
-        _remember(report)
+        remember_verdicts(report)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
     if paths:
@@ -318,25 +324,6 @@ def _certificate_lines(report: VerifyReport) -> list[str]:
             said = " ".join(claimed) or "nothing"
             lines.append(f"{module.name}: claims only {said}: not a proof of safety")
     return lines
-
-
-def _remember(report: VerifyReport) -> None:
-    """Stores the verdicts for editors to show (`soter lsp`)."""
-    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - only for new verdicts
-
-    kept: dict[str, dict[str, object]] = {}
-    for m in report.modules:
-        sets = m.problem.kind != "nodes"
-        kept[m.name] = {
-            "verdict": m.verdict,
-            "headline": m.headline,
-            "seconds": m.seconds,
-            "system": report.system,
-            "properties": {n: f.verdict for n, f in m.findings.items()},
-            "horizon_ns": m.problem.times.horizon_ns if sets else None,
-            "horizon_needed_ns": m.problem.times.h_star if sets else None,
-        }
-    store_verdicts_of_file(Path(report.path), report.program_sha256, kept)
 
 
 def _save_runs(report: VerifyReport) -> None:

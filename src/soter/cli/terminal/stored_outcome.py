@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from soter.report.tables import Styled
+    from soter.verify.claims.results import VerifyReport
 
 NAME = "proof-outcome"
 FILE = "outcome.json"
@@ -183,3 +184,22 @@ def _list(file: str, paths: list[str]) -> None:
     with os.fdopen(handle, "w", encoding="utf-8") as stream:
         json.dump(paths, stream)
     Path(made).replace(to)
+
+
+def remember_verdicts(report: VerifyReport) -> None:
+    """Stores the verdicts for editors to show (`soter lsp`)."""
+    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - only for new verdicts
+
+    kept: dict[str, dict[str, object]] = {}
+    for m in report.modules:
+        sets = m.problem.kind != "nodes"
+        kept[m.name] = {
+            "verdict": m.verdict,
+            "headline": m.headline,
+            "seconds": m.seconds,
+            "system": report.system,
+            "properties": {n: f.verdict for n, f in m.findings.items()},
+            "horizon_ns": m.problem.times.horizon_ns if sets else None,
+            "horizon_needed_ns": m.problem.times.h_star if sets else None,
+        }
+    store_verdicts_of_file(Path(report.path), report.program_sha256, kept)
