@@ -53,8 +53,9 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     read = np.array([with_sc[np.arange(len(width)) != s, s].any() for s in range(len(width))])
     held = [int(s) for s in np.flatnonzero(~hangs) if read[s] or asked[s].any()]
     moving = [int(s) for s in np.flatnonzero(hangs) if read[s] or asked[s].any()]
-    if not held:
-        return
+    own = [leaf.name for leaf in found.problem.quantities.states]
+    if not held or any(found.names[s] == own[s] for s in (*held, *moving)):
+        return  # `rest` and `moves` speak of topics, and none shows this state
     known = errors_of(found.problem)
     errors = np.array([known.get(s, 0.0) for s in range(len(width))])
     least = errors / 2 + width / 150

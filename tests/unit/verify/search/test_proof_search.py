@@ -196,3 +196,11 @@ def test_a_try_that_takes_too_much_leaves_time_for_others(monkeypatch: pytest.Mo
     first, *_, last = search.tries
     assert first.gave.startswith("cut short")
     assert last.gave == "proved"
+
+
+def test_no_rest_is_tried_of_a_state_that_no_topic_shows() -> None:
+    hidden = BOT.replace("bot: { d: float, v: float }", "bot: { d: float }")
+    hidden = hidden.replace("{ d: d, v: v }", "{ d: d }").replace(", bot.v within 0.01", "")
+    report = _loaded(hidden).verify(refute=False, explain=False, budget_s=10.0)
+    assert not any(t.hints.startswith("rest") for s in report.searches for t in s.tries)
+    assert not any(t.gave.startswith("N001") for s in report.searches for t in s.tries)
