@@ -517,6 +517,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("stability.md", "| went"): "lines of commits, by `git show --numstat`",
     ("stability.md", "| figure"): "the same, once; and rows of benchmarks of that day",
     ("newcomers.md", "| who, robot"): "people, each once",
+    ("newcomers.md", "- **25 robots"): "robots and draws, each once; the page says how they are asked",
     ("prelude.md", "| function"): f"{HELD}unit/prelude",
     ("proof.md", "| | what"): DEFINED,
     ("proof.md", "| symbol"): DEFINED,
