@@ -88,7 +88,7 @@ def test_a_slower_sc_of_a_module_with_rest_is_not_exchanged(tmp_path: Path, peri
 def test_a_time_that_is_too_long_is_told_with_the_longest(tmp_path: Path) -> None:
     program = boat(tmp_path, HOLD, "abs(fix.v) < 0.5", ("within 10s", "within 120s"))
     with pytest.raises(SoterError) as caught:
-        program.verify()
+        program.verify(budget_s=0.0)
     (told,) = caught.value.diagnostics
     assert told.code == "R007"
     assert "1e+08 operations" in told.message
@@ -109,7 +109,7 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def said(program: Program, row: str = "P2a") -> Finding:
-    return program.verify().modules[0].findings[row]
+    return program.verify(budget_s=0.0).modules[0].findings[row]
 
 
 @pytest.mark.usefixtures("nothing_kept")

@@ -31,7 +31,9 @@ def verified(
 ) -> ModuleResult:
     path = folder / "module.soter"
     path.write_text(text, encoding="utf-8")
-    return Program(str(path)).verify(refute=False, cert=cert, explain=explain).modules[0]
+    return (
+        Program(str(path)).verify(refute=False, cert=cert, explain=explain, budget_s=0.0).modules[0]
+    )
 
 
 def test_a_rest_that_is_kept_is_proved_and_the_decisions_are_not(tmp_path: Path) -> None:
