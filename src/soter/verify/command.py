@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.language.front_end import CheckResult
-    from soter.language.model.system import System
+    from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
@@ -73,32 +73,12 @@ def verify(
     began = time.perf_counter()
     what: Any = {"module": module, "system": system, "params": params or {}}
     read = checked
-    searches: tuple[ProofSearch, ...] = ()
-    try:
-        chosen, problems = chosen_problems(checked, **what)
-    except SoterError as error:
-        if not budget_s or {d.code for d in error.diagnostics} != {"R008"}:
-            raise
-        from soter.verify.search.searched_program import with_found_hints  # noqa: PLC0415 - rarely
-
-        checked, searches = with_found_hints(checked, what, budget_s, error)
-        chosen, problems = chosen_problems(checked, **what)
-    known = {s.module: s.result for s in searches if s.proved and s.result is not None}
-    results = _verify_problems(problems, refute, explain, search, known)
-    explained = refute if explain is None else explain
-    if budget_s and explained and any(r.verdict == UNDECIDED for r in results):
-        from soter.verify.search.searched_program import searched_anew  # noqa: PLC0415 - rarely
-
-        asked = {s.module for s in searches}
-        others = [r for r in results if r.name not in asked]
-        changed, further = searched_anew(checked, what, others, budget_s)
+    checked, chosen, problems, searches = _problems_or_found(checked, what, budget_s)
+    results = _verify_problems(problems, refute, explain, search, _proved_by(searches))
+    if budget_s and (refute if explain is None else explain):
+        checked, results, further = _with_other_hints(checked, what, results, searches, budget_s)
         searches += further
-        if changed is not checked:
-            checked = changed
-            chosen, problems = chosen_problems(checked, **what)
-            known = {r.name: r for r in results}
-            known |= {s.module: s.result for s in further if s.proved and s.result is not None}
-            results = [known[problem.name] for problem in problems]
+        chosen, problems = chosen_problems(checked, **what) if further else (chosen, problems)
     assert checked.program is not None
     whole = {flat.name: flat for flat, _ in modules_of(checked, **what)}
     coverage = coverage_of(checked, chosen, problems, params or {})
@@ -133,6 +113,45 @@ def verify(
         write_report(verification, report)
     verification.page = _page
     return verification
+
+
+def _problems_or_found(
+    checked: CheckResult, what: Mapping[str, Any], budget_s: float
+) -> tuple[CheckResult, list[tuple[System, Module]], list[Problem], tuple[ProofSearch, ...]]:
+    """The program, its modules and their problems; with hints found where it bounds no states."""
+    try:
+        return checked, *chosen_problems(checked, **what), ()
+    except SoterError as error:
+        if not budget_s or {d.code for d in error.diagnostics} != {"R008"}:
+            raise
+        from soter.verify.search.searched_program import with_found_hints  # noqa: PLC0415 - rarely
+
+        checked, searches = with_found_hints(checked, what, budget_s, error)
+    return checked, *chosen_problems(checked, **what), searches
+
+
+def _with_other_hints(
+    checked: CheckResult,
+    what: Mapping[str, Any],
+    results: list[ModuleResult],
+    searches: Sequence[ProofSearch],
+    budget_s: float,
+) -> tuple[CheckResult, list[ModuleResult], tuple[ProofSearch, ...]]:
+    """The program and results with other hints where its own leave modules undecided."""
+    asked = {s.module for s in searches}
+    others = [r for r in results if r.name not in asked and r.verdict == UNDECIDED]
+    if not others:
+        return checked, results, ()
+    from soter.verify.search.searched_program import searched_anew  # noqa: PLC0415 - rarely
+
+    checked, further = searched_anew(checked, what, others, budget_s)
+    proved = _proved_by(further)
+    return checked, [proved.get(r.name, r) for r in results], further
+
+
+def _proved_by(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
+    """The results of searches that proved their modules, by name."""
+    return {s.module: s.result for s in searches if s.proved and s.result is not None}
 
 
 def _why_not_recheckable(flat: System, result: ModuleResult) -> str:
