@@ -113,12 +113,6 @@ def followed(text: str, advice: str) -> str:
         text = re.sub(rf"(topic {topic}:.*?max_age )\w+", rf"\g<1>{age}", text)
     for ac, sc in re.findall(r"`ac (\w+); sc (\w+);`", advice):
         text = re.sub(r"\bac \w+;(\s*)sc \w+;", rf"ac {ac};\1sc {sc};", text)
-    for clause, beside in re.findall(
-        r"`(rest [^`]*;)` in the place of ((?:`\w+`(?: and )?)+)", advice
-    ):
-        for word in re.findall(r"`(\w+)`", beside):
-            text = re.sub(rf"\b{word} [^;]*;\s*", "", text)
-        text = re.sub(r"(\bsafe [^;]*;)", rf"\1 {clause}", text, count=1)
     if "neither `ttf` nor `safer`" in advice:
         text = re.sub(r"\b(?:ttf|safer) [^;]*;\s*", "", text)
     return text

@@ -40,6 +40,9 @@ def test_a_car_on_a_road_says_nothing_of_a_proof_and_is_proved(tmp_path: Path) -
     assert verified.returncode == 0, verified.stdout
     assert "PROVED under" in verified.stdout
     assert "where functions in its rate are defined: c.x" in verified.stdout
+    shown = PAGE.partition("```\nSafeLane  the program says")[2].partition("```")[0].splitlines()
+    untimed = [re.sub(r" +[\d.]+ m?s$", "", line) for line in verified.stdout.splitlines()]
+    assert [x for x in shown[1:] if re.sub(r" +[\d.]+ m?s$", "", x) not in untimed] == []
     again = _soter(tmp_path, "verify", "lane.soter", "--cert", "proof")
     assert again.returncode == 0, again.stdout
     assert "what it gave" not in again.stdout

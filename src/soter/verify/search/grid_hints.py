@@ -19,7 +19,7 @@ from soter.verify.search.written_numbers import rounded
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from soter.core.layout import Bools, Floats
+    from soter.core.layout import Floats
     from soter.verify.search.model_states import ModelStates
 
 CELLS = {1: (400,), 2: (15_000, 60_000), 3: (30_000, 120_000, 270_000), 4: (65_000, 160_000)}
@@ -37,13 +37,9 @@ def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]
 
     Without those that are `named` by a line of the program.
     """
-    with_sc, _ = found.reads()
-    joined = with_sc | with_sc.T | found.compared()
-    asked: Bools = np.asarray(found.limited().any(axis=1))
-    kept = [s for s, is_asked in enumerate(asked.tolist()) if is_asked or _is_read(with_sc, s)]
-    kept = [s for s in kept if s not in named]
+    joined = found.reads | found.reads.T | found.compared
     groups: list[list[int]] = []
-    left = set(kept)
+    left = {int(s) for s in np.flatnonzero(found.needed)} - {*named}
     while left:
         todo, group = [min(left)], set()
         while todo:
@@ -56,14 +52,13 @@ def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]
     return groups
 
 
-def _is_read(reads: Bools, state: int) -> bool:
-    return bool(np.delete(reads[:, state], state).any())
-
-
-def grid_hints(found: ModelStates, named: Collection[int] = ()) -> list[tuple[int, Hints]]:
+def grid_hints(
+    found: ModelStates, named: Collection[int] = ()
+) -> tuple[list[tuple[int, Hints]], int]:
     """Grids to try with their numbers of cells, those with fewer first; none for large groups.
 
-    `named`: the states of which lines of the program have an axis.
+    `named`: the states of which lines of the program have an axis. And how many of the first are
+    quick, as no more than two axes are in a group.
     """
     groups = groups_of(found, named)
     most = max(map(len, groups), default=0)
@@ -73,13 +68,14 @@ def grid_hints(found: ModelStates, named: Collection[int] = ()) -> list[tuple[in
             lines = [_line(found, group, cells, reached) for group in groups]
             made = Hints(items=tuple(x for _, x in lines), added=bool(named))
             hints.setdefault(made, sum(n for n, _ in lines))
-    return sorted(((n, h) for h, n in hints.items()), key=lambda each: each[0])
+    tries = sorted(((n, h) for h, n in hints.items()), key=lambda each: each[0])
+    return tries, len(BEYOND) if most <= WIDE_TO else 0
 
 
 def _line(found: ModelStates, group: Sequence[int], cells: int, reached: str) -> tuple[int, str]:
     """The number of cells and the `grid` line of a group."""
     ends = [_ends(found, state, reached) for state in group]
-    sizes = np.array([high - low for low, high in ends]) / np.maximum(found.steps()[group], 1e-12)
+    sizes = np.array([high - low for low, high in ends]) / np.maximum(found.steps[group], 1e-12)
     counts = _counts(np.sqrt(np.maximum(sizes, 1.0)), min(cells, CELLS[len(group)][-1]))
     axes = [
         f"{found.names[s]} in [{low!r}, {high!r}] / {n}"
@@ -97,7 +93,7 @@ def _counts(weights: Floats, cells: int) -> list[int]:
 
 def _ends(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
     low, high = (found.near if reached == "near" else found.far)[:, state]
-    more = BEYOND[reached] * (high - low) or float(found.steps()[state])
+    more = BEYOND[reached] * (high - low) or float(found.steps[state])
     safe = found.ends[state]
     return (
         float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded(low - more, up=False),

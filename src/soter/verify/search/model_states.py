@@ -10,6 +10,7 @@ Non-goals: hints made of it (`grid_hints.py`, `rest_hints.py`); the simulation (
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 from math import ceil, inf
 from typing import TYPE_CHECKING
@@ -21,16 +22,17 @@ from soter.verify.claims.case import Case
 from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns, run
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.problem.extract import cases
+from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.core.layout import Bools, Floats
     from soter.verify.diagnosis.model_runs import ModelTrace, Pattern
-    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.problem import Interval, Problem
 
 HOLDS = 400
-"""Runs under SC are as long as this many of its periods."""
+"""Runs under SC last for this many of its periods at most."""
 PUSHES = 64
 """Commands at their ends are held for so many horizons H at most."""
 CORNERS_MAX = 8
@@ -212,8 +214,9 @@ class ModelStates:
 
     # ------------------------------------------------------------ who moves with whom
 
-    def reads(self) -> tuple[Bools, Bools]:
-        """(states, states) twice: whether a state's rate, with SC or alone, reads another state."""
+    @cached_property
+    def reads(self) -> Bools:
+        """(states, states): whether a state's rate, with SC, reads another state."""
         draw, (low, high) = np.random.default_rng(1), self._drawn_from()
         states, controls = len(self.names), len(self.problem.controls)
         rates, laws = np.zeros((states, states), bool), np.zeros((controls, states), bool)
@@ -222,10 +225,7 @@ class ModelStates:
             np.array([i.low / 2 + i.high / 2 for i in of])
             for of in (self.problem.errors, self.problem.others)
         )
-        u_ends, w_ends = (
-            np.array([(i.low, i.high) for i in of]).reshape(-1, 2).T
-            for of in (self.problem.controls, self.problem.disturbances)
-        )
+        u_ends, w_ends = _ends_of(self.problem.controls), _ends_of(self.problem.disturbances)
         for _ in range(SAMPLES):
             x, u, w = draw.uniform(low, high), draw.uniform(*u_ends), draw.uniform(*w_ends)
             rate, law = self.model.rate(x, u, w), self.model.law(x, errors, others)
@@ -236,9 +236,15 @@ class ModelStates:
                 laws[:, j] |= self.model.law(other, errors, others) != law
             for k in range(controls):
                 command = u.copy()
-                command[k] = draw.uniform(*u_ends[:, k])
+                command[k] = draw.uniform(u_ends[0][k], u_ends[1][k])
                 moved[:, k] |= self.model.rate(x, command, w) != rate
-        return rates | (moved.astype(int) @ laws.astype(int) > 0), rates
+        return np.asarray(rates | (moved.astype(int) @ laws.astype(int) > 0))
+
+    @cached_property
+    def needed(self) -> Bools:
+        """(states,): whether another state's rate, SC or `safe` hangs on a state."""
+        others = self.reads & ~np.eye(len(self.names), dtype=bool)
+        return np.asarray(others.any(axis=0) | self.limited.any(axis=1))
 
     def _drawn_from(self) -> Floats:
         """Ranges to draw states from: those reached, and a little more where a state stood."""
@@ -249,6 +255,7 @@ class ModelStates:
         more = np.where(high - low > 0.0, 0.0, np.maximum(1e-3, 1e-3 * np.abs(low)))
         return np.array([low - more, high + more])
 
+    @cached_property
     def compared(self) -> Bools:
         """(states, states): whether `safe` compares a state with another one."""
         draw, (low, high) = np.random.default_rng(2), self._drawn_from()
@@ -264,39 +271,40 @@ class ModelStates:
                     found[i, j] = found[j, i] = self.model.safe(_with(x, y, i, j)) == FALSE
         return found
 
+    @cached_property
     def limited(self) -> Bools:
         """(states, 2): whether less, or more, of a state can make `safe` false somewhere."""
         draw, (low, high) = np.random.default_rng(3), self._drawn_from()
         found = np.isfinite(self.ends)
         for _ in range(SAMPLES):
             x = draw.uniform(low, high)
+            if self.model.safe(x) == FALSE:
+                continue
             for state, (side, sign) in product(range(len(x)), ((0, -1.0), (1, 1.0))):
-                for far in (
-                    () if found[state, side] or self.model.safe(x) == FALSE else (1, 10, 1e3, 1e6)
-                ):
+                for far in () if found[state, side] else (1, 10, 1e3, 1e6):
                     y = x.copy()
                     y[state] += sign * far * (high[state] - low[state])
                     found[state, side] |= self.model.safe(y) == FALSE
         return found
 
+    @cached_property
+    def errors(self) -> Floats:
+        """(states,): how far the estimate of each state may be off."""
+        known = errors_of(self.problem)
+        return np.array([known.get(s, 0.0) for s in range(len(self.names))])
+
+    @cached_property
     def steps(self) -> Floats:
         """How far each state moves from a read of SC to the end of its command, with errors."""
-        from soter.verify.problem.inputs import errors_of  # noqa: PLC0415
-
         draw, (low, high) = np.random.default_rng(4), self._drawn_from()
         moved = np.zeros(len(self.names))
-        u_ends, w_ends = (
-            np.array([(i.low, i.high) for i in of]).reshape(-1, 2).T
-            for of in (self.problem.controls, self.problem.disturbances)
-        )
+        u_ends, w_ends = _ends_of(self.problem.controls), _ends_of(self.problem.disturbances)
         for _ in range(SAMPLES):
             x, u, w = draw.uniform(low, high), draw.uniform(*u_ends), draw.uniform(*w_ends)
             rate = self.model.rate(x, u, w) - (x if self.model.is_map else 0.0)
             moved = np.maximum(moved, np.abs(rate))
         hold = self.period_s + self.problem.times.delay_sc * NS
-        known = errors_of(self.problem)
-        errors = np.array([known.get(s, 0.0) for s in range(len(self.names))])
-        return np.asarray((moved if self.model.is_map else moved * hold) + errors)
+        return np.asarray((moved if self.model.is_map else moved * hold) + self.errors)
 
 
 def _with(x: Floats, y: Floats, *states: int) -> Floats:
@@ -304,6 +312,11 @@ def _with(x: Floats, y: Floats, *states: int) -> Floats:
     for state in states:
         mixed[state] = y[state]
     return mixed
+
+
+def _ends_of(ranges: Sequence[Interval]) -> tuple[Floats, Floats]:
+    """The lower and the upper ends, (n,) each."""
+    return np.array([i.low for i in ranges]), np.array([i.high for i in ranges])
 
 
 def _range_of(states: Sequence[Floats]) -> Floats:

@@ -30,6 +30,7 @@ from soter.verify.search.grid_hints import grid_hints
 from soter.verify.search.hint_text import COMMENT, Hints, with_hints
 from soter.verify.search.model_states import ModelStates
 from soter.verify.search.rest_hints import rest_hints
+from soter.verify.tubes.rest_claims import TOO_MANY
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
     Choose = Callable[[CheckResult], tuple[System, Module, Problem]]
     """It gives the flat system, the module and the problem that are meant in a program."""
 
-WIDE = 1e6
-"""Half of the width of the one cell an axis on which runs are simulated: it holds all of them."""
+WIDE = 1e9
+"""Half of the width of the one cell an axis on which runs are simulated; beyond it a run ends."""
 GROWTH = 1.15
 """The exponent of the number of cells with which the time of a try is taken to grow."""
 WEIGHTS = {"P2a": 32, "start": 16, "P3": 8, "ttf": 4, "safer": 2, "P2b": 1}
@@ -57,8 +58,6 @@ OF_RESTS = 0.25
 IN_VAIN, HELD = 100.0, 200.0
 """The ranks of proofs of a module whose AC never gets control, or nothing says that it does."""
 CUT_SHORT, ENDED = "cut short, so that others may be tried", "the budget ended"
-TOO_LONG = "operations"
-"""Stands in the message of a `rest` that takes the DM too long: a larger one may not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,14 +161,11 @@ def _in_order(
     found: ModelStates, named: set[int], *, grids_alone: bool
 ) -> Iterator[tuple[int, Hints]]:
     """Hints to try with numbers of cells (0: none), those first that cost little."""
-    grids = grid_hints(found, named)
-    lines = [line for _, hints in grids[:1] for line in hints.items]
-    small = all(line.count("/") <= 2 for line in lines)
-    first = grids[: 3 * small]
-    yield from first
+    grids, quick = grid_hints(found, named)
+    yield from grids[:quick]
     if not grids_alone and found.problem.kind == "flow" and found.rescued:
         yield from ((0, h) for h in rest_hints(found))
-    yield from grids[len(first) :]
+    yield from grids[quick:]
 
 
 class _Search:
@@ -238,7 +234,8 @@ class _Search:
         if cells and result is not None:
             self._cell_s = took, cells
         self.made.tries.append(Try(str(hints), shown, took))
-        refused = result is None and gave != CUT_SHORT and TOO_LONG not in gave
+        # of a `rest` that takes too many operations a larger one may take fewer
+        refused = result is None and gave != CUT_SHORT and TOO_MANY not in gave
         self._no_rest |= bool(hints.clauses) and refused
         if result is None:
             return

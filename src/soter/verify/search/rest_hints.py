@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.diagnosis.model_runs import NS, TRUE
-from soter.verify.problem.inputs import errors_of
 from soter.verify.search.hint_text import Hints
 from soter.verify.search.written_numbers import duration, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.core.layout import Bools, Floats
+    from soter.core.layout import Floats
     from soter.verify.diagnosis.model_runs import ModelTrace
     from soter.verify.search.model_states import ModelStates
 
@@ -48,17 +47,11 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     width = np.maximum(found.far[1] - found.far[0], 1e-9)
     quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
     hangs = np.ptp(quiet, axis=0) > HANGS * width
-    with_sc, _ = found.reads()
-    asked = found.limited()
-    read = np.array([with_sc[np.arange(len(width)) != s, s].any() for s in range(len(width))])
-    held = [int(s) for s in np.flatnonzero(~hangs) if read[s] or asked[s].any()]
-    moving = [int(s) for s in np.flatnonzero(hangs) if read[s] or asked[s].any()]
-    own = [leaf.name for leaf in found.problem.quantities.states]
-    if not held or any(found.names[s] == own[s] for s in (*held, *moving)):
+    held = [int(s) for s in np.flatnonzero(~hangs & found.needed)]
+    moving = [int(s) for s in np.flatnonzero(hangs & found.needed)]
+    if not held or not found.problem.topic_leaf_of_state.keys() >= {*held, *moving}:
         return  # `rest` and `moves` speak of topics, and none shows this state
-    known = errors_of(found.problem)
-    errors = np.array([known.get(s, 0.0) for s in range(len(width))])
-    least = errors / 2 + width / 150
+    least = found.errors / 2 + width / 150
     ends_s = [LAST * LONG * found.period_s]
     ends_s += [share * found.holds * found.period_s for share in FROM]
     before, middle = np.zeros_like(least), None
@@ -70,7 +63,7 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
         middle = (low + high) / 2 if middle is None else middle
         half = AROUND * (np.maximum(high - middle, middle - low) + least)
         if (half > AROUND * before)[held].any():
-            yield from _hints(found, runs, middle, half, held, moving, asked)
+            yield from _hints(found, runs, middle, half, held, moving)
         before = half
 
 
@@ -81,7 +74,6 @@ def _hints(
     half: Floats,
     held: list[int],
     moving: list[int],
-    asked: Bools,
 ) -> Iterator[Hints]:
     """A box around `middle`; nothing where `safe` does not hold in it, or a run stays out."""
     ends = {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
@@ -99,11 +91,11 @@ def _hints(
         ways = [-min(x.min() for x in after), max(x.max() for x in after)]
         width = found.far[1][s] - found.far[0][s]
         down, up = (rounded(1.5 * float(w) + width / 1000, up=True) for w in ways)
-        name = found.names[s]
-        if asked[s].all() or not asked[s].any():
+        name, (below, above) = found.names[s], found.limited[s]
+        if below == above:
             moves.append(f"{name} by {max(down, up)!r}")
         else:
-            moves.append(f"{name} by {up!r} up" if asked[s, 1] else f"{name} by {down!r} down")
+            moves.append(f"{name} by {up!r} up" if above else f"{name} by {down!r} down")
     conditions = [_condition(found.names[s], *e) for s, e in ends.items()]
     moved = f" moves {', '.join(moves)}" if moves else ""
     said = f"rest {' && '.join(conditions)}{moved} within"

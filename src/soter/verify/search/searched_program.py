@@ -121,14 +121,8 @@ def _place_of(module: Module) -> tuple[str, int]:
 
 
 def _begins(refused: Diagnostic) -> tuple[str, int]:
-    return (
-        ("", -1)
-        if refused.primary is None
-        else (
-            refused.primary.span.source.name,
-            refused.primary.span.start,
-        )
-    )
+    assert refused.primary is not None  # R008 stands at a module
+    return refused.primary.span.source.name, refused.primary.span.start
 
 
 def _told_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:

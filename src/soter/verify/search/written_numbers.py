@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from math import ceil, floor, isfinite, log10
 
+from soter.language.model.types import write_ns
+
 
 def rounded(value: float, *, up: bool, digits: int = 2) -> float:
     """A number rounded up or down to so many digits."""
@@ -19,7 +21,6 @@ def rounded(value: float, *, up: bool, digits: int = 2) -> float:
 
 
 def duration(seconds: float) -> str:
-    """A time of at least so long, in whole milliseconds or, if it is short, microseconds."""
-    if seconds >= 10.0:
-        return f"{ceil(seconds)}s"
-    return f"{ceil(seconds * 1e3)}ms" if seconds >= 0.01 else f"{ceil(seconds * 1e6)}us"
+    """A time of at least so long, in whole seconds, or in whole parts of one if it is short."""
+    part_ns = 10**9 if seconds >= 10.0 else 10**6 if seconds >= 0.01 else 10**3
+    return write_ns(ceil(seconds * 1e9 / part_ns) * part_ns)

@@ -190,6 +190,8 @@ class Enclosures:
 
 
 HALVINGS, TRIED = 12, 500
+TOO_MANY = "is more than a step of the DM can do"
+"""Stands in the message that SC takes too many operations until it rests."""
 OLD = 8
 """Reads of more periods of SC are what makes a check long."""
 
@@ -306,8 +308,7 @@ def too_long(check: TubeCheck) -> SoterError:
         while fits > 3 and not _fits(check, fits):
             fits -= 1 + fits // 100
     why = (
-        f"to follow {times.switches} steps of SC{needs} is more than a step of the DM can do: "
-        f"{MAX_OPERATIONS:.2g} operations"
+        f"to follow {times.switches} steps of SC{needs} {TOO_MANY}: {MAX_OPERATIONS:.2g} operations"
     )
     longest = show_ns(fits * times.period + times.jitter).replace(" ", "")
     fewer = "a longer period of SC, of which there are fewer steps then"
