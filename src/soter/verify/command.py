@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
+    from soter.verify.claims.results import ProofSearch
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
-    from soter.verify.search.proof_search import ProofSearch
 
 
 LOOK_S = 0.05

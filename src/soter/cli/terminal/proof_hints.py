@@ -19,8 +19,7 @@ from soter.diagnostics.diagnostic import mistake
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
     from soter.cli.terminal.stored_outcome import Printout
-    from soter.verify.claims.results import VerifyReport
-    from soter.verify.search.proof_search import ProofSearch
+    from soter.verify.claims.results import ProofSearch, VerifyReport
 
 NOT_FOUND = "no hint was found with which all of it is proved"
 NO_HINTS = "the program says no grid and no `rest`"
@@ -91,9 +90,9 @@ def _found(search: ProofSearch) -> str | None:
 
 
 SEARCHES = JsonObject(
-    "soter.verify.search.proof_search.ProofSearch",
+    "soter.verify.claims.results.ProofSearch",
     "module own proved found? tries",
     {"found": _found},
-    tries=JsonObject("soter.verify.search.proof_search.Try", "hints gave cpu_s untried"),
+    tries=JsonObject("soter.verify.claims.results.Try", "hints gave cpu_s untried"),
 )
 """What the document of `soter verify` has of a search."""

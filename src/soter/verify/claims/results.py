@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.diagnostics.diagnostic import Span
+    from soter.language.front_end import CheckResult
     from soter.verify.problem.problem import Assumption, Group, Problem
-    from soter.verify.search.proof_search import ProofSearch
+    from soter.verify.search.hint_text import Hints
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
 WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
@@ -363,6 +364,43 @@ class ModuleResult:
     def core_share(self) -> float:
         """The share of the grid's volume that K has."""
         return self.shares.get("core", 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Try:
+    """One try of a search: the hints, what they gave in words, the CPU seconds that it took.
+
+    `untried`: it would take longer than was left; `cpu_s` is an estimate.
+    """
+
+    hints: str
+    gave: str
+    cpu_s: float
+    untried: bool = False
+
+
+@dataclass(eq=False)
+class ProofSearch:
+    """What was tried of a module; `found` are the best hints, `checked` the program with them."""
+
+    module: str
+    own: bool
+    """Whether the program has hints of its own, which leave the module undecided."""
+    tries: list[Try] = field(default_factory=list)
+    found: Hints | None = None
+    checked: CheckResult | None = None
+    result: ModuleResult | None = None
+    proved: bool = False
+    """Whether the module is proved with what was found, and its AC may get control.
+
+    Where the program has hints of its own others are taken only if AC surely gets it.
+    """
+
+    @property
+    def text(self) -> str:
+        """The text of the program with the best hints; "" where none were found."""
+        loaded = None if self.checked is None else self.checked.loaded
+        return "" if loaded is None else loaded.main.source.text
 
 
 @dataclass(eq=False, repr=False)

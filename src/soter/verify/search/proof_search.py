@@ -10,7 +10,6 @@ Non-goals: modules with views, abstractions, proofs by induction, or an SC that 
 from __future__ import annotations
 
 import resource
-from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source
 from soter.language.front_end import check_file
 from soter.language.model.types import leaf_name
 from soter.language.syntax.printer import format_source
-from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
+from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, ProofSearch, Try
 from soter.verify.diagnosis.model_runs import StepFaultError
 from soter.verify.diagnosis.vacuity import NEVER, NOT_SHOWN
 from soter.verify.enclose.enclosure_emitter import EnclosureError
@@ -58,46 +57,6 @@ OF_RESTS = 0.25
 IN_VAIN, HELD = 100.0, 200.0
 """The ranks of proofs of a module whose AC never gets control, or nothing says that it does."""
 CUT_SHORT, ENDED = "cut short, so that others may be tried", "the budget ended"
-
-
-@dataclass(frozen=True, eq=False)
-class Try:
-    """One try: the hints, what they gave in words, the CPU seconds that it took.
-
-    `untried`: it would take longer than was left; `cpu_s` is an estimate.
-    """
-
-    hints: str
-    gave: str
-    cpu_s: float
-    untried: bool = False
-
-
-@dataclass(eq=False)
-class ProofSearch:
-    """What was tried of a module; `found` are the best hints, `checked` the program with them."""
-
-    module: str
-    own: bool
-    """Whether the program has hints of its own, which leave the module undecided."""
-    tries: list[Try] = field(default_factory=list)
-    found: Hints | None = None
-    checked: CheckResult | None = None
-    result: ModuleResult | None = None
-
-    @property
-    def text(self) -> str:
-        """The text of the program with the best hints; "" where none were found."""
-        loaded = None if self.checked is None else self.checked.loaded
-        return "" if loaded is None else loaded.main.source.text
-
-    @property
-    def proved(self) -> bool:
-        """Whether the module is proved with what was found, and its AC may get control.
-
-        Where the program has hints of its own others are taken only if AC surely gets it.
-        """
-        return self.result is not None and _rank(self.result) >= (inf if self.own else HELD)
 
 
 def cpu_s() -> float:
@@ -242,6 +201,7 @@ class _Search:
         if (rank := _rank(result)) > self._best:
             self._best = rank
             self.made.found, self.made.result, self.made.checked = hints, result, checked
+            self.made.proved = rank >= (inf if self.made.own else HELD)
         if hints.clauses and rank < inf:
             self._attempt_more(hints, result)
 

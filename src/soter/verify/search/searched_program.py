@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
-    from soter.verify.claims.results import ModuleResult
+    from soter.verify.claims.results import ModuleResult, ProofSearch
     from soter.verify.problem.problem import Problem
-    from soter.verify.search.proof_search import ProofSearch
 
 NOT_LOOKED_FOR = (
     "hints are looked for of modules that stand in the file that is verified, without views, "
