@@ -1,11 +1,12 @@
 """Robots of `soter new --robot` with figures drawn from the ranges of data sheets: how many prove.
 
-    .venv/bin/python bench/verify/robot_kinds.py [--draws 60] [KIND ...]
+    .venv/bin/python bench/verify/robot_kinds.py [--draws 60] [--first 0] [KIND ...]
     .venv/bin/python bench/verify/robot_kinds.py --way [KIND ...]
     .venv/bin/python bench/verify/robot_kinds.py --wrong [KIND ...]
 
 Purpose: *draws*: each figure is drawn from its range in `RANGES`, evenly in its logarithm, and the
-program is proved as it is made. *Proved*: every claim, or decided in flight with P2a and the start
+program is proved as it is made; `--first`: the number of the first draw (ranges were chosen while
+looking at those from 0 to 9). *Proved*: every claim, or decided in flight with P2a and the start
 proved, and AC has control of a part of the states. One that is neither that nor safe but for P2b
 is asked again with one figure after another at its default: those with which it proves are in its
 way. *--way*: the commands from `soter new` to a robot that is proved, checked again, flown and
@@ -172,11 +173,11 @@ def in_the_way(kind: str, figures: Figures) -> list[str]:
     return [name for name, fine in zip(figures, proved, strict=True) if fine]
 
 
-def print_draws(names: list[str], draws: int) -> int:
+def print_draws(names: list[str], first: int, draws: int) -> int:
     total: Counter[str] = Counter()
     for kind in names:
         counts, spent = Counter[str](), list[float]()
-        for seed in range(draws):
+        for seed in range(first, first + draws):
             figures = drawn(kind, seed)
             verdict, cpu_s, told = answer(made(kind, figures)[PROGRAM])
             counts[verdict] += 1
@@ -256,13 +257,14 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("kinds", nargs="*")
     parser.add_argument("--draws", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--way", action="store_true")
     parser.add_argument("--wrong", action="store_true")
     options = parser.parse_args()
     names = options.kinds or list(RANGES)
     if options.way:
         return print_way(names)
-    return print_wrong(names) if options.wrong else print_draws(names, options.draws)
+    return print_wrong(names) if options.wrong else print_draws(names, options.first, options.draws)
 
 
 if __name__ == "__main__":

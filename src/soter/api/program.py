@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
     from soter.verify.advice import Advice, DelayAdvice
-    from soter.verify.claims.results import VerifyReport
+    from soter.verify.claims.results import ProofSearch, VerifyReport
     from soter.verify.deploy.missing_predicates import Known
 
     Params = Mapping[str, object] | None
@@ -437,6 +437,26 @@ class Program:
         chosen = modules_of(self._checked, module, system, self._values(params))
         with telling_shares(progress):
             return tuple(largest_delay(flat, m) for flat, m in chosen)
+
+    def rest_clauses(
+        self,
+        module: str | None = None,
+        *,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+        budget_s: float = 120.0,
+        progress: Progress | None = None,
+    ) -> tuple[ProofSearch, ...]:
+        """Finds a clause `rest` for every module, within so many CPU seconds each; each was proved.
+
+        Modules of which no hints are looked for are left out. `SoterError` R... if a problem is
+        not determined as it is declared.
+        """
+        from soter.verify.search.searched_program import rests_of  # noqa: PLC0415 - needs a compiler
+
+        what = {"module": module, "system": system, "params": self._values(params)}
+        with telling_shares(progress):
+            return rests_of(self._checked, what, budget_s)
 
     @takes("soter.explore.search_options.SearchOptions")
     def explore(

@@ -1,8 +1,10 @@
 """`soter advise FILE`: which period a decision module may have, and what its levels change.
 
 Purpose: prints a table for each module and the longest period (the paper's Delta) that verifies,
-and draws a figure in `.soter/`; with `--delay` it finds how late commands may act.
-Non-goals: the sweeps (`verify/advice.py`), the drawing (`report/proof_page.py`).
+and draws a figure in `.soter/`; with `--delay` it finds how late commands may act, with `--rest` a
+clause `rest`.
+Non-goals: the sweeps (`verify/advice.py`), the drawing (`report/proof_page.py`), the search
+(`verify/search/`).
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from soter.cli.terminal.command_line import (
     loaded,
 )
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.proof_hints import NOT_FOUND, SEARCHES, print_tries
+from soter.cli.terminal.stored_outcome import Printout
 from soter.diagnostics.command_records import SWITCH, JsonObject, option
 from soter.language.model.types import show_ns
 
@@ -37,6 +41,7 @@ EXAMPLES = """\
   soter advise cart.soter --factors 0.5,1,2,8      multiples of the declared period
   soter advise drone.soter --module SafeMotionPrimitive --report advice.html
   soter advise cart.soter --delay                 how late commands may act, proof by proof
+  soter advise cart.soter --rest                  where SC comes to rest, as a clause that proves
   soter advise cart.soter --json | jq '.modules[].best_s'
 
 Nothing is changed: every row is the program's problem with another period of the decision module.
@@ -46,8 +51,12 @@ are tried, too. What is said of the largest period is said of those tried, on th
 With --delay the periods stay, and `acts within` grows: the largest value with which everything is
 proved, and the next one with what is not. Each takes as long as `soter verify`.
 
+With --rest clauses `rest` are tried in place of the program's hints at a proof, for 120 s of
+processor time a module: what each gave, and the one that proves.
+
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
+NO_REST = "runs of the model under SC do not end at one place that a clause `rest` could name"
 LARGEST = 100.0
 LONGEST = "YES, the longest"
 """The mark of the row with the longest period that verifies."""
@@ -70,8 +79,9 @@ class Options:
     delay: bool = option(
         "--delay", False, "how late commands may act, in place of the periods", SWITCH
     )
+    rest: bool = option("--rest", False, "a clause `rest`, in place of the periods", SWITCH)
     output: str | None = option("-o --report FILE", None, "the figure (.soter/...html)")
-    NEEDS = (("!delay", "levels factors output"),)
+    NEEDS = (("!delay", "rest levels factors output"), ("!rest", "levels factors output"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -81,6 +91,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     program = loaded(args, console)
     if args.delay:
         return _delays(args, console, program)
+    if args.rest:
+        return _rests(args, console, program)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
     with ProgressBar(console) as progress:
         all_advice = program.advise(
@@ -119,6 +131,29 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
     fields: dict[str, object] = {
         "program_sha256": program.sha256,
         "delays": {d.module: DELAY.of(d) for d in delays},
+    }
+    return CommandOutcome(fields=fields)
+
+
+def _rests(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
+    """Finds and tells, for `--rest`, a clause `rest` of each module that it proves."""
+    with ProgressBar(console) as progress:
+        searches = program.rest_clauses(
+            args.module, system=args.system, params=dict(args.params), progress=progress
+        )
+    printed = Printout()
+    for search in searches:
+        printed.say(f"\n{printed.paint('bold', search.module)}")
+        if search.tries:
+            print_tries(search, printed)
+        found = f"found   {printed.paint('green', str(search.found))}" if search.proved else ""
+        printed.say("\n" + (found or (NOT_FOUND if search.tries else NO_REST)))
+    printed.show(console)
+    if not searches:
+        console.say("there is no module to advise on")
+    fields: dict[str, object] = {
+        "program_sha256": program.sha256,
+        "rests": {s.module: SEARCHES.of(s) for s in searches},
     }
     return CommandOutcome(fields=fields)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import shlex
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from soter.api import read_text
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from soter.cli.terminal.stored_outcome import Printout
     from soter.verify.claims.results import ProofSearch, VerifyReport
 
+SHOWN = 100
+"""The most characters of what a try gave; JSON has all of it."""
 NOT_FOUND = "no hint was found with which all of it is proved"
 NO_HINTS = "the program says no grid and no `rest`"
 NOTHING_OPEN = "the program says how it is proved"
@@ -37,12 +40,8 @@ def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
     `command`: the command line that verifies the same.
     """
     why = "what the program says leaves it undecided" if search.own else NO_HINTS
-    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried\n")
-    rows = [
-        (t.hints, t.gave, f"about {seconds_text(t.cpu_s)}" if t.untried else seconds_text(t.cpu_s))
-        for t in search.tries
-    ]
-    printed.table(("hint", "what it gave", "processor"), rows)
+    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried")
+    print_tries(search, printed)
     if any(t.untried for t in search.tries):
         printed.say("\nwhat was not tried needs a longer `--budget`")
     if search.proved:
@@ -53,6 +52,16 @@ def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
         )
     elif not search.own:
         printed.say(f"\nthe best of these, and what follows is with it: {search.found}")
+
+
+def print_tries(search: ProofSearch, printed: Printout) -> None:
+    """Prints the table of what was tried and what it gave."""
+    rows = []
+    for t in search.tries:
+        took = f"about {seconds_text(t.cpu_s)}" if t.untried else seconds_text(t.cpu_s)
+        rows.append((t.hints, shorten(t.gave, SHOWN, placeholder=" …"), took))
+    printed.say("")
+    printed.table(("hint", "what it gave", "processor"), rows)
 
 
 def require_writable(path: Path) -> None:

@@ -393,7 +393,7 @@ class ProofSearch:
     proved: bool = False
     """Whether the module is proved with what was found, and its AC may get control.
 
-    Where the program has hints of its own others are taken only if AC surely gets it.
+    Where its own hints prove P2a others are taken only if AC surely gets it.
     """
 
     @property

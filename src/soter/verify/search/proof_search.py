@@ -10,6 +10,7 @@ Non-goals: modules with views, abstractions, proofs by induction, or an SC that 
 from __future__ import annotations
 
 import resource
+from itertools import chain
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -81,19 +82,26 @@ def find_hints(
     budget_s: float,
     *,
     own: bool,
+    surely: bool = False,
+    rests_alone: bool = False,
 ) -> ProofSearch:
     """The first hints of a module with which all of it is proved, else the best of those tried.
 
     `choose` picks the module out of a program that was checked; `flat` and `module` are those of
-    `checked`. `own`: it has hints of its own, in whose place others are tried.
+    `checked`. `own`: it has hints of its own, in whose place others are tried. `surely`: they
+    are taken only if AC surely gets control. `rests_alone`: no grids are tried, and clauses `rest`
+    may take all of the budget.
     """
-    search = _Search(checked, choose, module, budget_s, own=own)
+    for_rests_s = budget_s if rests_alone else OF_RESTS * budget_s
+    search = _Search(checked, choose, module, budget_s, for_rests_s, own=own, surely=surely)
     phase(f"{module.name}: which states its plants reach")
     try:
         found = search.simulated(flat)
         named = set[int]() if own else _named(found, module)
         grids_alone = bool(named or module.symbol.ttf or module.symbol.safer)
-        for cells, hints in _in_order(found, named, grids_alone=grids_alone):
+        rests = [] if grids_alone and not rests_alone else _rests(found)
+        grids, quick = ([], 0) if rests_alone else grid_hints(found, named)
+        for cells, hints in chain(grids[:quick], rests, grids[quick:]):
             if search.made.proved or not search.going():
                 break
             search.attempt(hints, cells, OF_A_TRY)
@@ -116,28 +124,32 @@ def _named(found: ModelStates, module: Module) -> set[int]:
     return {s for s, names in enumerate(zip(found.names, own, strict=True)) if said & {*names}}
 
 
-def _in_order(
-    found: ModelStates, named: set[int], *, grids_alone: bool
-) -> Iterator[tuple[int, Hints]]:
-    """Hints to try with numbers of cells (0: none), those first that cost little."""
-    grids, quick = grid_hints(found, named)
-    yield from grids[:quick]
-    if not grids_alone and found.problem.kind == "flow" and found.rescued:
+def _rests(found: ModelStates) -> Iterator[tuple[int, Hints]]:
+    """Clauses `rest` to try, with 0 cells each."""
+    if found.problem.kind == "flow" and found.rescued:
         yield from ((0, h) for h in rest_hints(found))
-    yield from grids[quick:]
 
 
 class _Search:
     """The tries of one module."""
 
     def __init__(
-        self, checked: CheckResult, choose: Choose, module: Module, budget_s: float, *, own: bool
+        self,
+        checked: CheckResult,
+        choose: Choose,
+        module: Module,
+        budget_s: float,
+        for_rests_s: float,
+        *,
+        own: bool,
+        surely: bool,
     ) -> None:
         assert checked.loaded is not None
         self.made = ProofSearch(module.name, own)
+        self._enough = inf if surely else HELD
         self._checked, self._choose, self._module = checked, choose, module
         self._source = checked.loaded.main.source
-        self._until, self._for_rests = cpu_s() + budget_s, OF_RESTS * budget_s
+        self._until, self._for_rests = cpu_s() + budget_s, for_rests_s
         self._best = -1.0
         self._cell_s = 0.0, 0
         self._no_rest = False
@@ -201,7 +213,7 @@ class _Search:
         if (rank := _rank(result)) > self._best:
             self._best = rank
             self.made.found, self.made.result, self.made.checked = hints, result, checked
-            self.made.proved = rank >= (inf if self.made.own else HELD)
+            self.made.proved = rank >= self._enough
         if hints.clauses and rank < inf:
             self._attempt_more(hints, result)
 

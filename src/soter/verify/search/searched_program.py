@@ -1,7 +1,7 @@
 """The program of a module of which hints were found, in the place of one that says none, or others.
 
 Purpose: `with_found_hints` looks for hints of modules whose states nothing bounds; `searched_anew`
-of those that their own hints leave undecided.
+of those that their own hints leave undecided; `rests_of` looks for clauses `rest` alone.
 Non-goals: the search for one module (`proof_search.py`).
 """
 
@@ -77,15 +77,34 @@ def searched_anew(
         symbol = result.problem.module.symbol
         if result.verdict != UNDECIDED or symbol.ttf or result.problem.kind == "nodes":
             continue
-        made = _searched(checked, result.name, what, budget_s, own=True)
+        surely = result.findings["P2a"].holds
+        made = _searched(checked, result.name, what, budget_s, own=True, surely=surely)
         if made is not None:
             searches.append(made)
             checked = made.checked if made.proved and made.checked is not None else checked
     return checked, tuple(searches)
 
 
+def rests_of(
+    checked: CheckResult, what: Mapping[str, Any], budget_s: float
+) -> tuple[ProofSearch, ...]:
+    """What was tried to find a clause `rest` of each module of which hints are looked for."""
+    made = (
+        _searched(checked, n, what, budget_s, own=True, rests_alone=True)
+        for n in _names(checked, what)
+    )
+    return tuple(m for m in made if m is not None)
+
+
 def _searched(
-    checked: CheckResult, name: str, what: Mapping[str, Any], budget_s: float, *, own: bool
+    checked: CheckResult,
+    name: str,
+    what: Mapping[str, Any],
+    budget_s: float,
+    *,
+    own: bool,
+    surely: bool = False,
+    rests_alone: bool = False,
 ) -> ProofSearch | None:
     """What a search for hints of a module gave; None where hints of it are not looked for."""
 
@@ -97,7 +116,9 @@ def _searched(
     flat, module = module_named(checked, name, what)
     if not may_be_found(checked, module):
         return None
-    return find_hints(checked, choose, flat, module, budget_s, own=own)
+    return find_hints(
+        checked, choose, flat, module, budget_s, own=own, surely=surely, rests_alone=rests_alone
+    )
 
 
 def _is_refused(flat: System, module: Module) -> bool:

@@ -164,6 +164,16 @@ def test_a_grid_of_the_program_that_is_too_coarse_is_replaced_where_another_prov
     assert [s.own for s in report.searches] == [True]
 
 
+def test_a_rest_alone_is_looked_for_on_demand() -> None:
+    (bot,) = _loaded(BOT).rest_clauses()
+    assert bot.proved
+    assert all(t.hints.startswith("rest ") for t in bot.tries)
+    assert f"{bot.found}" in bot.text
+    wrong = BOT.replace("step { publish cmd = 0.0; }", "step { publish cmd = 0.1; }")
+    (none,) = _loaded(wrong).rest_clauses()
+    assert not none.proved
+
+
 CART = BOT.replace("der d = -toward * v;", "der d = -v + 0.5 * toward * v;")
 
 
