@@ -33,7 +33,7 @@ ALWAYS = {
     "verify": "file module system params cert report synthesize no_refute budget write format",
     "recheck": "folder logs report",
     "monitor": "file system module emit params format",
-    "advise": "file module system params delay rest",
+    "advise": "file module system params delay",
     "campaign": "file system hours flights until seed workers arms saves report parquet params "
     "output",
     "test": "file test strategy memory time max_states seed minimise all_properties skew horizon "
