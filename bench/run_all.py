@@ -263,6 +263,16 @@ BENCHMARKS = (
     ),
     Benchmark("soter verify: robots made wrong", "bench/newcomers/wrong_robots.py"),
     Benchmark(
+        "soter verify: kinds of robots by figures of data sheets",
+        "bench/verify/robot_kinds.py",
+        last="^draws|^proved or",
+    ),
+    Benchmark(
+        "soter verify: kinds of robots made wrong",
+        "bench/verify/robot_kinds.py --wrong",
+        last="^wrong|^proved",
+    ),
+    Benchmark(
         "soter test against the brute-force enumerator",
         "bench/testing/soundness.py --programs 600",
     ),
