@@ -268,9 +268,7 @@ BENCHMARKS = (
         last="^draws|^proved or",
     ),
     Benchmark(
-        "soter verify: kinds of robots made wrong",
-        "bench/verify/robot_kinds.py --wrong",
-        last="^wrong|^proved",
+        "soter verify: kinds made wrong", "bench/verify/robot_kinds.py --wrong", "^wrong|^proved"
     ),
     Benchmark(
         "soter test against the brute-force enumerator",

@@ -92,8 +92,6 @@ class Program:
 
         return PreparedSystems()
 
-    # ------------------------------------------------------------ facts
-
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """All errors and warnings that the check found."""
@@ -213,9 +211,8 @@ class Program:
         """Flies many seeds of a system: see `soter.api.campaigning.campaign`."""
         require_utf8(how.get("output"))
         bindings = self._bindings(self._completed(system, params, bound=self._bound)[0])
-        return cast(
-            "Campaign", by_name("soter.api.campaigning").campaign(bindings, self.path, **how)
-        )
+        flown = by_name("soter.api.campaigning").campaign(bindings, self.path, **how)
+        return cast("Campaign", flown)
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Writes the MCAP log of a traced run; `SoterError` D006, D007."""
@@ -247,7 +244,7 @@ class Program:
     ) -> Package:
         """Writes the package of a target (`"c"`) into the folder `output`.
 
-        `cert`: a certificate of the system that this one deploys; it is checked again. `mapping`:
+        `cert`: a certificate of the system that this one deploys, checked again. `mapping`:
         for targets with a middleware (docs/mapping.md), a file or its content. `board`: for
         `"cortex-m"`, the name of a board or its file (docs/bare-metal.md).
         `progress` is called with the share that is done. `SoterError` D015 if the mapping, D019,
@@ -256,8 +253,7 @@ class Program:
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
         require_utf8(output, cert, mapping, board)
-        fresh = self.declared(system, params)
-        completed = partial(self._completed, system, params)
+        fresh, completed = self.declared(system, params), partial(self._completed, system, params)
         with telling_shares(progress):
             how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
             return build(target, Path(output), fresh, completed, self._bindings, **how)
@@ -275,8 +271,8 @@ class Program:
     ) -> list[Judgement]:
         """Judges whether some run of the verification plants fits a log, or a fresh run.
 
-        `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge the
-        measurements instead of the true states. `SoterError` U001 if a plant is not affine.
+        `log`: of `soter run --log` of the same system. `estimates`: judge measurements in place of
+        the true states. `SoterError` U001 if a plant is not affine.
         """
         require_utf8(log)
         flat = self.flat(system, params)
@@ -309,11 +305,9 @@ class Program:
         `alarm`: a bool topic of the program to publish; by default a new one. SoterError D006.
         """
         require_utf8(path)
-        flat = self.declared(system, params)
-        chosen = chosen_modules(flat, module)[0]
+        chosen = chosen_modules(flat := self.declared(system, params), module)[0]
         write = by_name("soter.monitor.emitted_monitors").write_monitor
-        made = write(flat, chosen, self.path, Path(path), alarm=alarm, params=params)
-        return cast("Path", made)
+        return cast("Path", write(flat, chosen, self.path, Path(path), alarm=alarm, params=params))
 
     def verify(
         self,
@@ -346,8 +340,7 @@ class Program:
         require_utf8(cert, report)
         if synthesize and (written := self.synthesize(module=module, system=system, params=params)):
             how: dict[str, Any] = {"refute": refute, "explain": explain, "report": report}
-            how |= {"system": system, "params": params, "progress": progress}
-            how["budget_s"] = budget_s
+            how |= {"system": system, "params": params, "progress": progress, "budget_s": budget_s}
             return load(written[0]).verify(module, cert, **how)
         require_writers(None, report)
         if report is not None and cert is not None:
@@ -427,10 +420,7 @@ class Program:
         params: Mapping[str, object] | None = None,
         progress: Progress | None = None,
     ) -> tuple[DelayAdvice, ...]:
-        """Finds how late the commands of every module may act, in ns; each value is verified.
-
-        `SoterError` R... if a problem is not determined as it is declared.
-        """
+        """Finds how late commands of every module may act, in ns, each verified; SoterError R..."""
         from soter.verify.advice import largest_delay  # noqa: PLC0415 - needs a compiler
         from soter.verify.chosen_modules import modules_of  # noqa: PLC0415 - the same
 
@@ -438,25 +428,15 @@ class Program:
         with telling_shares(progress):
             return tuple(largest_delay(flat, m) for flat, m in chosen)
 
-    def rest_clauses(
-        self,
-        module: str | None = None,
-        *,
-        system: str | None = None,
-        params: Mapping[str, object] | None = None,
-        budget_s: float = 120.0,
-        progress: Progress | None = None,
-    ) -> tuple[ProofSearch, ...]:
-        """Finds a clause `rest` for every module, within so many CPU seconds each; each was proved.
-
-        Modules of which no hints are looked for are left out. `SoterError` R... if a problem is
-        not determined as it is declared.
-        """
+    def rest_clauses(self, budget_s: float = 120.0, **what: Any) -> tuple[ProofSearch, ...]:  # noqa: ANN401
+        """Looks for a `rest` that proves: so many CPU s a module; `what`: see `largest_delays`."""
         from soter.verify.search.searched_program import rests_of  # noqa: PLC0415 - needs a compiler
 
-        what = {"module": module, "system": system, "params": self._values(params)}
-        with telling_shares(progress):
-            return rests_of(self._checked, what, budget_s)
+        what = {"module": None, "system": None, "params": None, **what}
+        with telling_shares(what.pop("progress", None)):
+            return rests_of(
+                self._checked, what | {"params": self._values(what["params"])}, budget_s
+            )
 
     @takes("soter.explore.search_options.SearchOptions")
     def explore(

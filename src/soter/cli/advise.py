@@ -138,9 +138,8 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
 def _rests(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """Finds and tells, for `--rest`, a clause `rest` of each module that it proves."""
     with ProgressBar(console) as progress:
-        searches = program.rest_clauses(
-            args.module, system=args.system, params=dict(args.params), progress=progress
-        )
+        what = {"module": args.module, "system": args.system, "params": dict(args.params)}
+        searches = program.rest_clauses(**what, progress=progress)
     printed = Printout()
     for search in searches:
         printed.say(f"\n{printed.paint('bold', search.module)}")

@@ -19,18 +19,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.addons import by_name
+from soter.api import load
 from soter.api.arguments import require_utf8
 from soter.cli.terminal.command_line import CommandOutcome, file_option
 from soter.cli.tool.robot_kinds import texts_of_kind
 from soter.codegen.c_names import program_prefix
 from soter.diagnostics.command_records import SEVERAL, SWITCH, option
-from soter.diagnostics.diagnostic import mistake, reason
+from soter.diagnostics.diagnostic import Severity, mistake, reason
 from soter.diagnostics.render import safe
 from soter.version import pip_install
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from soter.cli.terminal.console import Console
 
@@ -83,6 +84,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.robot is not None:
         survey = _survey(args) if args.logs else None
         texts = texts_of_kind(args.robot, names, args.figures, survey)
+        _require_sound(f"{name}.soter", texts)
         commands = _commands(folder, name, kind=True)
     elif args.logs:
         texts, commands = _files_of_log(name, args), _commands_of_log(folder, name, args.logs)
@@ -98,6 +100,17 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "commands": [c for c, _ in commands],
     }
     return CommandOutcome(fields=fields)
+
+
+def _require_sound(program: str, texts: Mapping[str, str]) -> None:
+    """SoterError U001 where the program of a kind has an error with these figures."""
+    loaded = load(program, text=texts[program])
+    if not loaded.ok:
+        first = next(d for d in loaded.diagnostics if d.severity is Severity.ERROR)
+        place = first.primary
+        line = "" if place is None else place.span.source.line(place.span.line).strip()
+        what = f"no robot of this kind has these figures: {first.message}"
+        raise mistake("U001", what, notes=(f"in `{line}` of {program}",))
 
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:

@@ -98,10 +98,7 @@ def find_hints(
     try:
         found = search.simulated(flat)
         named = set[int]() if own else _named(found, module)
-        grids_alone = bool(named or module.symbol.ttf or module.symbol.safer)
-        rests = [] if grids_alone and not rests_alone else _rests(found)
-        grids, quick = ([], 0) if rests_alone else grid_hints(found, named)
-        for cells, hints in chain(grids[:quick], rests, grids[quick:]):
+        for cells, hints in _in_order(found, named, module, rests_alone=rests_alone):
             if search.made.proved or not search.going():
                 break
             search.attempt(hints, cells, OF_A_TRY)
@@ -122,6 +119,16 @@ def _named(found: ModelStates, module: Module) -> set[int]:
     said = {leaf_name(a.instance if a.topic is None else a.topic.name, a.path) for a in axes}
     own = (leaf.name for leaf in found.problem.quantities.states)
     return {s for s, names in enumerate(zip(found.names, own, strict=True)) if said & {*names}}
+
+
+def _in_order(
+    found: ModelStates, named: set[int], module: Module, *, rests_alone: bool
+) -> Iterator[tuple[int, Hints]]:
+    """Hints to try with numbers of cells (0: none), those first that cost little."""
+    grids_alone = not rests_alone and (named or module.symbol.ttf or module.symbol.safer)
+    rests = [] if grids_alone else _rests(found)
+    grids, quick = ([], 0) if rests_alone else grid_hints(found, named)
+    return chain(grids[:quick], rests, grids[quick:])
 
 
 def _rests(found: ModelStates) -> Iterator[tuple[int, Hints]]:

@@ -91,6 +91,8 @@ def test_figures_stand_where_the_defaults_stood(soter: Soter, here: Path) -> Non
         (["--robot", "axis", "--set", "TRAVEL=nan"], "U001", "a number from 0 on"),
         (["--robot", "axis", "--set", "TRAVEL=1e999"], "U001", "a number from 0 on"),
         (["--robot", "axis", "--set", "AGE=3"], "U001", "write a number with its unit"),
+        (["--robot", "axis", "--set", "TRAVEL=0"], "U001", "constant `KP` has no value"),
+        (["--robot", "joint", "--set", "AGE=0ms"], "U001", "topic joints: Joints max_age AGE;"),
         (["--set", "AGE=3ms"], "U001", "does nothing without `--robot`"),
     ],
 )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import pytest
 
 import soter
+from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -172,6 +174,16 @@ def test_a_rest_alone_is_looked_for_on_demand() -> None:
     wrong = BOT.replace("step { publish cmd = 0.0; }", "step { publish cmd = 0.1; }")
     (none,) = _loaded(wrong).rest_clauses()
     assert not none.proved
+
+
+def test_the_command_line_tells_a_rest_of_the_module_that_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bot.soter").write_text(BOT)
+    assert main(["advise", str(tmp_path / "bot.soter"), "--rest", "--module", "Bump"]) == 0
+    assert "found   rest abs(bot.v) <" in capsys.readouterr().out
+    assert main(["advise", str(tmp_path / "bot.soter"), "--rest", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rests"]["Bump"]["proved"]
 
 
 CART = BOT.replace("der d = -toward * v;", "der d = -v + 0.5 * toward * v;")
