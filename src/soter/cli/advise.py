@@ -51,8 +51,8 @@ are tried, too. What is said of the largest period is said of those tried, on th
 With --delay the periods stay, and `acts within` grows: the largest value with which everything is
 proved, and the next one with what is not. Each takes as long as `soter verify`.
 
-With --rest clauses `rest` are tried in place of the program's hints at a proof, for 120 s of
-processor time a module: what each gave, and the one that proves.
+With --rest clauses `rest` are tried in place of the program's hints at a proof, and of `ttf` and
+`safer`, for 120 s of processor time a module: what each gave, and the one that proves.
 
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
@@ -149,7 +149,9 @@ def _rests(args: argparse.Namespace, console: Console, program: Program) -> Comm
         printed.say("\n" + (found or (NOT_FOUND if search.tries else NO_REST)))
     printed.show(console)
     if not searches:
-        console.say("there is no module to advise on")
+        from soter.verify.search.searched_program import NOT_LOOKED_FOR  # noqa: PLC0415 - rarely
+
+        console.say(NOT_LOOKED_FOR)
     fields: dict[str, object] = {
         "program_sha256": program.sha256,
         "rests": {s.module: SEARCHES.of(s) for s in searches},
