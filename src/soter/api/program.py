@@ -305,7 +305,8 @@ class Program:
         `alarm`: a bool topic of the program to publish; by default a new one. SoterError D006.
         """
         require_utf8(path)
-        chosen = chosen_modules(flat := self.declared(system, params), module)[0]
+        flat = self.declared(system, params)
+        chosen = chosen_modules(flat, module)[0]
         write = by_name("soter.monitor.emitted_monitors").write_monitor
         return cast("Path", write(flat, chosen, self.path, Path(path), alarm=alarm, params=params))
 

@@ -23,7 +23,7 @@ from soter.cli.terminal.command_line import (
     loaded,
 )
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.proof_hints import NOT_FOUND, SEARCHES, print_tries
+from soter.cli.terminal.proof_hints import SEARCHES, print_tries
 from soter.cli.terminal.stored_outcome import Printout
 from soter.diagnostics.command_records import SWITCH, JsonObject, option
 from soter.language.model.types import show_ns
@@ -56,7 +56,8 @@ With --rest clauses `rest` are tried in place of the program's hints at a proof,
 
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
-NO_REST = "runs of the model under SC do not end at one place that a clause `rest` could name"
+NONE_PROVES = "none of these proves all of it; a `rest` of the program itself was not asked"
+NO_REST = "no clause `rest` was tried: none came out of runs of the model under SC"
 LARGEST = 100.0
 LONGEST = "YES, the longest"
 """The mark of the row with the longest period that verifies."""
@@ -146,7 +147,7 @@ def _rests(args: argparse.Namespace, console: Console, program: Program) -> Comm
         if search.tries:
             print_tries(search, printed)
         found = f"found   {printed.paint('green', str(search.found))}" if search.proved else ""
-        printed.say("\n" + (found or (NOT_FOUND if search.tries else NO_REST)))
+        printed.say("\n" + (found or (NONE_PROVES if search.tries else NO_REST)))
     printed.show(console)
     if not searches:
         from soter.verify.search.searched_program import NOT_LOOKED_FOR  # noqa: PLC0415 - rarely

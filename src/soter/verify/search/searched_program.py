@@ -90,7 +90,7 @@ def rests_of(
 ) -> tuple[ProofSearch, ...]:
     """What was tried to find a clause `rest` of each module of which hints are looked for."""
     made = (
-        _searched(checked, n, what, budget_s, own=True, rests_alone=True)
+        _searched(checked, n, what, budget_s, own=False, rests_alone=True)
         for n in _names(checked, what)
     )
     return tuple(m for m in made if m is not None)

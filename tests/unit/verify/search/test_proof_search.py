@@ -183,7 +183,11 @@ def test_the_command_line_tells_a_rest_of_the_module_that_is_named(
     assert main(["advise", str(tmp_path / "bot.soter"), "--rest", "--module", "Bump"]) == 0
     assert "found   rest abs(bot.v) <" in capsys.readouterr().out
     assert main(["advise", str(tmp_path / "bot.soter"), "--rest", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rests"]["Bump"]["proved"]
+    bump = json.loads(capsys.readouterr().out)["rests"]["Bump"]
+    assert (bump["proved"], bump["own"]) == (True, False)
+    (tmp_path / "hopper.soter").write_text(HOPPER)
+    assert main(["advise", str(tmp_path / "hopper.soter"), "--rest"]) == 0
+    assert "no clause `rest` was tried" in capsys.readouterr().out
 
 
 CART = BOT.replace("der d = -toward * v;", "der d = -v + 0.5 * toward * v;")
