@@ -31,13 +31,15 @@ class Hints:
     """Items of the `verify` block, or clauses of the module, each with its semicolon.
 
     `added`: they stand beside those that the program has, and replace none. `longer`: the clause
-    `rest` with a longer time, to be tried where only the start is not led there in time.
+    `rest` with a longer time, to be tried where only the start is not led there in time; `farther`
+    lets states move farther, to be tried where how far they move is not shown.
     """
 
     items: tuple[str, ...] = ()
     clauses: tuple[str, ...] = ()
     added: bool = False
     longer: str = ""
+    farther: Hints | None = None
 
     def __str__(self) -> str:
         return " ".join((*self.clauses, *self.items))

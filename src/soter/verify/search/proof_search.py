@@ -30,7 +30,7 @@ from soter.verify.search.grid_hints import grid_hints
 from soter.verify.search.hint_text import COMMENT, Hints, with_hints
 from soter.verify.search.model_states import ModelStates
 from soter.verify.search.rest_hints import rest_hints
-from soter.verify.tubes.rest_claims import TOO_MANY
+from soter.verify.tubes.rest_claims import HOW_FAR, TOO_MANY
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -227,7 +227,10 @@ class _Search:
     def _attempt_more(self, hints: Hints, result: ModuleResult) -> None:
         """Tries a `rest` that keeps its box for longer, or with single commands judged."""
         open_ = [n for n, f in result.findings.items() if not f.holds]
-        if open_ == ["start"] and hints.longer:
+        why = result.findings["P2a"].text
+        if hints.farther is not None and HOW_FAR in why:
+            self.attempt(hints.farther, 0)
+        elif open_ == ["start"] and hints.longer:
             self.attempt(Hints(clauses=(hints.longer, *hints.clauses[1:])), 0)
         elif not open_ and "shield;" not in hints.clauses:
             self.attempt(Hints(clauses=(*hints.clauses, "shield;"), longer=hints.longer), 0)

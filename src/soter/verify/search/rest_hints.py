@@ -2,7 +2,7 @@
 
 Purpose: `rest_hints` simulates SC from the farthest states that it still rescues. A state whose end
 does not hang on where the run began is held: it stands in the condition. Any other one moves, by as
-much as it did after the condition held first. Larger boxes come later.
+much as it did after the condition held first, or, tried later, by more. Larger boxes come later.
 Non-goals: whether SC keeps such a box: that is proved (`tubes/rest_claims.py`), or not.
 """
 
@@ -33,9 +33,13 @@ FROM = (0.5, 0.25, 0.12, 0.06)
 of `ModelStates.holds`."""
 HANGS = 0.1
 """A state hangs on where the run began if its ends differ by this share of what was reached."""
+FOLLOWS = 0.5
+"""Or if its end follows where it began by this share."""
 AROUND, LATER = 1.3, (1.3, 2.2)
 """By these factors a box is larger than where runs end, and a time longer than they took: first by
 the one, then, where SC is shown to keep the box and not to lead there in time, by the other."""
+FARTHER = 1.5, 6.0
+"""By these factors states move farther than runs do, tried in the same way."""
 
 
 def rest_hints(found: ModelStates) -> Iterator[Hints]:
@@ -47,6 +51,9 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     width = np.maximum(found.far[1] - found.far[0], 1e-9)
     quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
     hangs = np.ptp(quiet, axis=0) > HANGS * width
+    for s, more in _moved_starts(found, width).items():
+        hangs[s] = True
+        runs += more
     held = [int(s) for s in np.flatnonzero(~hangs & found.needed)]
     moving = [int(s) for s in np.flatnonzero(hangs & found.needed)]
     if not held or not found.problem.topic_leaf_of_state.keys() >= {*held, *moving}:
@@ -67,6 +74,20 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
         before = half
 
 
+def _moved_starts(found: ModelStates, width: Floats) -> dict[int, list[ModelTrace]]:
+    """By each state that ends farther along if it began farther along: the runs that began so."""
+    middle, moved = found.points[0], {}
+    at = found.runs([middle], LONG)
+    for s, (low, high) in enumerate(found.ends):
+        away = min((high - low) / 4, 4 * width[s])
+        start = middle.copy()
+        start[s] += away
+        runs = found.runs([start], LONG)
+        if at and runs and abs(runs[0].states[-1][s] - at[0].states[-1][s]) > FOLLOWS * away:
+            moved[s] = runs
+    return moved
+
+
 def _hints(
     found: ModelStates,
     runs: list[ModelTrace],
@@ -85,24 +106,29 @@ def _hints(
     if len(entered) < len(runs) or not _lies_in_safe(found, runs, ends):
         return
     latest = max(t.times[k] for t, k in entered)
-    moves = []
-    for s in moving:
-        after = [np.array(t.states)[k:, s] - t.states[k][s] for t, k in entered]
-        ways = [-min(x.min() for x in after), max(x.max() for x in after)]
-        width = found.far[1][s] - found.far[0][s]
-        down, up = (rounded(1.5 * float(w) + width / 1000, up=True) for w in ways)
-        name, (below, above) = found.names[s], found.limited[s]
-        if below == above:
-            moves.append(f"{name} by {max(down, up)!r}")
-        else:
-            moves.append(f"{name} by {up!r} up" if above else f"{name} by {down!r} down")
-    conditions = [_condition(found.names[s], *e) for s, e in ends.items()]
-    moved = f" moves {', '.join(moves)}" if moves else ""
-    said = f"rest {' && '.join(conditions)}{moved} within"
+    conditions = " && ".join(_condition(found.names[s], *e) for s, e in ends.items())
     least_s = 4 * found.period_s
     within = [max(x * latest, least_s) + found.problem.times.jitter_sc * NS for x in LATER]
-    first, longer = (f"{said} {duration(x)};" for x in within)
-    yield Hints(clauses=(first,), longer=longer)
+    farther: Hints | None = None
+    for factor in reversed(FARTHER):
+        moves = ", ".join(_moved(found, entered, s, factor) for s in moving)
+        said = f"rest {conditions}{' moves ' * bool(moves)}{moves} within"
+        first, longer = (f"{said} {duration(x)};" for x in within)
+        farther = Hints(clauses=(first,), longer=longer, farther=farther if moves else None)
+    if farther is not None:
+        yield farther
+
+
+def _moved(found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, factor: float) -> str:
+    """How far a state moves, times a factor, after each run entered the box."""
+    after = [np.array(t.states)[k:, s] - t.states[k][s] for t, k in entered]
+    ways = [-min(x.min() for x in after), max(x.max() for x in after)]
+    width = found.far[1][s] - found.far[0][s]
+    down, up = (rounded(factor * float(w) + width / 1000, up=True) for w in ways)
+    name, (below, above) = found.names[s], found.limited[s]
+    if below == above:
+        return f"{name} by {max(down, up)!r}"
+    return f"{name} by {up!r} up" if above else f"{name} by {down!r} down"
 
 
 def _symmetric(low: float, high: float) -> tuple[float, float]:

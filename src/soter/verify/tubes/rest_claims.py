@@ -68,7 +68,7 @@ def drift_not_shown(
         ways = (("up", rate, drift.above), ("down", check.make.neg(rate), drift.below))
         for way, e, by in ways:
             if isfinite(by) and (why := _why_it_may_drift(check, z, e, by, ranges, box)):
-                return f"how far SC moves {name} is not shown: {way}, {why}"
+                return f"{HOW_FAR} {name} is not shown: {way}, {why}"
     return ""
 
 
@@ -190,6 +190,7 @@ class Enclosures:
 
 
 HALVINGS, TRIED = 12, 500
+HOW_FAR = "how far SC moves"
 TOO_MANY = "is more than a step of the DM can do"
 """Stands in the message that SC takes too many operations until it rests."""
 OLD = 8

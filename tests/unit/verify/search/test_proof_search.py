@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from bench.verify.robot_kinds import PROGRAM, drawn, made
 
 import soter
 from soter.cli.main import main
@@ -174,6 +175,12 @@ def test_a_rest_alone_is_looked_for_on_demand() -> None:
     wrong = BOT.replace("step { publish cmd = 0.0; }", "step { publish cmd = 0.1; }")
     (none,) = _loaded(wrong).rest_clauses()
     assert not none.proved
+
+
+def test_a_rest_is_found_of_rovers_that_stop_anywhere_in_a_narrow_room() -> None:
+    for seed in (0, 1):  # the tube moves one farther than runs do, and the other along its room
+        (guard,) = _loaded(made("rover", drawn("rover", seed))[PROGRAM]).rest_clauses()
+        assert guard.proved, seed
 
 
 def test_the_command_line_tells_a_rest_of_the_module_that_is_named(
