@@ -33,7 +33,7 @@ FROM = (0.5, 0.25, 0.12, 0.06)
 of `ModelStates.holds`."""
 HANGS = 0.1
 """A state hangs on where the run began if its ends differ by this share of what was reached."""
-FOLLOWS = 0.5
+FOLLOWS = 0.95
 """Or if its end follows where it began by this share."""
 AROUND, LATER = 1.3, (1.3, 2.2)
 """By these factors a box is larger than where runs end, and a time longer than they took: first by
@@ -68,7 +68,10 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
         )
         low, high = tails.min(axis=0), tails.max(axis=0)
         middle = (low + high) / 2 if middle is None else middle
-        half = AROUND * (np.maximum(high - middle, middle - low) + least)
+        reach = np.maximum(high - middle, middle - low)
+        half = AROUND * (reach + least)
+        if end_s == ends_s[0] and not _lies_in_safe(found, runs, _ends(middle, half, held)):
+            half = AROUND * (reach + found.errors / 2)
         if (half > AROUND * before)[held].any():
             yield from _hints(found, runs, middle, half, held, moving)
         before = half
@@ -97,7 +100,7 @@ def _hints(
     moving: list[int],
 ) -> Iterator[Hints]:
     """A box around `middle`; nothing where `safe` does not hold in it, or a run stays out."""
-    ends = {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
+    ends = _ends(middle, half, held)
     inside = [
         np.all([(e[0] <= x[:, s]) & (x[:, s] <= e[1]) for s, e in ends.items()], axis=0)
         for x in (np.array(t.states) for t in runs)
@@ -129,6 +132,11 @@ def _moved(found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, fa
     if below == above:
         return f"{name} by {max(down, up)!r}"
     return f"{name} by {up!r} up" if above else f"{name} by {down!r} down"
+
+
+def _ends(middle: Floats, half: Floats, held: list[int]) -> dict[int, tuple[float, float]]:
+    """The ends of a box in the states that are held, as they are written."""
+    return {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
 
 
 def _symmetric(low: float, high: float) -> tuple[float, float]:

@@ -35,7 +35,7 @@ NOT_LOOKED_FOR = (
     "hints are looked for of modules that stand in the file that is verified, without views, "
     "`abstracts`, `enters` and an SC that is to be found"
 )
-NO_RUNS = "no hint was tried: runs of the model, of which hints are made, could not be followed"
+NO_RUNS = "no hint was tried: runs of the model under SC, of which hints are made, gave none"
 
 
 def with_found_hints(
