@@ -24,7 +24,12 @@ from soter.certificate.report import (
 )
 from soter.certificate.scope import assumptions_of
 from soter.certificate.tubes.rest_claims import show_answers, show_rule_1, show_rule_2
-from soter.certificate.tubes.rest_problem import LARGEST, read_rest, shield_constants
+from soter.certificate.tubes.rest_problem import (
+    LARGEST,
+    may_be_anywhere,
+    read_rest,
+    shield_constants,
+)
 from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.certificate.vacuous_proofs import why_safe_says_nothing
 
@@ -128,6 +133,18 @@ def _moves_entry(problem: RestProblem) -> dict[str, list[str | None]]:
     return {names[s]: [None if x == inf else x.hex() for x in drifts[s]] for s in problem.moving}
 
 
+def _free_states(problem: RestProblem, given: object) -> dict[int, Range]:
+    """States of which an entry claims nothing at rest, though `moves` does not name them.
+
+    That may be said of states without ends: all that is shown then holds wherever they are.
+    """
+    names = {problem.facts.states[s].name: s for s in problem.own}
+    claimed = given if isinstance(given, dict) else {}
+    free = {names[n] for n, ends in claimed.items() if n in names and ends == [None, None]}
+    endless = all(problem.sets[s] == (-inf, inf) for s in free)
+    return dict.fromkeys(free, (inf, inf)) if endless and may_be_anywhere(problem, free) else {}
+
+
 def _compare_entry(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
@@ -158,6 +175,7 @@ def _compare_entry(
             raise RejectedError(f"{name} is {rest[name]} in the manifest, {own} by the program")
     _compare_shield(judged, rest.get("shield"))
     _compare_reads(problem, rest["reads"])
+    problem.drifts |= _free_states(problem, rest["moves"])
     if rest["moves"] != _moves_entry(problem):
         raise RejectedError("what `rest` moves is another in the program")
     if "P2a" not in claims:

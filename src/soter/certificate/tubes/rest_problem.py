@@ -50,6 +50,7 @@ from soter.language.model.types import FloatType, leaf_name, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model.system import System
@@ -352,6 +353,22 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
         if degree(terms, rates[i], {x.atom for x in left.values()}) > 1:
             raise NotRecheckedError(f"`{facts.states[i].name}` is not followed, and may end")
     return tuple(sorted(found))
+
+
+def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
+    """Whether `rest` reads none of these states, nor one of their rates, so that none may end.
+
+    Their rates read no other state either that is not followed.
+    """
+    facts = problem.facts
+    model = RestModel(facts, (), facts.extents, far=False)
+    terms, every = model.new_terms()
+    rates, _ = model.rates(terms, every, control_inputs(facts, terms))
+    bounded = {every[s].atom for s in problem.followed if s not in states}
+    atoms = {x.atom for x in every}
+    of_rest = model.predicate(terms, every, problem.rest.condition, errors=False)
+    read = {*inputs_of(terms, [of_rest, *(rates[s] for s in states)])} & atoms
+    return read <= bounded
 
 
 def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:

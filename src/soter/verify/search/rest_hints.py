@@ -14,6 +14,7 @@ import numpy as np
 
 from soter.verify.diagnosis.model_runs import NS, TRUE
 from soter.verify.search.hint_text import Hints
+from soter.verify.search.model_states import SETTLED
 from soter.verify.search.written_numbers import duration, rounded
 
 if TYPE_CHECKING:
@@ -49,13 +50,7 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     if not runs:
         return
     width = np.maximum(found.far[1] - found.far[0], 1e-9)
-    quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
-    hangs = np.ptp(quiet, axis=0) > HANGS * width
-    for s, more in _moved_starts(found, width).items():
-        hangs[s] = True
-        runs += more
-    held = [int(s) for s in np.flatnonzero(~hangs & found.needed)]
-    moving = [int(s) for s in np.flatnonzero(hangs & found.needed)]
+    held, moving = _held_and_moving(found, runs, width)
     if not held or not found.problem.topic_leaf_of_state.keys() >= {*held, *moving}:
         return  # `rest` and `moves` speak of topics, and none shows this state
     least = found.errors / 2 + width / 150
@@ -75,6 +70,28 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
         if (half > AROUND * before)[held].any():
             yield from _hints(found, runs, middle, half, held, moving)
         before = half
+
+
+def _held_and_moving(
+    found: ModelStates, runs: list[ModelTrace], width: Floats
+) -> tuple[list[int], list[int]]:
+    """The states that stand in the condition, and those in `moves`; adds runs that began elsewhere.
+
+    A state that goes on for ever on a way on which a bound would be said stands in neither.
+    """
+    quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
+    hangs = np.ptp(quiet, axis=0) > HANGS * width
+    for s, more in _moved_starts(found, width).items():
+        hangs[s] = True
+        runs += more
+    late = np.array([t.states[-1] - t.states[int(LAST * len(t.states))] for t in runs])
+    down, up = (late < -SETTLED * width).any(axis=0), (late > SETTLED * width).any(axis=0)
+    below, above = found.limited.T
+    hangs_on = hangs & ~((down & (below | ~above)) | (up & (above | ~below)))
+    return (
+        [int(s) for s in np.flatnonzero(~hangs & found.needed)],
+        [int(s) for s in np.flatnonzero(hangs_on & found.needed)],
+    )
 
 
 def _moved_starts(found: ModelStates, width: Floats) -> dict[int, list[ModelTrace]]:
@@ -108,18 +125,21 @@ def _hints(
     entered = [(t, int(np.argmax(i))) for t, i in zip(runs, inside, strict=True) if i.any()]
     if len(entered) < len(runs) or not _lies_in_safe(found, runs, ends):
         return
-    latest = max(t.times[k] for t, k in entered)
     conditions = " && ".join(_condition(found.names[s], *e) for s, e in ends.items())
-    least_s = 4 * found.period_s
-    within = [max(x * latest, least_s) + found.problem.times.jitter_sc * NS for x in LATER]
     farther: Hints | None = None
     for factor in reversed(FARTHER):
         moves = ", ".join(_moved(found, entered, s, factor) for s in moving)
         said = f"rest {conditions}{' moves ' * bool(moves)}{moves} within"
-        first, longer = (f"{said} {duration(x)};" for x in within)
+        first, longer = (f"{said} {duration(x)};" for x in _times(found, entered))
         farther = Hints(clauses=(first,), longer=longer, farther=farther if moves else None)
     if farther is not None:
         yield farther
+
+
+def _times(found: ModelStates, entered: list[tuple[ModelTrace, int]]) -> list[float]:
+    """Times in s within which runs are in the box, the shorter one first."""
+    latest, least_s = max(t.times[k] for t, k in entered), 4 * found.period_s
+    return [max(x * latest, least_s) + found.problem.times.jitter_sc * NS for x in LATER]
 
 
 def _moved(found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, factor: float) -> str:

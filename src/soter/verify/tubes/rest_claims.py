@@ -58,9 +58,9 @@ def drift_not_shown(
     if answer is None:
         return "what SC answers at rest is not bounded"
     ranges = _input_ranges(check, at, [Interval(u[2], u[3]) for u in answer])
-    followed = [z for z in check.problem.drifts if z in check.states]  # nothing asks for others
+    followed = [z for z in check.drifts if z in check.states]  # nothing asks for others
     for z in followed:
-        drift = check.problem.drifts[z]
+        drift = check.drifts[z]
         rate, name = check.rates[z], check.problem.quantities.states[z].name
         topic = check.problem.states[z]
         if (drift.above == inf and topic.high < inf) or (drift.below == inf and topic.low > -inf):
@@ -243,7 +243,7 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
         },
         "moves": {
             names[s]: [x.hex() if isfinite(x) else None for x in (d.below, d.above)]
-            for s, d in problem.drifts.items()
+            for s, d in check.drifts.items()
             if s in check.states
         },
     }
@@ -348,21 +348,30 @@ def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
 def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     """Why rule 1, that SC keeps a box around rest, is not shown; "": it is. Fills in `claims`."""
     problem = check.problem
-    own = [s for s in check.states if s not in problem.drifts]
-    moving = [s for s in check.states if s in problem.drifts]
+    own = [s for s in check.states if s not in check.drifts]
+    named = [s for s in check.states if s in problem.drifts]
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
-    if name := _without_set(check, [s for s in moving if s in read]):
+    if name := _without_set(check, [s for s in named if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
     sets = {s: cut_to_farthest(check.rooms[s]) for s in check.states if s in read or s in own}
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
-    if not _rests_somewhere(check, caller, box):
+    if not _holds_somewhere(check, caller, box, "surely_rests"):
         return "no state was found in which `rest` certainly holds: nothing is said of none"
     claims.box = {s: box[s] for s in own}
     led = leads_back(check, caller, box, own)
     claims.ways, claims.astray = led.ways, led.astray
-    return led.why
+    return led.why or _why_never_safe(check, claims, box)
+
+
+def _why_never_safe(check: TubeCheck, claims: RestClaims, box: Mapping[int, Interval]) -> str:
+    """Why no rest is safe whatever states without a bound may be; "": one is, or there are none."""
+    names = ", ".join(_state_name(check, s) for s in check.free_in_safe)
+    at_rest = Caller(check.offline(claims.ways))
+    if not names or _holds_somewhere(check, at_rest, box, "stays_safe"):
+        return ""
+    return f"nowhere at rest does `safe` hold whatever {names} may be, and nothing bounds that"
 
 
 def _around_rest(
@@ -379,14 +388,16 @@ def _around_rest(
     return None if caller.holds("never_rests", region_of(check, box)) else box
 
 
-def _rests_somewhere(check: TubeCheck, caller: Caller, box: Mapping[int, Interval]) -> bool:
-    """Whether `rest` certainly holds in a state of the box: of an empty one all would be true."""
+def _holds_somewhere(
+    check: TubeCheck, caller: Caller, box: Mapping[int, Interval], what: str
+) -> bool:
+    """Whether a condition certainly holds in a state of the box: of none all would be true."""
     draw, ends = random.Random(0), [(r.low, r.high) for r in box.values()]  # noqa: S311 - no secret
     usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
     states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
     every = (dict(zip(box, x, strict=True)) for x in ([u[0] for u in usual], *states))
     tried = ({s: Interval(v, v) for s, v in x.items()} for x in every)
-    return any(caller.holds("surely_rests", region_of(check, at)) for at in tried)
+    return any(caller.holds(what, region_of(check, at)) for at in tried)
 
 
 def _narrow_by_powers(

@@ -14,10 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import texts
-from soter.language.elaborate.lints.contradictory_predicates import flat, rebuilt
 from soter.language.elaborate.lints.rest_lints import rest_doubt
-from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.statements import Evaluator
 from soter.language.model.types import show_ns
 from soter.verify.claims.claims import static_claims
 from soter.verify.claims.product_sets import NO_LAW
@@ -84,12 +81,6 @@ UNBOUNDED = (
     "bound {} in `rest`, or by a set of the topic, or say in `moves` how far SC moves it: else it "
     "is followed from wherever it may be"
 )
-NEEDLESS = (
-    "nothing that bounds {0}: at rest `safe` holds wherever it is; but a tube follows all that "
-    "`safe` reads, and finds no end of it: a `safe` without {0}, if it can be said so"
-)
-FAR_OFF = 1e9
-"""Of `safe` two places are asked, as far off."""
 OPEN = "bound {} in `rest`, too: it moves what `rest` holds, and may be anything in its set"
 UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to rest"
 AT_START = (
@@ -194,8 +185,7 @@ def _advice_on_rest(
     if not claims.kept:
         return MOVES
     if far:
-        needless = all(_safe_whatever(check, claims, s) for s in far)
-        return (NEEDLESS if needless else UNBOUNDED).format(unbounded)
+        return UNBOUNDED.format(unbounded)
     if left := _left_open(check, claims):
         return OPEN.format(left)
     late = _what_delays_sc(check, tried)
@@ -240,22 +230,8 @@ def _unbounded(check: TubeCheck, claims: RestClaims) -> list[int]:
     """The states that `rest` leaves endless, or says nothing of though SC or a lost run does."""
     unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
     box = claims.box.items()
-    return [s for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST]
-
-
-def _safe_whatever(check: TubeCheck, claims: RestClaims, state: int) -> bool:
-    """Whether `safe` holds in the middle of rest wherever a state is that SC does not read."""
-    problem, topics = check.problem, [t.default for t in check.problem.system.topics]
-    at = {s: r.low / 2 + r.high / 2 for s, r in claims.box.items()}
-    for value in (-FAR_OFF, FAR_OFF):
-        for s, x in {**at, state: value}.items():
-            topic, leaf = problem.topic_leaf_of_state[s]
-            now = flat(topics[topic])
-            topics[topic] = rebuilt([topics[topic]], [*now[:leaf], x, *now[leaf + 1 :]])[0]
-        evaluator, env = Evaluator.of(problem.module.scope), Environment(topics=topics)
-        if state in check.read_by_law or not evaluator.value(problem.module.symbol.safe, env):
-            return False
-    return True
+    ends = [s for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST]
+    return ends or (check.free_in_safe if claims.ways else [])
 
 
 def _left_open(check: TubeCheck, claims: RestClaims) -> str:

@@ -382,3 +382,46 @@ def test_longer_times_of_a_shield_are_sound() -> None:
     flat, given = held(JUDGED)
     given["rest"]["shield"]["any_command_ns"] += 1
     recheck_rest(flat, given)
+
+
+BESIDE = changed(
+    HELD,
+    ("topic push", "topic near: float max_age 20ms;\ntopic push"),
+    ("plant Speed", ("plant Walker period 10ms { drives near = d; state d: float = 3.0;\n"
+     "  disturbance walks: float in [-1.6, 1.6]; der d = walks; measured near within 0.05; }\n"
+     "plant Speed")),
+    ("p: Speed;", "p: Speed; w: Walker;"),
+    ("safe abs(seen) < 1.0", "safe near > 0.2 || abs(seen) < 0.5"),
+)  # fmt: skip
+"""Who walks beside it may walk for ever: `safe` asks nothing of them at rest."""
+FREE = {
+    "its rate reads it": ("der d = walks", "der d = walks * d"),
+    "a set bounds it": ("near: float max", "near: float in [-9.0, 9.0] max"),
+    "safe needs it at rest": ("< 0.5", "< 0.5 && near > 0.1"),
+}
+
+
+def free(text: str, *names: str) -> tuple[Any, dict[str, Any]]:
+    flat, made = held(text)
+    made["rest"]["moves"].update({key: [None, None] for key in names})
+    return flat, made
+
+
+def test_of_a_state_that_safe_does_not_need_at_rest_nothing_is_claimed() -> None:
+    flat, made = free(BESIDE, "w.d")
+    _, report = recheck_rest(flat, made)
+    assert report.confirmed == ["P1a", "P1b", "P2a", "start"]
+    assert "w.d" in next(a.text for a in report.assumptions if a.key == "far w.d")
+    with pytest.raises(RejectedError):
+        recheck_rest(*free(BESIDE))  # neither named nor in the box
+    both = free(BESIDE, "w.d", "p.v")
+    both[1]["rest"].update(box={}, ways={})
+    with pytest.raises(RejectedError):
+        recheck_rest(*both)
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_where_something_is_needed_of_a_state_claiming_nothing_is_not_enough(name: str) -> None:
+    old, new = FREE[name]
+    with pytest.raises((RejectedError, NotRecheckedError)):
+        recheck_rest(*free(changed(BESIDE, (old, new)), "w.d"))

@@ -172,24 +172,27 @@ BESIDE = (
 
 
 @pytest.mark.parametrize(
-    ("safe", "needless"),
+    ("safe", "push", "proved"),
     [
-        ("near > 0.2 || abs(seen) < 0.5", True),
-        ("near > 0.2 || abs(seen) < 0.5 && near > 0.1", False),
-        ("near > 0.2 && abs(seen) < 1.0", False),
+        ("near > 0.2 || abs(seen) < 0.5", "walks", True),
+        ("near > 0.2 || abs(seen) < 0.5 && near > 0.1", "walks", False),
+        ("near > 0.2 && abs(seen) < 1.0", "walks", False),
+        ("near > 0.2 || abs(seen) < 0.5", "walks * d", False),
+        ("near > 0.2 || abs(seen) < 0.2", "walks", False),
     ],
-    ids=["not at rest", "at rest", "always"],
+    ids=["not at rest", "at rest", "always", "it may end", "`rest` is wider than `safe`"],
 )
-def test_a_state_that_safe_does_not_need_at_rest_is_not_told_to_be_bounded(
-    tmp_path: Path, safe: str, needless: bool
+def test_a_state_that_safe_does_not_need_at_rest_needs_no_bound(
+    tmp_path: Path, safe: str, push: str, proved: bool
 ) -> None:
     text = HELD
-    for old, new in (*BESIDE, ("safe abs(seen) < 1.0", f"safe {safe}")):
+    pushed = ("der d = walks", f"der d = {push}")
+    for old, new in (*BESIDE, pushed, ("safe abs(seen) < 1.0", f"safe {safe}")):
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    hint = verified(tmp_path, text).findings["P2a"].hint
-    assert hint.startswith("nothing that bounds near: at rest `safe` holds") == needless
-    assert ("near" in hint and "bound near in `rest`" not in hint) or not needless
+    result = verified(tmp_path, text)
+    assert [result.findings[n].verdict == "proved" for n in ("P2a", "start")] == [proved] * 2
+    assert not proved or any("w.d" in a.text for a in result.added)
 
 
 def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
