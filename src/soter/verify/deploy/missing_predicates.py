@@ -181,7 +181,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     """What is shown of a module's `rest`, from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
-    ranges = (check.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
+    ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
     told = [VERSION, check.offline({}), repr(ranges)]
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))

@@ -37,10 +37,6 @@ class Drift:
     above: float
 
 
-ANYWHERE = Drift(inf, inf)
-"""Of a state of which `rest` and `moves` say nothing, and which no set bounds."""
-
-
 @dataclass(eq=False, kw_only=True)
 class TubeProblem(Problem):
     """A module that declares `rest e moves ... within T;`.

@@ -58,9 +58,9 @@ def drift_not_shown(
     if answer is None:
         return "what SC answers at rest is not bounded"
     ranges = _input_ranges(check, at, [Interval(u[2], u[3]) for u in answer])
-    followed = [z for z in check.drifts if z in check.states]  # nothing asks for others
+    followed = [z for z in check.problem.drifts if z in check.states]  # nothing asks for others
     for z in followed:
-        drift = check.drifts[z]
+        drift = check.problem.drifts[z]
         rate, name = check.rates[z], check.problem.quantities.states[z].name
         topic = check.problem.states[z]
         if (drift.above == inf and topic.high < inf) or (drift.below == inf and topic.low > -inf):
@@ -243,13 +243,14 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
         },
         "moves": {
             names[s]: [x.hex() if isfinite(x) else None for x in (d.below, d.above)]
-            for s, d in check.drifts.items()
+            for s, d in problem.drifts.items()
             if s in check.states
-        },
+        }
+        | {names[s]: [None, None] for s in claims.ways if s not in claims.box},
     }
     if not claims.kept:
         for key, ranges in (("box", claims.box), ("ways", claims.ways)):
-            rest[key] = {names[s]: [r.low.hex(), r.high.hex()] for s, r in ranges.items()}
+            rest[key] = {names[s]: [ranges[s].low.hex(), ranges[s].high.hex()] for s in claims.box}
     if (shield := problem.module.shield) is not None:
         ns = {"acted_ns": problem.times.acted, "any_command_ns": times.any_command}
         rest["shield"] = {"cells": shield.cells, **ns}
@@ -348,7 +349,8 @@ def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
 def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     """Why rule 1, that SC keeps a box around rest, is not shown; "": it is. Fills in `claims`."""
     problem = check.problem
-    own = [s for s in check.states if s not in check.drifts]
+    free = _free_states(check)
+    own = [s for s in check.states if s not in {*problem.drifts, *free}]
     named = [s for s in check.states if s in problem.drifts]
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
     if name := _without_set(check, [s for s in named if s in read]):
@@ -362,14 +364,35 @@ def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     claims.box = {s: box[s] for s in own}
     led = leads_back(check, caller, box, own)
     claims.ways, claims.astray = led.ways, led.astray
-    return led.why or _why_never_safe(check, claims, box)
+    if led.why or not free:
+        return led.why
+    claims.ways = led.ways | dict.fromkeys(free, Interval(-FARTHEST, FARTHEST))
+    return _why_never_safe(check, claims, box, free)
 
 
-def _why_never_safe(check: TubeCheck, claims: RestClaims, box: Mapping[int, Interval]) -> str:
-    """Why no rest is safe whatever states without a bound may be; "": one is, or there are none."""
-    names = ", ".join(_state_name(check, s) for s in check.free_in_safe)
-    at_rest = Caller(check.offline(claims.ways))
-    if not names or _holds_somewhere(check, at_rest, box, "stays_safe"):
+def _free_states(check: TubeCheck) -> list[int]:
+    """States of which nothing is asked at rest: `rest`, `moves` and sets leave them open.
+
+    The rate of each hangs on none of them, so that none ends in finite time.
+    """
+    asked = {*check.problem.drifts, *check.read_by_rest}
+    ends = ((s, check.rooms[s]) for s in check.states if s not in asked)
+    free = {s for s, r in ends if r.low < -FARTHEST and r.high > FARTHEST}
+    rates = ((s, in_order([check.rates[s]])) for s in sorted(free))
+    bounded = {*check.states} - free
+    return [
+        s
+        for s, of in rates
+        if {e.of[1] for e in of if e.op == "input" and e.of[0] == "x"} <= bounded
+    ]
+
+
+def _why_never_safe(
+    check: TubeCheck, claims: RestClaims, box: Mapping[int, Interval], free: Sequence[int]
+) -> str:
+    """Why no rest is safe whatever the states `free` may be; "": one is."""
+    names = ", ".join(_state_name(check, s) for s in free if s in check.read_by_safe)
+    if not names or _holds_somewhere(check, Caller(check.offline(claims.ways)), box, "stays_safe"):
         return ""
     return f"nowhere at rest does `safe` hold whatever {names} may be, and nothing bounds that"
 

@@ -36,14 +36,7 @@ from soter.verify.tubes.generated_functions import (
     number,
 )
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.problem import (
-    ANYWHERE,
-    FARTHEST,
-    TubeProblem,
-    TubeTimes,
-    read_by,
-    refused,
-)
+from soter.verify.tubes.problem import FARTHEST, TubeProblem, TubeTimes, read_by, refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -109,10 +102,7 @@ class TubeCheck:
         self.read_by_law = _states_read([*self.law, self._defined])
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = _states_read([every[s] for s in self.states])
-        self.read_by_rest = _states_read([self._rest])
-        self.drifts = dict.fromkeys(self._free_states(), ANYWHERE) | self.problem.drifts
-        read = _states_read([self._safe])
-        self.free_in_safe = [s for s in self._free_states() if s in read - {*self.problem.drifts}]
+        self.read_by_rest, self.read_by_safe = map(_states_read, ([self._rest], [self._safe]))
         movers = in_order([every[s] for s in _states_read_through([self._rest], every)])
         self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in movers)
         every_input = in_order([*asked, *(every[s] for s in self.states)])
@@ -133,16 +123,6 @@ class TubeCheck:
         ] or [(0, 0, zero)]  # no array is empty
         self._bends = module.bends(self._still)
         self._faced = [k for k, s in enumerate(self.states) if s in _states_read([self._still[k]])]
-
-    def _free_states(self) -> list[int]:
-        """States of which nothing is asked at rest: it bounds none of them, nor does a set.
-
-        The rate of each hangs on none of them, so that none ends in finite time.
-        """
-        ends = {s: self.rooms[s] for s in self.states if s not in self.read_by_rest}
-        free = {s for s, r in ends.items() if r.low < -FARTHEST and r.high > FARTHEST}
-        bounded = {*self.states} - free
-        return [s for s in sorted(free) if _states_read([self.rates[s]]) <= bounded]
 
     def _refuse_unbounded_states(self) -> None:
         """Refuses a state that is not followed and may grow without end in finite time.
@@ -297,12 +277,9 @@ class TubeCheck:
 
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
         """`fun at_rest`: `rest` holds, and `safe` holds in all that SC may move to from there."""
-        lines, read = [], _states_read([self._safe])
+        lines, read = [], self.read_by_safe
         for k, s in enumerate(self.states):
-            drift = self.drifts.get(s)
-            if s in read and drift == ANYWHERE:
-                lines.append(f"  m[{k}] = f_range({number(-FARTHEST)}, {number(FARTHEST)});")
-            elif s in read and drift is not None:
+            if s in read and (drift := self.problem.drifts.get(s)) is not None:
                 ends = f"x[{k}], {number(-drift.below)}, {number(drift.above)}"
                 lines.append(f"  m[{k}] = moved({ends});")
             elif s in read and (way := ways.get(s)) is not None:

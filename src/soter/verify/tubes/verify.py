@@ -231,7 +231,7 @@ def _unbounded(check: TubeCheck, claims: RestClaims) -> list[int]:
     unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
     box = claims.box.items()
     ends = [s for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST]
-    return ends or (check.free_in_safe if claims.ways else [])
+    return ends or [s for s in claims.ways if s not in claims.box]
 
 
 def _left_open(check: TubeCheck, claims: RestClaims) -> str:
@@ -254,7 +254,8 @@ def _far_assumptions(check: TubeCheck) -> list[Assumption]:
 def _kept_text(check: TubeCheck, claims: RestClaims) -> str:
     """The text of the finding that rest is kept."""
     names = check.problem.quantities.states
-    ways = [f"{names[s].name} in [{r.low:.3g}, {r.high:.3g}]" for s, r in claims.ways.items()]
+    kept = ((names[s].name, claims.ways[s]) for s in claims.box)
+    ways = [f"{name} in [{r.low:.3g}, {r.high:.3g}]" for name, r in kept]
     where = f", within {', '.join(ways)}" if ways else ""
     return f"once `rest` holds SC leads back there again and again{where}"
 
