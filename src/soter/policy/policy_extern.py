@@ -47,6 +47,10 @@ if TYPE_CHECKING:
     Shapes = Sequence[tuple[str, Type]]
 
 NUMBERS = (FloatType, IntType, BoolType)
+OTHER_START = (
+    "where Gymnasium's FrameStackObservation repeats the first, unless its `padding_type` is zero"
+)
+"""What is told of frames along an axis of their own: either wrapper may have stacked them."""
 
 
 class PolicyExtern(FilePolicy):
@@ -80,6 +84,8 @@ class PolicyExtern(FilePolicy):
             told.append(
                 f"{frames} frames are stacked{along}, the oldest first, zeros before the first"
             )
+            if len(whole := policy.shapes.get("", ())) > 1 and whole[0] == frames:
+                told[-1] += f", {OTHER_START}"
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
             frame = numbers_text(self._per_frame.mean.size)

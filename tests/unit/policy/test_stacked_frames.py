@@ -153,6 +153,16 @@ TWELVE = [s for k in (1, 2, 3) for s in product(range(1, 13), repeat=k) if np.pr
 """All axes, up to three, of twelve numbers."""
 
 
+def test_frames_along_an_axis_of_their_own_may_be_those_of_gymnasium(tmp_path: Path) -> None:
+    """Whose wrapper begins otherwise: no file says which one it was."""
+    for shape, other in (((3, 4), True), ((12,), False)):
+        seen = spaces.Box(-1.0, 1.0, shape, np.float32)
+        file = with_space("rows_first", "observation_space", seen, tmp_path)
+        (told,) = [line for line in loaded(file, array(4), array(2)).assumed if "stacked" in line]
+        assert "zeros before the first" in told
+        assert ("FrameStackObservation repeats the first" in told) == other
+
+
 @given(shape=st.sampled_from(TWELVE), topic=st.sampled_from(TWELVE))
 @example(shape=(2, 6), topic=(6, 2))
 def test_an_action_has_its_own_rows_in_its_topic_or_is_flat(
