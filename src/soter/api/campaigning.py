@@ -30,6 +30,7 @@ from soter.campaign.result import (
 )
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
+from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
 
@@ -138,6 +139,11 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
     """Yields warnings of conclusions that these flights do not support."""
     if not flat.properties:
         yield _no_property(flat, Severity.WARNING)
+    for p in flat.properties:
+        wanted = {"always": True, "never": False}.get(p.kind)
+        if wanted is not None and always_by_parts(p.condition, flat, p.scope) is wanted:
+            what = f"no flight can violate `{p.kind} {p.text}`, whatever values it reads"
+            yield Diagnostic("C006", what, severity=Severity.WARNING)
     if r.distinct < r.flights:
         what = (
             f"all {r.flights:,} flights are copies of one: nothing in them is left to chance"

@@ -28,7 +28,7 @@ from soter.api.arguments import (
     write_advice,
 )
 from soter.api.check_report import CheckReport, check_report
-from soter.diagnostics.command_records import made, takes
+from soter.diagnostics.command_records import made, needless, takes
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.language.evaluate.statements import python_function
@@ -275,6 +275,7 @@ class Program:
         the true states. `SoterError` U001 if a plant is not affine.
         """
         require_utf8(log)
+        needless("beside `log`", until=None not in (log, until), seed=log is not None and seed != 1)
         flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
         judged = by_name("soter.api.monitoring").judged(flat, log, run, module, estimates=estimates)
@@ -434,10 +435,9 @@ class Program:
         from soter.verify.search.searched_program import rests_of  # noqa: PLC0415 - needs a compiler
 
         what = {"module": None, "system": None, "params": None, **what}
+        what["params"] = self._values(what["params"])
         with telling_shares(what.pop("progress", None)):
-            return rests_of(
-                self._checked, what | {"params": self._values(what["params"])}, budget_s
-            )
+            return rests_of(self._checked, what, budget_s)
 
     @takes("soter.explore.search_options.SearchOptions")
     def explore(

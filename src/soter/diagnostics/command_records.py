@@ -289,6 +289,15 @@ def unused(
     return tuple(problems)
 
 
+def needless(so: str, **given: bool) -> None:
+    """SoterError U001 for each keyword of a method without a record that was given for nothing.
+
+    `so`: as in `unused`, "beside `log`".
+    """
+    if idle := [n for n, was_given in given.items() if was_given]:
+        raise SoterError(tuple(Diagnostic("U001", f"`{n}` does nothing {so}") for n in idle))
+
+
 def gone(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
     """U001 for each flag that a version before had, with what to do: `GONE`, rows of both."""
     told = {flag: what for row, what in getattr(record, "GONE", ()) for flag in row.split()}

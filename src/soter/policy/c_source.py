@@ -32,7 +32,7 @@ from soter.policy.network import (
     Standardised,
 )
 from soter.policy.policy_errors import bad_policy
-from soter.policy.policy_extern import frame_rows
+from soter.policy.policy_extern import frame_rows, require_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -214,6 +214,7 @@ def _answer_code(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator
     if len(places) != network.answers:
         why = f"it answers {network.answers} numbers, the node publishes {len(places)}"
         raise bad_policy(policy.path, why)
+    require_axes(policy.path, policy.acted, writes)
     start = 0
     for k, (place, kind) in enumerate(places):
         if isinstance(kind, FloatType) != (not network.choices):

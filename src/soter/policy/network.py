@@ -161,7 +161,8 @@ class Policy:
     largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
     by name, the names in the order in which the network takes them, and how many numbers each has.
     `beside`: a file that was read though nobody named it. `shapes`: of observations that are a Box,
-    by name, the axes of each; "" is the name of a single one.
+    by name, the axes of each; "" is the name of a single one. `acted`: the axes of the answer, ()
+    where it has no more than one.
     """
 
     path: str
@@ -173,6 +174,7 @@ class Policy:
     keys: tuple[tuple[str, int], ...] = ()
     beside: Path | None = None
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    acted: tuple[int, ...] = ()
 
 
 def _takes(layer: Layer) -> int | None:

@@ -103,7 +103,8 @@ class OnnxSession:
     """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
 
     `memory`: its pairs as the program gives them, or "". `keys`: of several observations the names
-    and how many numbers each has, in order. `assumed`: what is assumed as the file does not say it.
+    and how many numbers each has, in order. `shape`: of the answer. `assumed`: what is assumed as
+    the file does not say it.
     SoterError X003, X014; D007 without onnxruntime.
     """
 
@@ -133,7 +134,7 @@ class OnnxSession:
         if not answer.size or answer.ndim > max(x.ndim for x in given.values()) + 1:
             raise bad_policy(path, f"it answers an array of shape {answer.shape}")
         _require_alike(path, pairs, kept, first)
-        self.is_whole = answer.dtype == np.int64
+        self.is_whole, self.shape = answer.dtype == np.int64, answer.shape
         values = {name: ort_value(array) for name, array in (given | kept).items()}
         out = {name: ort_value(np.ascontiguousarray(array)) for name, array in first.items()}
         self._binding = session.io_binding()

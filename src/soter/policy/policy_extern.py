@@ -47,6 +47,10 @@ if TYPE_CHECKING:
     Shapes = Sequence[tuple[str, Type]]
 
 NUMBERS = (FloatType, IntType, BoolType)
+OTHER_START = (
+    "where Gymnasium's FrameStackObservation repeats the first, unless its `padding_type` is zero"
+)
+"""What is told of frames along an axis of their own: either wrapper may have stacked them."""
 
 
 class PolicyExtern(FilePolicy):
@@ -80,6 +84,8 @@ class PolicyExtern(FilePolicy):
             told.append(
                 f"{frames} frames are stacked{along}, the oldest first, zeros before the first"
             )
+            if len(whole := policy.shapes.get("", ())) > 1 and whole[0] == frames:
+                told[-1] += f", {OTHER_START}"
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
             frame = numbers_text(self._per_frame.mean.size)
@@ -120,7 +126,7 @@ class _LoadedNetwork(NamedTuple):
     answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
     `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
     indices. `keys`: of observations by name, each name in order and how many numbers it has.
-    `shapes`: as in `Policy`.
+    `shapes`, `acted`: as in `Policy`.
     `per_frame`: the standardisation of each frame before they are.
     """
 
@@ -132,6 +138,7 @@ class _LoadedNetwork(NamedTuple):
     whole_numbers: bool
     keys: tuple[tuple[str, int], ...]
     shapes: Mapping[str, tuple[int, ...]]
+    acted: tuple[int, ...] = ()
     per_frame: Standardised | None = None
 
 
@@ -150,6 +157,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
             whole_numbers=session.is_whole,
             keys=session.keys,
             shapes={} if session.keys else {"": session.observation.shape},
+            acted=session.shape,
         )
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     ready = made_ready(policy.network)
@@ -162,6 +170,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
         whole_numbers=bool(policy.network.choices),
         keys=policy.keys,
         shapes=policy.shapes,
+        acted=policy.acted,
         per_frame=policy.per_frame,
     )
 
@@ -313,9 +322,20 @@ def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> Non
     if len(kinds) != policy.outputs:
         why = f"it answers {numbers_text(policy.outputs)}, the node publishes "
         raise bad_policy(path, f"{why}{len(kinds)} ({names})")
+    require_axes(path, policy.acted, answers)
     if not policy.whole_numbers and any(not isinstance(k, FloatType) for k in kinds):
         why = f"it answers numbers with fractions, and {names} takes whole ones"
         raise bad_policy(path, why, "a file whose answer is an index (ArgMax) can choose")
+
+
+def require_axes(path: Path | str, acted: tuple[int, ...], answers: Shapes) -> None:
+    """X014 where the answer's numbers would stand in other rows of the topic than in its own."""
+    axes, own = ([n for n in sizes if n > 1] for sizes in (_axes(answers[0][1]), acted))
+    if len(answers) == 1 and min(len(axes), len(own)) > 1 and axes != own:
+        name, shape = answers[0][0], " x ".join(map(str, acted))
+        rows = "".join(f"[{n}]" for n in reversed(own))
+        help_ = f"publish `float{rows}`, or `float[{prod(own)}]` for all in one row"
+        raise bad_policy(path, f"it answers {shape} numbers, `{name}` has other rows", help_)
 
 
 def load_policy(

@@ -41,8 +41,10 @@ from soter.policy.sb3_parts import (
     require_space,
     settings,
     space_kind,
+    space_shape,
     space_text,
     tensors,
+    truth,
     version,
     with_statistics,
 )
@@ -152,7 +154,9 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     if any("features_extractor." in key for key in weights):
         raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
     options = _options(path, said)
-    squashed = space_kind(actions) == "Box" and options.get("squash_output", kind.squashed) is True
+    squashed = space_kind(actions) == "Box" and truth(
+        path, options, "squash_output", default=kind.squashed
+    )
     layers = [*seen.layers, *_layers(path, kind, options, weights)]
     last, choices = _choices(path, kind, actions, layers[-1])
     layers[-1:] = last
@@ -174,6 +178,7 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         box=seen.box,
         keys=seen.keys,
         shapes=seen.shapes,
+        acted=space_shape(path, actions) if space_kind(actions) == "Box" else (),
     )
 
 

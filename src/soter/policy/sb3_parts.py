@@ -99,6 +99,14 @@ def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever i
         raise bad_policy(path, f"a value of its part `data` is no base64: {error}") from error
 
 
+def truth(path: Path, said: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
+    """A setting that is True or False; X014 of anything else, which Python may take as either."""
+    value = said.get(name, default)
+    if not isinstance(value, bool):
+        raise bad_policy(path, f"its `{name}` is neither True nor False", EXPORT)
+    return value
+
+
 # ---------------------------------------------------------------- torch's file of tensors
 
 
@@ -200,7 +208,7 @@ def read_observation(path: Path, space: object) -> ObservationLayout:
 
 
 def _box(path: Path, space: Made) -> ObservationLayout:
-    shape = _shape(path, space)
+    shape = space_shape(path, space)
     low, high = bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
         raise bad_policy(path, f"its observations are images of shape {shape}", EXPORT)
@@ -214,10 +222,11 @@ def _box(path: Path, space: Made) -> ObservationLayout:
     return ObservationLayout((0,) * low.size, space_text(path, space), hull, shapes={"": shape})
 
 
-def _shape(path: Path, space: Made) -> tuple[int, ...]:
+def space_shape(path: Path, space: Made) -> tuple[int, ...]:
+    """The axes of a Box; SoterError X014."""
     shape = space.state.get("_shape")
     if not isinstance(shape, tuple) or not all(isinstance(n, int) and n > 0 for n in shape):
-        raise bad_policy(path, f"its observations have the shape {shape!r:.60}")
+        raise bad_policy(path, f"a Box of it has the shape {shape!r:.60}")
     return shape
 
 
@@ -228,10 +237,10 @@ def _box_observation(path: Path, space: Made) -> ObservationLayout:
 
 
 def _bits(path: Path, space: Made) -> ObservationLayout:
-    count = bits(path, space)
-    return ObservationLayout(
-        (0,) * count, space_text(path, space), (np.zeros(count), np.ones(count))
-    )
+    count, n = bits(path, space), space.state.get("n")
+    shapes = {"": n} if isinstance(n, tuple) and len(n) > 1 else {}
+    box = np.zeros(count), np.ones(count)
+    return ObservationLayout((0,) * count, space_text(path, space), box, shapes=shapes)
 
 
 def _dict_observation(path: Path, space: Made) -> ObservationLayout:
@@ -295,7 +304,7 @@ def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
     if not all(isinstance(n, int) and n > 0 for n in sizes) or sum(sizes) > NUMBERS_MAX:
         raise bad_policy(path, "it does not say how many there are to choose from")
     if any(starts):
-        raise bad_policy(path, "what it chooses from does not begin at 0")
+        raise bad_policy(path, "what it chooses from does not begin at 0", EXPORT)
     return tuple(sizes)
 
 
@@ -395,7 +404,7 @@ def with_statistics(policy: Policy, named: Path | None) -> Policy:
 def _before(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
     """The policy with a layer of its statistics in front."""
     state = _state(statistics)
-    if state.get("norm_obs") is not True:
+    if not truth(statistics, state, "norm_obs"):
         facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
         return replace(policy, facts=facts)
     layer = _statistics(statistics, state, policy.keys)
@@ -414,7 +423,8 @@ def _before(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
 def _state(path: Path) -> dict[str, Any]:
     """What a VecNormalize keeps."""
     made = read_pickle(read_policy_bytes(path))
-    state = made.state if isinstance(made, Made) and made.name.endswith(".VecNormalize") else None
+    known = isinstance(made, Made) and made.name.partition(".")[0] == "stable_baselines3"
+    state = made.state if known and made.name.endswith(".VecNormalize") else None
     if not isinstance(state, dict):
         raise bad_policy(path, "it is no VecNormalize that `env.save` wrote")
     return state
@@ -425,7 +435,7 @@ def _statistics(
 ) -> Standardised:
     """The layer that does what it does to observations, by name in the order of the policy."""
     epsilon, limit = state.get("epsilon"), state.get("clip_obs")
-    if not (isinstance(epsilon, float) and isinstance(limit, (int, float)) and limit > 0):
+    if not (isinstance(epsilon, (int, float)) and isinstance(limit, (int, float)) and limit > 0):
         raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
     of = state.get("obs_rms")
     by_name = {"": of} if isinstance(of, Made) else of

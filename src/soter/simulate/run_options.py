@@ -102,6 +102,7 @@ class RunOptions:
         ("report", "self_contained"),
         ("log=|report=", "output"),
         ("real_time", "misses"),
+        ("!engine=interp", "misses"),
     )
 
 

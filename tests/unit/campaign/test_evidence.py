@@ -105,6 +105,25 @@ def test_a_system_that_only_measures_is_judged_by_nothing_and_says_so(
     assert [d["code"] for d in document["diagnostics"]] == ["C006"]
 
 
+@pytest.mark.parametrize(
+    ("says", "idle"),
+    [
+        ("always true;", True),
+        ("always u - u < 0.5;", True),
+        ("never u > 1.0;", True),  # its set ends there
+        ("never u > 0.9;", False),  # no flight does, and one could
+        (FAR, False),
+    ],
+)
+def test_a_property_that_no_flight_can_violate_is_said(
+    flown: Callable[..., Campaign], says: str, idle: bool
+) -> None:
+    campaign = flown(CHANCE, says, flights=20)
+    told = [d for d in campaign.diagnostics if d.code == "C006"]
+    assert [d.severity for d in told] == [Severity.WARNING] * idle
+    assert all(f"no flight can violate `{says[:-1]}`" in d.message for d in told)
+
+
 # ---------------------------------------------------------------- copies
 
 

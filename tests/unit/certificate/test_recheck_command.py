@@ -147,6 +147,10 @@ VACUOUS = {
         "ttf level < 0.25 || age(level) <= seconds(100ms) && level > 0.1 ||",
     ),
     "`safe` holds of all values": ("level > 0.2 && level < 1.8;", "level > 0.2 || level < 1.8;"),
+    "holds of all values that": (
+        "level > 0.2 && level < 1.8;",
+        "level > 0.2 || level - level < 0.5;",
+    ),
     "nothing says that AC ever gets control": ("&& level < 1.6;", "&& level < 0.6;"),
     "": ("ttf level < 0.25", "ttf level < 0.25"),
 }

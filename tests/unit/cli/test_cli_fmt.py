@@ -49,6 +49,13 @@ def test_diff_changes_nothing(soter: Soter, ugly: Path) -> None:
     assert ugly.read_text() == UGLY
 
 
+def test_the_document_has_the_difference_that_was_asked_for(soter: Soter, ugly: Path) -> None:
+    shown = soter("fmt", "--diff", "ugly.soter").out
+    told = soter("fmt", "--diff", "--json", "ugly.soter").document
+    assert (told["diff"], ugly.name in told["diff"]) == (shown.rstrip("\n"), True)
+    assert "diff" not in soter("fmt", "--check", "--json", "ugly.soter").document
+
+
 def test_standard_input(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:
     def give(data: bytes) -> None:
         monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))

@@ -161,6 +161,7 @@ def test_an_option_without_what_it_needs_is_refused_before_anything_is_read(
         ("monitor absent log.mcap --seed 1", "--seed"),
         ("run absent --misses 0", "--misses"),
         ("assure absent -o out --flights 20", "--flights"),
+        ("run absent --real-time --engine interp --misses 0", "--misses"),
     ],
 )
 def test_a_default_that_is_written_counts_as_given(soter: Soter, line: str, flag: str) -> None:
@@ -208,6 +209,22 @@ def test_a_keyword_without_use_is_refused_by_its_name(case: str, tmp_path: Path)
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "given", "said"),
+    [
+        ("monitor", {"log": "f.mcap", "seed": 3}, "`seed` does nothing beside `log`"),
+        ("monitor", {"log": "f.mcap", "until": 3.0}, "`until` does nothing beside `log`"),
+        ("assure", {"output": "out", "flights": 5}, "`flights` does nothing without `campaign`"),
+    ],
+)
+def test_a_keyword_of_a_method_without_a_record_is_refused_likewise(
+    here: Path, name: str, given: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(SoterError, match=said) as caught:
+        getattr(api.load(here / "cart.soter"), name)(**given)
+    assert [d.code for d in caught.value.diagnostics] == ["U001"]
+
+
 @pytest.mark.parametrize("record", [RunOptions, SearchOptions])
 def test_a_keyword_with_its_default_is_as_one_that_is_left_out(record: Any) -> None:
     """A function of somebody's own may hand on all of them."""
@@ -234,6 +251,7 @@ def test_conditions_are_about_options_that_there_are(name: str) -> None:
     ("line", "code", "said"),
     [
         ("verify cart.soter --synthesize", "U001", "`--synthesize` does nothing"),
+        ("assure cart.soter --tests -o out", "U010", "has no `test`"),
         ("show cart.soter --bind Nobody=python:cart.soter:step", "U005", "Nobody"),
         ("monitor cart.soter --emit W.soter --alarm nosuch", "N001", "declares no `nosuch`"),
         (

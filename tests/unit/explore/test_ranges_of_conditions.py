@@ -32,6 +32,7 @@ def number(dice: Random, ints: bool, depth: int = 2) -> str:
     if depth == 0 or dice.random() < 0.4:
         return dice.choice(INTS if ints else FLOATS)
     left, right = number(dice, ints, depth - 1), number(dice, ints, depth - 1)
+    right = left if dice.random() < 0.15 else right
     return f"({left} {dice.choice(('+', '-', '*', '/', '%') if ints else '+-*/')} {right})"
 
 

@@ -67,6 +67,11 @@ def test_predicates_that_meet_in_a_thin_band_are_not_warned_of(
     assert _codes(tmp_path, safe, ttf) == []
 
 
+@pytest.mark.parametrize("ttf", ["pos - pos > 0.5", "speed - pos - (speed - pos) < 0.5"])
+def test_a_difference_of_one_expression_is_nothing(ttf: str, tmp_path: Path) -> None:
+    assert _codes(tmp_path, "abs(pos) < LIMIT", ttf) == ["W022"]
+
+
 def test_random_margins_are_not_warned_of_and_their_absence_is(tmp_path: Path) -> None:
     draw = random.Random(0)  # noqa: S311 - the same programs each time
     for _ in range(40):

@@ -184,6 +184,14 @@ NORMALISED: dict[str, tuple[bytes, str]] = {
     "no mean": (renamed(STATISTICS, "mean", "mode"), "there is no array"),
     "whole numbers": (renamed(STATISTICS, "f8", "i8"), "no lists of float64"),
     "of another policy": ((FILES / "a2c_vecnormalize.pkl").read_bytes(), "it is of 3 numbers"),
+    "a truth that is a number": (
+        STATISTICS.replace(b"norm_obs\x94\x88", b"norm_obs\x94K\x01"),
+        "its `norm_obs` is neither True nor False",
+    ),
+    "somebody's own": (
+        renamed(STATISTICS, "stable_baselines3.common.vec_env.vec_normalize", "my_own.normalize"),
+        "it is no VecNormalize",
+    ),
     "no limit": (renamed(STATISTICS, "clip_obs", "clip_abs"), "no positive numbers"),
 }
 

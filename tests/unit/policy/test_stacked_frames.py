@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shutil
+from functools import partial
+from itertools import product
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from gymnasium import spaces
+from hypothesis import example, given
 from hypothesis import strategies as st
-from policy_files import FILES  # type: ignore[import-not-found]
+from policy_files import FILES, change_pickle, changed  # type: ignore[import-not-found]
 
 import soter
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType, IntType
-from soter.policy.policy_extern import frame_rows, load_policy, reads_by_name
+from soter.policy import policy_extern
+from soter.policy.c_source import c_source
+from soter.policy.network import Network, Policy
+from soter.policy.policy_extern import frame_rows, load_policy, reads_by_name, require_axes
+from soter.policy.sb3_file import read_sb3
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -124,6 +132,75 @@ def test_an_observation_by_name_is_read_in_its_own_shape() -> None:
         assert reads_by_name(FILES, keys, shapes, [gear, ("ahead", read)])[0] == ("ahead", read)
     with pytest.raises(SoterError, match=r"6 numbers \(2 x 3\), the node reads 6"):
         reads_by_name(FILES, keys, shapes, [gear, ("ahead", array(3, 2))])
+
+
+def with_space(file: str, which: str, space: Any, to: Path) -> str:
+    """A copy of a file with another space of as many numbers."""
+    change = partial(change_pickle, which=which, change=lambda _: pickle.dumps(space))
+    (to / "p.zip").write_bytes(changed(f"{file}.zip", change))
+    return str(to / "p.zip")
+
+
+def test_bits_of_several_axes_are_read_in_their_own_rows(tmp_path: Path) -> None:
+    space = spaces.MultiBinary((3, 4))
+    file = with_space("rows_first", "observation_space", space, tmp_path)
+    for read in (array(3, 4), array(12)):
+        assert not any("stacked" in line for line in loaded(file, read, array(2)).assumed)
+    assert "12 numbers (3 x 4)" in refused(file, array(4, 3), array(2)).message
+
+
+TWELVE = [s for k in (1, 2, 3) for s in product(range(1, 13), repeat=k) if np.prod(s) == 12]
+"""All axes, up to three, of twelve numbers."""
+
+
+def test_frames_along_an_axis_of_their_own_may_be_those_of_gymnasium(tmp_path: Path) -> None:
+    """Whose wrapper begins otherwise: no file says which one it was."""
+    for shape, other in (((3, 4), True), ((12,), False)):
+        seen = spaces.Box(-1.0, 1.0, shape, np.float32)
+        file = with_space("rows_first", "observation_space", seen, tmp_path)
+        (told,) = [line for line in loaded(file, array(4), array(2)).assumed if "stacked" in line]
+        assert "zeros before the first" in told
+        assert ("FrameStackObservation repeats the first" in told) == other
+
+
+@given(shape=st.sampled_from(TWELVE), topic=st.sampled_from(TWELVE))
+@example(shape=(2, 6), topic=(6, 2))
+def test_an_action_has_its_own_rows_in_its_topic_or_is_flat(
+    shape: tuple[int, ...], topic: tuple[int, ...]
+) -> None:
+    """An axis of one number moves none."""
+    own, axes = ([n for n in sizes if n > 1] for sizes in (shape, topic))
+    writes = [("u", array(*topic))]
+    if axes == own or len(axes) < 2 or len(own) < 2:
+        require_axes("p", shape, writes)
+        return
+    with pytest.raises(SoterError) as caught:
+        require_axes("p", shape, writes)
+    way = re.findall(r"\[(\d+)\]", caught.value.diagnostics[0].helps[0].partition(",")[0])
+    require_axes("p", shape, [("u", array(*map(int, way[::-1])))])
+
+
+def test_the_rows_of_an_action_are_those_of_its_space(tmp_path: Path) -> None:
+    push = spaces.Box(-1.0, 1.0, (2, 2), np.float32)
+    assert with_space("bits", "action_space", push, tmp_path)
+    assert read_sb3(tmp_path / "p.zip").acted == (2, 2)
+
+
+@pytest.mark.parametrize("way", ["file", "C"])
+def test_an_action_in_other_rows_is_refused_by_every_way(
+    monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    policy = Policy("p", Network(6, ()), acted=(2, 3))
+    monkeypatch.setattr(policy_extern, "read_sb3", lambda *_: policy)
+
+    def answered(write: Any) -> object:
+        if way == "file":
+            return loaded("p.zip", array(6), write)
+        return c_source(policy, "f", "n", "n.h", [("seen", array(6))], [("u", write)])
+
+    assert answered(array(2, 3))
+    with pytest.raises(SoterError, match=r"it answers 2 x 3 numbers, `u` has other rows"):
+        answered(array(3, 2))
 
 
 @pytest.mark.parametrize(("file", "writes"), [("maskable", (2,)), ("bits", (4,))])

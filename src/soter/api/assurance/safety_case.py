@@ -30,7 +30,9 @@ from soter.api.assurance.certificate_check import (
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_inlining import expanded
+from soter.api.exploring import chosen
 from soter.api.rechecking import require_flint
+from soter.diagnostics.command_records import needless
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.elaborate.views_for_proofs import systems_by_view
@@ -349,7 +351,11 @@ def assure(
 
     for name in FILES:
         require_no_certificate(Path(output) / name, None if cert is None else Path(cert))
+    if campaign is None:
+        needless("without `campaign`", flights=flights != FLOWN_AGAIN)
     flat = program.declared(system, params)
+    if tests:  # U010 where there is none
+        chosen({n: t for n, t in flat.program.tests.items() if "." not in n}, program.path, None)
     case = SafetyCase(
         f"Safety case of {flat.name} in {Path(program.path).name}",
         program.path,

@@ -54,6 +54,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     problems: list[Diagnostic] = []
     changed: list[str] = []
     texts: dict[str, str] = {}
+    differences: list[str] = []
     for name in args.files:
         try:
             before = standard_input() if name == "-" else read_text(name)
@@ -61,12 +62,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             texts[name] = after
             if before != after:
                 changed.append(name)
-            _deliver(name, before, after, args, console)
+            differences += _deliver(name, before, after, args, console)
         except SoterError as error:
             problems += error.diagnostics
     _say(args, changed, problems, console)
     code = exit_of(problems) or (DIAGNOSTICS if args.check and changed else 0)
     fields: dict[str, object] = {"changed": changed}
+    if args.diff:
+        fields["diff"] = "\n".join(differences)
     if "-" in texts:
         fields["text"] = texts["-"]
     return CommandOutcome(code, tuple(problems), fields)
@@ -74,20 +77,22 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _deliver(
     name: str, before: str, after: str, args: argparse.Namespace, console: Console
-) -> None:
+) -> list[str]:
+    """Writes, or shows, what was laid out; returns the lines of the difference, for `--diff`."""
+    lines: list[str] = []
     if args.diff:
-        lines = difflib.unified_diff(
-            before.splitlines(), after.splitlines(), name, f"{name} (laid out)", lineterm=""
-        )
+        told = name, f"{name} (laid out)"
+        lines += difflib.unified_diff(before.splitlines(), after.splitlines(), *told, lineterm="")
         for line in lines:
             style = {"+": "green", "-": "red", "@": "blue"}.get(line[:1])
             console.say(console.paint(style, line) if style else line)
     elif args.check:
-        return
+        pass
     elif name == "-":
         console.say(after.removesuffix("\n"))
     elif before != after:
         replace_file(Path(name), after)
+    return lines
 
 
 def _say(

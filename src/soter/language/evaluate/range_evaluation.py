@@ -186,6 +186,8 @@ class RangeEvaluator:
         a, b = self.number(e.left), self.number(e.right)
         if e.op in COMPARISONS:
             return ranges.compared(e.op, a, b, same=same_expression(e.left, e.right))
+        if e.op == "-" and same_expression(e.left, e.right):
+            return ranges.cancelled(a)
         if not isinstance(e.type, FloatType):
             return ranges.int_operation(e.op, a, b, self.faults)
         if e.op == "/":

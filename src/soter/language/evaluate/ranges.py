@@ -109,6 +109,11 @@ def float_add(a: Range, b: Range) -> Range:
     return _monotone_range(lambda x, y: x + y, a, b)
 
 
+def cancelled(a: Range) -> Range:
+    """`a - a` of one expression: 0, unless it may be infinite or NaN."""
+    return Range(0, 0, a.nan or math.isinf(a.low) or math.isinf(a.high))
+
+
 def float_subtract(a: Range, b: Range) -> Range:
     """`a - b`."""
     return _monotone_range(lambda x, y: x - y, a, b)

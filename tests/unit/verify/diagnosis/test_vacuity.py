@@ -100,6 +100,7 @@ def test_an_age_that_takes_control_whatever_is_fresh(part: str, taken: bool) -> 
         ("abs(level) >= 0.0", True),
         ("level > -3.0 && level < 3.0", True),  # its set is narrower
         ("level > -1.0 || level < 1.0", True),
+        ("level - level < 0.5", True),
         ("level > -1.0 && level < 1.9", False),  # all of the grid, and not all of its values
     ],
 )
