@@ -137,12 +137,16 @@ def _free_states(problem: RestProblem, given: object) -> dict[int, Range]:
     """States of which an entry claims nothing at rest, though `moves` does not name them.
 
     That may be said of states without ends: all that is shown then holds wherever they are.
+    NotRecheckedError where `rest`, or one of their rates, reads one of them, as it is read here.
     """
     names = {problem.facts.states[s].name: s for s in problem.own}
     claimed = given if isinstance(given, dict) else {}
     free = {names[n] for n, ends in claimed.items() if n in names and ends == [None, None]}
-    endless = all(problem.sets[s] == (-inf, inf) for s in free)
-    return dict.fromkeys(free, (inf, inf)) if endless and may_be_anywhere(problem, free) else {}
+    if not all(problem.sets[s] == (-inf, inf) for s in free):
+        return {}
+    if not may_be_anywhere(problem, free):
+        raise NotRecheckedError("a state of which nothing is claimed is read at rest")
+    return dict.fromkeys(free, (inf, inf))
 
 
 def _compare_entry(

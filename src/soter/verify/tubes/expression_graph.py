@@ -11,7 +11,10 @@ from __future__ import annotations
 import operator
 from dataclasses import dataclass
 from fractions import Fraction
+from math import inf
 from typing import TYPE_CHECKING, Any
+
+from soter.verify.tubes.problem import FARTHEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 
 LARGEST = 1e300
 """Above it no form computes (`forms.soter`)."""
+PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
+"""Functions that are not defined everywhere."""
 CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
 
 
@@ -49,10 +54,16 @@ class Expressions:
     def __init__(self) -> None:
         self._nodes: dict[tuple[object, ...], Node] = {}
         self._negated: dict[Node, Node] = {}
+        self._most: dict[Node, float] = {}
+        self.hidden: dict[Node, None] = {}
+        """Conditions that what constants stand for, `0.0 * sqrt(x)` as 0.0, is a finite number."""
         self.true, self.false = self._node("known", True), self._node("known", False)
 
     def _node(self, op: str, *of: object) -> Node:
-        return self._nodes.setdefault((op, *of), Node(op, of))
+        e = self._nodes.setdefault((op, *of), Node(op, of))
+        if e not in self._most:
+            self._most[e] = _most(e, [self._most[x] for x in of if isinstance(x, Node)])
+        return e
 
     def number(self, value: float) -> Node:
         """A constant; `NoExpressionError` for one that forms do not hold."""
@@ -67,6 +78,13 @@ class Expressions:
         exact = op(Fraction(a.of[0]), Fraction(b.of[0]))
         value = op(a.of[0], b.of[0])
         return self.number(value) if abs(value) < LARGEST and exact == Fraction(value) else None
+
+    def _stands_for(self, constant: Node, *operands: Node) -> Node:
+        """`constant`; where an operand may be NaN or endless, so that it is none, noted as such."""
+        for x in operands:
+            if not self._most[x] < LARGEST:
+                self.hidden[self.inside(x, -LARGEST, LARGEST)] = None
+        return constant
 
     def input(self, kind: str, index: int) -> Node:
         """An input by its kind ("x" a state, "u" a control, "w" a disturbance, ...) and number."""
@@ -92,7 +110,7 @@ class Expressions:
 
     def sub(self, a: Node, b: Node) -> Node:
         """The difference."""
-        return self.number(0.0) if a is b else self.add(a, self.neg(b))
+        return self._stands_for(self.number(0.0), a) if a is b else self.add(a, self.neg(b))
 
     def mul(self, a: Node, b: Node) -> Node:
         """The product."""
@@ -103,7 +121,8 @@ class Expressions:
         if b.op == "number":
             k = b.of[0]
             if k in (0.0, 1.0, -1.0):
-                return b if k == 0.0 else a if k == 1.0 else self.neg(a)
+                zero = k == 0.0
+                return self._stands_for(b, a) if zero else a if k == 1.0 else self.neg(a)
             return self._node("mul", a, b)
         return self._node("square", a) if a is b else self._node("mul", a, b)
 
@@ -170,7 +189,7 @@ class Expressions:
         if b.op == "number" and a.op in ("min", "max") and a.op != op and a.of[1].op == "number":
             low, high = (a.of[1], b) if op == "min" else (b, a.of[1])
             if low.of[0] >= high.of[0]:  # no clamp: the last of the two is all there is
-                return b
+                return self._stands_for(b, a)
         return a if a is b else self._node(op, a, b)
 
     def clamp(self, x: Node, low: Node, high: Node) -> Node:
@@ -194,7 +213,8 @@ class Expressions:
         if a is b or (a.op == "number" and b.op == "number"):
             above = a is not b and a.of[0] > b.of[0]
             equal = a is b or a.of[0] == b.of[0]
-            return self.true if above or (equal and op in ("<=", ">=")) else self.false
+            known = self.true if above or (equal and op in ("<=", ">=")) else self.false
+            return self._stands_for(known, a)
         return self._node("positive" if op in ("<", ">") else "not negative", self.sub(a, b))
 
     def inside(self, a: Node, low: float, high: float) -> Node:
@@ -328,6 +348,24 @@ class Expressions:
 
 def _is_power_of_two(x: float) -> bool:
     return x.hex().lstrip("-").startswith(("0x1.0p", "0x1.0000000000000p"))
+
+
+def _most(e: Node, of: Sequence[float]) -> float:
+    """How large `e` is at most, where its operands are up to `of`, and each input to `FARTHEST`.
+
+    Endless, too, where it may be no number.
+    """
+    if e.op in CONDITIONS:
+        return 0.0
+    if e.op in PARTIAL or e.op == "exp" or inf in of:
+        return inf
+    if e.op in ("number", "input"):
+        return abs(e.of[0]) if e.op == "number" else FARTHEST
+    if e.op in ("add", "sub"):
+        return of[0] + of[1]
+    if e.op in ("mul", "square"):
+        return of[0] * of[-1]
+    return of[0] / abs(e.of[1].of[0]) if e.op == "over" else max(1e9, *of)
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:

@@ -119,11 +119,8 @@ class ExpressionReading(Execution["Value"]):
 
     def _checked(self, s: core.Checked, operands: list[Value], limit: Value | None) -> Value:
         whole: dict[str, Callable[..., int]] = {
-            "add": int.__add__,
-            "sub": int.__sub__,
-            "mul": int.__mul__,
-            "neg": int.__neg__,
-        }
+            "add": int.__add__, "sub": int.__sub__, "mul": int.__mul__, "neg": int.__neg__,
+        }  # fmt: skip
         if s.op == "number":
             return operands[0]
         if s.op in whole or s.op in ("index", "narrow"):
@@ -293,7 +290,7 @@ class ModuleExpressions:
             cells = {x.cell.name: x for x in step.states}
             x = tuple(self._cell_value(cells[n].cell, t) for n, t in record.fields)
             result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
-            self._guards += body.guards
+            self._guards += [*body.guards, *self.make.hidden]
             for path, _, v in leaf_values(record, result):
                 rates[component.index, path[0], path[1:]] = v
         zero = self.make.number(0.0)
@@ -378,9 +375,10 @@ class ModuleExpressions:
             return self._topic_value(cell.owner, t, "x", maps)
 
         body = ExpressionReading(self.make, {**self.functions, **table.by_name}, true)
+        self.make.hidden.clear()
         body.run(p.body)
         held: Node = body.expr(p.value)
-        for guard in body.guards:
+        for guard in [*body.guards, *self.make.hidden]:
             held = self.make.join("and", held, guard)
         return held
 

@@ -377,7 +377,7 @@ def _free_states(check: TubeCheck) -> list[int]:
     """
     asked = {*check.problem.drifts, *check.read_by_rest}
     ends = ((s, check.rooms[s]) for s in check.states if s not in asked)
-    free = {s for s, r in ends if r.low < -FARTHEST and r.high > FARTHEST}
+    free = {s for s, r in ends if r.low == -inf and r.high == inf}
     rates = ((s, in_order([check.rates[s]])) for s in sorted(free))
     bounded = {*check.states} - free
     return [

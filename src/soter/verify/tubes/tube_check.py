@@ -26,7 +26,7 @@ from soter.language.model.types import FLOAT, INT, ArrayType, leaves
 from soter.verify.deploy.level_tables import LevelTable, estimate
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expression_graph import NoExpressionError, in_order, middle
+from soter.verify.tubes.expression_graph import PARTIAL, NoExpressionError, in_order, middle
 from soter.verify.tubes.generated_functions import (
     MAP,
     RANGES,
@@ -51,8 +51,6 @@ if TYPE_CHECKING:
 
 
 RANGED = "x: Ranges, u: Orders"
-PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
-"""Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many symbols a form may have: the rounding bounds of `forms.soter` count on it."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4

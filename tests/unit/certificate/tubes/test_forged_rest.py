@@ -425,3 +425,10 @@ def test_where_something_is_needed_of_a_state_claiming_nothing_is_not_enough(nam
     old, new = FREE[name]
     with pytest.raises((RejectedError, NotRecheckedError)):
         recheck_rest(*free(changed(BESIDE, (old, new)), "w.d"))
+
+
+def test_where_rest_reads_a_state_only_as_it_is_read_here_nothing_is_rejected() -> None:
+    """Whoever sees that `rest` does not depend on it claims nothing of it, and is right."""
+    text = changed(BESIDE, ("rest abs(seen) < 0.3", "rest abs(seen) < min(max(near, 0.3), 0.3)"))
+    with pytest.raises(NotRecheckedError, match="read at rest"):
+        recheck_rest(*free(text, "w.d"))

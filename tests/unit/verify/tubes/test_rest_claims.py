@@ -195,6 +195,40 @@ def test_a_state_that_safe_does_not_need_at_rest_needs_no_bound(
     assert not proved or any("w.d" in a.text for a in result.added)
 
 
+@pytest.mark.parametrize("near", ["", " in [-1e120, 1e120]", " in [-1e100, 1e120]"])
+def test_what_is_proved_beside_a_state_without_end_is_never_rejected(
+    tmp_path: Path, near: str
+) -> None:
+    text = HELD.replace("safe abs(seen) < 1.0", "safe near > 0.2 || abs(seen) < 0.5")
+    for old, new in BESIDE:
+        text = text.replace(old, new)
+    wide = text.replace("near: float max", f"near: float{near} max")
+    m = verified(tmp_path, wide, tmp_path / "proof")
+    assert (m.findings["P2a"].verdict == "proved") == (not near)
+    assert recheck(tmp_path / "proof").verdict != "rejected"
+
+
+@pytest.mark.parametrize(
+    ("safe", "proved"),
+    [
+        ("sqrt(seen) >= sqrt(seen)", False),
+        ("sqrt(seen) - sqrt(seen) >= 0.0", False),
+        ("0.0 * sqrt(seen) >= 0.0", False),
+        ("0.0 * tan(10.0 * seen + 1.0) >= 0.0", False),
+        ("1e250 * (seen + 1e60) - 1e250 * (seen + 1e60) >= 0.0", False),
+        ("sqrt(seen + 2.0) >= sqrt(seen + 2.0)", True),
+        ("0.0 * seen * seen >= 0.0", True),
+        ("seen * seen - seen * seen >= 0.0", True),
+    ],
+)
+def test_a_constant_stands_for_an_expression_only_where_that_is_a_finite_number(
+    tmp_path: Path, safe: str, proved: bool
+) -> None:
+    """Else the program computes NaN, of which no comparison is true: `safe` does not hold."""
+    text = HELD.replace("safe abs(seen) < 1.0", f"safe {safe} && abs(seen) < 1.0")
+    assert (verified(tmp_path, text).findings["start"].verdict == "proved") == proved
+
+
 def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
     tmp_path: Path,
 ) -> None:
