@@ -93,6 +93,8 @@ def _computed_notes(m: Module) -> Iterator[str]:
     missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
     if missing:
         whence = "from the plants and the grid of its `verify` block"
+        if not m.symbol.verify.groups:
+            whence = "from the plants and a grid, which the program does not say (`verify --write`)"
         if m.symbol.rest is not None:
             whence = "SC is followed from each estimate to where it rests"
         yield (
