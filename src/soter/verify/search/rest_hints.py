@@ -87,10 +87,10 @@ def _held_and_moving(
     late = np.array([t.states[-1] - t.states[int(LAST * len(t.states))] for t in runs])
     down, up = (late < -SETTLED * width).any(axis=0), (late > SETTLED * width).any(axis=0)
     below, above = found.limited.T
-    hangs_on = hangs & ~((down & (below | ~above)) | (up & (above | ~below)))
+    bounded = hangs & ~((down & (below | ~above)) | (up & (above | ~below)))
     return (
         [int(s) for s in np.flatnonzero(~hangs & found.needed)],
-        [int(s) for s in np.flatnonzero(hangs_on & found.needed)],
+        [int(s) for s in np.flatnonzero(bounded & found.needed)],
     )
 
 

@@ -227,7 +227,10 @@ def _advise_sets(check: TubeCheck) -> str:
 
 
 def _unbounded(check: TubeCheck, claims: RestClaims) -> list[int]:
-    """The states that `rest` leaves endless, or says nothing of though SC or a lost run does."""
+    """The states that `rest` leaves endless, or says nothing of though SC or a lost run does.
+
+    Else those of which nothing was asked, and which `safe` needs after all.
+    """
     unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
     box = claims.box.items()
     ends = [s for s, r in box if s in unsaid or max(-r.low, r.high) >= FARTHEST]
