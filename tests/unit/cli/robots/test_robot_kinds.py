@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ import pytest
 from bench.verify.robot_kinds import PROGRAM, RANGES, answer, drawn, made
 
 from generators.autopilot_logs import flight, tlog, written
+from processes import run
 from soter.api import load
 from soter.cli.tool.robot_kinds import FIGURE, kinds
 from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
@@ -62,7 +62,7 @@ def test_a_robot_proves_is_accepted_and_passes_its_own_tests(
     soter("verify", "mine/mine.soter", "--cert", "proof")
     assert soter("recheck", "proof").out.startswith("ACCEPTED")
     command = [sys.executable, "-m", "unittest", "discover", "mine"]  # as `soter new` prints it
-    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
+    done = run(command, cwd=here, capture_output=True, text=True)
     assert (done.returncode, "Ran 4 tests" in done.stderr) == (0, True), done.stderr
 
 
