@@ -24,7 +24,7 @@ from soter.verify.claims.results import LeavingRun
 from soter.verify.grid.grid_problem import of_problem
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from soter.core.layout import Bools, Floats
     from soter.verify.claims.case import Case
@@ -34,9 +34,9 @@ NS = 1e-9
 CORNERS_MAX = 6
 """Up to this many signs are tried in all combinations; of more, `DRAWN` combinations."""
 DRAWN = 48
-LENGTHS = (100, 800, 5000)
-"""Lengths of runs in periods: all patterns the first, those that got furthest the next ones."""
-FURTHEST = 5
+LENGTHS = (25, 200, 1600, 12800)
+"""Lengths of runs in periods: all patterns the first; then that with everything in the middle, and
+those that moved a state furthest."""
 STEPS_A_HOLD = 2
 STABLE = 2.0
 """A step is at most so many times the fastest lag: with more than 2.7, RK4 grows where it sinks."""
@@ -210,6 +210,7 @@ def patterns(model: PointModel) -> Iterator[Pattern]:
 class ModelTrace:
     """The states of a run; if `left`, it left C at the last one."""
 
+    pattern: Pattern
     times: list[float]
     states: list[Floats]
     left: bool = False
@@ -231,7 +232,7 @@ def run(
 
     `beyond`: it goes on outside of C.
     """
-    trace = ModelTrace([0.0], [np.array(start)])
+    trace = ModelTrace(pattern, [0.0], [np.array(start)])
     try:
         with np.errstate(all="ignore"):  # what is no number ends the run
             for _ in _extend(model, trace, pattern, until_s):
@@ -342,8 +343,10 @@ class LeavingSearch:
     trace: ModelTrace | None = None
     runs: int = 0
     longest_s: float = 0.0
-    undisturbed_s: float | None = None
-    """When the run with everything in the middle leaves, in s; None: it was not seen to."""
+    undisturbed: ModelTrace | None = None
+    """The run with everything in the middle that leaves C; None: it was not seen to."""
+    furthest: Sequence[Pattern] = ()
+    """The patterns that moved states furthest, first that with everything in the middle."""
     cut: bool = False
 
 
@@ -366,28 +369,28 @@ def soonest(
             trace = run(model, start, pattern, best, going)
             search.runs += 1
             search.longest_s = max(search.longest_s, trace.times[-1])
-            reaches.append(_reach_of_run(model, trace))
+            reaches.append(_reach_of_run(trace))
             if not trace.left:
                 continue
             if not pattern.any:
-                search.undisturbed_s = trace.times[-1]
+                search.undisturbed = trace
             if search.trace is None or trace.times[-1] < search.trace.times[-1] - period / 1000:
                 best, search.trace = trace.times[-1], trace
-                search.soonest = leaving_run(model, trace, pattern, whose)
+                search.soonest = leaving_run(model, trace, whose)
+        todo = [todo[i] for i in dict.fromkeys([0, *np.argmax(reaches, axis=0).tolist()])]
+        search.furthest = todo
         if search.soonest is not None:
             break
-        todo = [todo[i] for i in np.argsort(-np.array(reaches))[:FURTHEST]]
     return search
 
 
-def _reach_of_run(model: PointModel, trace: ModelTrace) -> float:
-    """How far a run gets from its start, in halves of the grid."""
-    states = np.array(trace.states)
-    half = np.maximum(model.high - model.low, 1e-300) / 2
-    return float(np.nan_to_num(np.abs((states - states[0]) / half), nan=0.0).max())
+def _reach_of_run(trace: ModelTrace) -> Floats:
+    """How far a run moves each state down and up, (2 * states,)."""
+    moved = np.nan_to_num(np.array(trace.states) - trace.states[0], nan=0.0)
+    return np.concatenate([-moved.min(axis=0), moved.max(axis=0)])
 
 
-def leaving_run(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> LeavingRun:
+def leaving_run(model: PointModel, trace: ModelTrace, whose: str) -> LeavingRun:
     """A run as plain data for results."""
     names = model.names
     last = len(trace.times) - 1
@@ -400,7 +403,7 @@ def leaving_run(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: s
         side=trace.side,
         safe=trace.safe,
         start=whose,
-        chosen=pattern_text(model, pattern),
+        chosen=pattern_text(model, trace.pattern),
         parameter=model.parameter,
     )
 

@@ -3,9 +3,6 @@
 Purpose: where K is empty, `explain` finds the run under SC that leaves C soonest, or says that none
 was seen to; where the way back (P2b) is not shown, the run that ends furthest outside `safer`, or
 that none does. It does so beside a refuting run, too, which shows where it ends and not why.
-`habit` looks, in undisturbed runs, for three faults of an SC whose K is empty: it comes to rest
-outside of C; it drives a state away from its place of rest; or it leaves a state where it starts,
-so that any push moves that on. They lie with SC, so the advice is about SC.
 Non-goals: verdicts: these are runs of the model, and none of them refutes; what would help
 (`variations.py`), which is measured by proving again; an SC that is merely too weak.
 """
@@ -15,6 +12,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +20,8 @@ import numpy as np
 from soter.language.model.types import show_ns
 from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
+from soter.verify.diagnosis.changed_runs import OLD, what_brings_back, what_keeps
+from soter.verify.diagnosis.habits_of_sc import HOLDS, MOVED, STILL, comes_to_rest, habit
 from soter.verify.diagnosis.model_runs import (
     FALSE,
     NS,
@@ -52,115 +52,12 @@ if TYPE_CHECKING:
     GoOn = Callable[[], bool]
 
 
-HOLDS = 2000
-"""For how many periods of SC a run is followed."""
-STILL = 1e-3
-"""As a share of an axis: a run that moves less in its last quarter has come to rest."""
-MOVED = 0.1
-"""As a share of an axis: how far a state is put beside the place of rest."""
-LOOKS = 50
-"""At how many places `safe` is evaluated on the way from there to the end of an axis."""
-
-
-@dataclass(frozen=True)
-class Habit:
-    """What SC does wrong, in a sentence, and what to write in its place."""
-
-    text: str
-    hint: str
-
-
-def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """The habit of SC from a state, (states,); None: the runs show none, or time ran out."""
-    calm = next(patterns(model))
-    until_s = HOLDS * model.inputs.period_ns * NS
-    first = run(model, start, calm, until_s, going, beyond=True)
-    if not _comes_to_rest(model, first) or not going():
-        return None
-    rest = first.states[-1]
-    if model.outside(rest).any() or model.safe(rest) == FALSE:
-        text = (
-            f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
-        )
-        return Habit(text, "an SC that comes to rest where `safe` holds")
-    for axis in (i for i in range(len(rest)) if i not in model.turning):
-        for side in (1.0, -1.0):
-            found = _habit_beside_rest(model, rest, axis, side, until_s, going)
-            if found is not None:
-                return found
-    return None
-
-
-def _habit_beside_rest(
-    model: PointModel,
-    rest: Floats,
-    axis: int,
-    side: float,
-    until_s: float,
-    going: Callable[[], bool],
-) -> Habit | None:
-    """The habit of SC if a state is put beside the place where SC rests; None: it leads back."""
-    calm, name, begin = next(patterns(model)), model.names[axis], rest.copy()
-    step = side * MOVED * (model.high[axis] - model.low[axis])
-    begin[axis] += step
-    inside = model.low[axis] <= begin[axis] <= model.high[axis]
-    if not (inside and model.safe(begin) == TRUE and going()):
-        return None
-    trace = run(model, begin, calm, until_s, going)
-    end = trace.states[-1]
-    moved = (end[axis] - begin[axis]) / step
-    if trace.left and moved > 0.0:
-        text = f"without any disturbance SC drives {name} away: from {begin[axis]:.4g} it leaves C"
-        return Habit(text, f"an SC that brings {name} back: perhaps a sign is wrong")
-    if trace.left or abs(moved) > 0.5 or not _comes_to_rest(model, trace):
-        return None
-    for pattern in patterns(model):
-        pushed = run(model, rest, pattern, until_s / 4, going)
-        if not going():
-            return None
-        speed = (pushed.states[-1][axis] - rest[axis]) / max(pushed.times[-1], NS)
-        if abs(speed) * until_s > STILL * abs(step) and _ends_unsafe(model, rest, axis, speed):
-            return _drift(model, pattern, name, (begin[axis], end[axis], speed))
-    return None
-
-
-def _drift(
-    model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
-) -> Habit:
-    """The habit of leaving a state; `seen`: its start, its end, how fast it is pushed at rest."""
-    begin, end, speed = seen
-    by = ", ".join(pattern_text(model, pattern))
-    text = (
-        f"SC leaves {name} at {end:.4g} where it begins at {begin:.4g}, and does not bring it back:"
-        f" with {by} {name} moves on, {speed:.3g} a second, toward where `safe` ends"
-    )
-    return Habit(text, f"an SC that brings {name} back to a place, and not to a stop alone")
-
-
-def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bool:
-    """Whether `safe` ceases to hold on the way that a state drifts, inside of the grid."""
-    x, end = rest.copy(), model.high[axis] if speed > 0.0 else model.low[axis]
-    for value in np.linspace(rest[axis], end, LOOKS):
-        x[axis] = value
-        if model.safe(x) == FALSE:
-            return True
-    return False
-
-
-def _comes_to_rest(model: PointModel, trace: ModelTrace) -> bool:
-    """Whether the last quarter of a run moves no state."""
-    late = [
-        x for t, x in zip(trace.times, trace.states, strict=True) if t >= 0.75 * trace.times[-1]
-    ]
-    moved = np.max(late, axis=0) - np.min(late, axis=0)
-    return bool((moved <= STILL * np.maximum(model.high - model.low, 1e-300)).all())
-
-
 OPEN = (UNDECIDED, REFUTED)
 """The verdicts that are explained: a refuting run does not say why SC keeps nothing."""
 EMPTY, HABIT = "K is empty", "habit"
-RUNS_S, BACK_S, HABIT_S = 2.5, 1.5, 2.0
-"""CPU seconds for runs that leave C, for runs that do not come back, and for SC's habit."""
+RUNS_S, BACK_S, HABIT_S, CHANGED_S = 2.5, 1.5, 2.0, 6.0
+"""CPU seconds for runs that leave C, for runs that do not come back, for SC's habit, and for runs
+with one thing changed."""
 FROM_START = 0.7
 """The share of the time for runs from the declared start; then of the rest for each other one."""
 WALK_HOLDS = 2000
@@ -171,11 +68,9 @@ GIVEN_ALL_THE_SAME = (
     "wherever `safer` holds, so that has to be safe"
 )
 SMALLER = "smaller errors, delays or disturbances"
+WIDER_GRID = "a wider grid; "
 LATE = 20
 """A command that answers what is more periods of SC old hardly keeps anything."""
-OLD = (
-    "commands that act sooner: SC answers states up to {} old (`max_age`, `dropout`, `acts within`)"
-)
 MOVED_ACROSS = (
     "{0} and {1} in one `grid` line: {1} moves {0}, and may be anything there while it has another"
 )
@@ -202,9 +97,9 @@ def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
         for case in done:
             stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
             if stuck is not None:
-                cause = _WayBackSearch(case, stuck).shown(_go_on_for(BACK_S, go_on))
+                cause = _WayBackSearch(case, stuck).shown(go_on)
                 p2b.causes.append(cause)
-                p2b.hint = HINTS_ON_RETURN.get(cause.kind, p2b.hint)
+                p2b.hint = cause.hint or HINTS_ON_RETURN.get(cause.kind, p2b.hint)
                 break
     clause = result.problem.module.symbol.stays
     if safer.verdict in OPEN and empty is None and clause:
@@ -244,7 +139,13 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
-    if model.inputs.delay_ns > LATE * model.inputs.period_ns:
+        left = (search.trace, search.undisturbed) if found is None else (search.trace, found.trace)
+        for trace in left if found is None or found.trace is not None else ():
+            go_on_ = _go_on_for(CHANGED_S, go_on)
+            if trace and (kept := what_keeps(model, trace, search.furthest, go_on_)):
+                finding.hint = ("" if by_safe else WIDER_GRID) + kept
+                break
+    if model.inputs.delay_ns > LATE * model.inputs.period_ns and "(tried" not in finding.hint:
         finding.hint = OLD.format(show_ns(model.inputs.delay_ns))
     for axis in (a for a, who in case.problem.turns_read.items() if not who):
         finding.hint = f"`{axis} in [-PI, PI]`: of exactly a turn, this axis wraps around"
@@ -293,8 +194,8 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
         text += "lies beyond counts as unsafe"
         if who := case.problem.turns_read.get(run_.axis):
             text += TURNS.format(axis=run_.axis, who=who)
-    if search.undisturbed_s is not None:
-        text += f"; without any disturbance, error or delay after {search.undisturbed_s:.4g} s"
+    if (alone := search.undisturbed) is not None:
+        text += f"; without any disturbance, error or delay after {alone.times[-1]:.4g} s"
     return why, Cause("leaves", text, "", (("left_s", float(run_.time_s[-1])),))
 
 
@@ -302,7 +203,7 @@ def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
     """Where an undisturbed run from the declared start comes to rest, (states,); None: nowhere."""
     until_s = 3 * HOLDS * model.inputs.period_ns * NS
     trace = run(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
-    return trace.states[-1] if go_on() and _comes_to_rest(model, trace) else None
+    return trace.states[-1] if go_on() and comes_to_rest(model, trace) else None
 
 
 def _last_axes(case: Case, stop: Floats | None) -> Iterator[str]:
@@ -414,12 +315,13 @@ class _WayBackSearch:
         start, whose = self._start_point()
         head = f"from {whose} ({point_text(self.model, start)}) SC's run of the model"
         worst: _RunEnd | None = None
-        followed = 0
+        followed: list[Pattern] = []
+        in_time = _go_on_for(BACK_S, go_on)
         for pattern in patterns(self.model):
-            end = self._run_end(start, pattern, go_on)
+            end = self._run_end(self.model, start, pattern, in_time)
             if end is None:
                 break
-            followed += 1
+            followed.append(pattern)
             if end.trace.left:
                 if not pattern.any:
                     text = f"{head} leaves C after {end.trace.times[-1]:.4g} s"
@@ -430,8 +332,12 @@ class _WayBackSearch:
                     break
         if worst is not None:
             kind = "pushed_out" if worst.pattern.any else "stays_away"
-            return Cause(kind, f"{head} {self._end_in_words(worst)}")
-        text = f"of {followed} runs of the model from {whose} none stays outside `safer`: no set "
+            returns = partial(self._returns, start, _go_on_for(CHANGED_S, go_on))
+            hint = what_brings_back(self.model, worst.pattern, followed, returns)
+            return Cause(kind, f"{head} {self._end_in_words(worst)}", hint)
+        text = (
+            f"of {len(followed)} runs of the model from {whose} none stays outside `safer`: no set "
+        )
         return Cause("comes_back", text + "was shown that all runs stay in")
 
     def _start_point(self) -> tuple[Floats, str]:
@@ -468,9 +374,16 @@ class _WayBackSearch:
         box[self.model.states] = np.stack([x, x], axis=1)
         return self.case.forms.truth(self.case.problem.returning, box) == TRUE
 
-    def _run_end(self, start: Floats, pattern: Pattern, go_on: GoOn) -> _RunEnd | None:
+    def _returns(self, start: Floats, go_on: GoOn, model: PointModel, pattern: Pattern) -> bool:
+        """Whether a run from a start, (states,), ends where the DM gives control back."""
+        end = self._run_end(model, start, pattern, go_on)
+        return end is not None and go_on() and not end.trace.left and not end.outside
+
+    def _run_end(
+        self, model: PointModel, start: Floats, pattern: Pattern, go_on: GoOn
+    ) -> _RunEnd | None:
         holds = WALK_HOLDS * self.model.inputs.period_ns / 1e9
-        trace = run(self.model, start, pattern, holds, go_on)
+        trace = run(model, start, pattern, holds, go_on)
         if pattern.any and not go_on():
             return None
         pairs = zip(trace.times, trace.states, strict=True)

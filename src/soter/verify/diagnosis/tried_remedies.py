@@ -42,10 +42,11 @@ from soter.verify.claims.results import (
     RemedyCost,
 )
 from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
+from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
-from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, remedies
+from soter.verify.diagnosis.variations import CALMER, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
@@ -196,7 +197,7 @@ def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures 
     return FlownFigures(often, ac_share(last, module.index), count)
 
 
-LEAST_S, OF_PROOF, SHOWN_S = 8.0, 1.0, 4.0
+LEAST_S, OF_PROOF, SHOWN_S = 16.0, 1.0, 8.0
 """CPU seconds for all trials of a module: this many, or this often the time of the proof, and this
 many more for the runs that explain why it is open."""
 COARSE = 40_000
@@ -206,7 +207,12 @@ PILOT, LONGER = 1_500, 4.0
 CHAIN_MAX = 3
 """The most changes that are made together."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
-WORDS = {"a wider grid": "a longer axis", "wider ranges": "a longer axis", "smaller errors": HALVED}
+CALMEST = CALMER.format([*NARROWER.values()][-1])
+WORDS = {
+    "a wider grid": "a longer axis",
+    "wider ranges": "a longer axis",
+    "smaller errors": CALMEST,
+}
 """The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
 NOT_TRIED = "(not tried)"
 """Stands behind a suggestion with which the module was not proved."""
@@ -312,6 +318,8 @@ class _KeptChanges:
         """Tries one more change, and keeps it if it helps; whether one was kept."""
         found = self.found
         for remedy, tried in in_order(remedies(found)):
+            if remedy.said in self.said:
+                continue
             if remedy.cost == OTHERS and not trials.stays(tried, found.leaving):
                 continue
             phase(f"{found.problem.name}: trying {remedy.said}")
@@ -336,7 +344,8 @@ class _KeptChanges:
             first.remedied = None if left else self.found.problem
             then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
             first.tried.append(f"with {told(self.said)}: {then}")
-            otherwise = f"; or {first.hint} {NOT_TRIED}" if left and first.hint else ""
+            untried = "" if "(tried" in first.hint else f" {NOT_TRIED}"
+            otherwise = f"; or {first.hint}{untried}" if left and first.hint else ""
             first.hint = f"{'; and '.join(self.said)} (tried: {then}){otherwise}"
             for claim in failing[1:] if not left else ():
                 result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"

@@ -26,6 +26,7 @@ from soter.language.model.typed import Literal, RestSymbol
 from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
+from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
@@ -50,7 +51,7 @@ LONGER = (0.1, 1.0)
 """By which shares an axis is lengthened where K is lost at its end; the second where K is empty."""
 SMALL = 4
 """An axis is shortened that is more than so many times as long as where `safe` holds."""
-HALVED = "disturbances and errors half as wide"
+CALMER = "disturbances and errors {}"
 BEYOND = 0.01
 """As a share of an axis: how far beyond its end `safe` is evaluated."""
 
@@ -263,18 +264,22 @@ def _change_cells(found: NotProved) -> Iterator[Change]:
         yield smaller, lines_of(smaller)
 
 
-def _halve_disturbances(found: NotProved) -> Iterator[Change]:
-    """The change that halves disturbances and errors, to see whether they or SC are at fault."""
+def _narrow_disturbances(found: NotProved) -> Iterator[Change]:
+    """Narrower disturbances and errors, to see whether they or SC are at fault."""
     p = found.problem
 
-    def half(ranges: tuple[Interval, ...]) -> tuple[Interval, ...]:
+    def narrowed(ranges: tuple[Interval, ...], by: float) -> tuple[Interval, ...]:
+        near, far = 0.5 + by / 2, 0.5 - by / 2
         return tuple(
-            Interval(0.75 * i.low + 0.25 * i.high, 0.25 * i.low + 0.75 * i.high) for i in ranges
+            Interval(near * i.low + far * i.high, far * i.low + near * i.high) for i in ranges
         )
 
-    changed = replace(p, disturbances=half(p.disturbances), errors=half(p.errors))
-    if not p.influences and (changed.disturbances, changed.errors) != (p.disturbances, p.errors):
-        yield changed, ""
+    for by, said in NARROWER.items() if not p.influences else ():
+        changed = replace(
+            p, disturbances=narrowed(p.disturbances, by), errors=narrowed(p.errors, by)
+        )
+        if (changed.disturbances, changed.errors) != (p.disturbances, p.errors):
+            yield changed, said
 
 
 def _exchange_controllers(found: NotProved) -> Iterator[Change]:
@@ -306,8 +311,8 @@ VARIATIONS = (
     Variation("{}", _change_start, without_core=False, with_core=True),
     Variation("more cells: `{}`", _change_cells, without_core=False, with_core=True, cost=CELLS),
     Variation(
-        HALVED,
-        _halve_disturbances,
+        CALMER,
+        _narrow_disturbances,
         without_core=True,
         with_core=True,
         cost=HALF,

@@ -64,7 +64,7 @@ def explained(text: str) -> ModuleResult:
     checked = check_file("tank.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     (problem,) = problems_of(modules_of(checked, None, None, {}))
-    with patch.multiple(open_claims, BACK_S=60.0, RUNS_S=60.0, HABIT_S=60.0):
+    with patch.multiple(open_claims, BACK_S=60.0, RUNS_S=60.0, HABIT_S=60.0, CHANGED_S=60.0):
         return mark_untried(verify_module(problem, refute=False, explain=True))
 
 

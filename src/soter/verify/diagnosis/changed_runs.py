@@ -1,0 +1,190 @@
+"""Runs of the model with one thing changed: with which change a run that leaves C stays inside.
+
+Purpose: `what_keeps` changes one thing of SC, of the world or of the ages at a time, and follows
+the run that leaves C again; where it stays, it follows others from the same start, too. So the
+advice names what is in the way, and by how much, and says that it was tried.
+Non-goals: verdicts: these are runs of the model, and nothing is proved of the changed module (of
+some changes `tried_remedies.py` asks the proof, too); two changes together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model.types import show_ns
+from soter.verify.diagnosis.model_runs import PointModel, run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from soter.core.layout import Floats
+    from soter.verify.diagnosis.model_runs import ModelTrace, Pattern
+
+    EndsWell = Callable[[PointModel, Pattern], bool]
+
+
+LONGER = 5.0
+"""A changed run is followed this many times as long as the one that leaves C."""
+NARROWER = {0.5: "half as wide", 0.25: "a quarter as wide", 0.0625: "a sixteenth as wide"}
+OF = {"disturbances": "a disturbance", "errors": "an error of"}
+STRONGER = {
+    2.0: "twice as strong",
+    4.0: "four times as strong",
+    16.0: "sixteen times as strong",
+    0.5: "half as strong",
+}
+OLD = (
+    "commands that act sooner: SC answers states up to {} old (`max_age`, `dropout`, `acts within`)"
+)
+MARGIN = 1.25
+"""A strength, or a width, has to help by so much less than what is told, too."""
+MOST = 2
+"""The most changes that are told."""
+KEEPS = "(tried in runs of the model: none leaves C then)"
+KEEPS_CALM = "(tried in runs of the model that nothing disturbs: none leaves C then)"
+RETURNS = "(tried in runs of the model: all end where `safer` holds then)"
+
+
+class _ChangedModel(PointModel):
+    """A model whose SC reads, or publishes, something else."""
+
+    def __init__(
+        self,
+        model: PointModel,
+        reads: Callable[[Floats], Floats] = np.copy,
+        sends: Callable[[Floats], Floats] = np.copy,
+    ) -> None:
+        self.__dict__.update(vars(model))
+        self._reads, self._sends = reads, sends
+
+    def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
+        """What the changed SC publishes; arrays as of `PointModel.law`."""
+        return self._sends(super().law(self._reads(x), errors, others))
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing that is changed: what to say, and the worlds in which all runs have to end well.
+
+    A world is a model and what becomes of a pattern there.
+    """
+
+    said: str
+    worlds: tuple[tuple[PointModel, Callable[[Pattern], Pattern]], ...]
+
+
+def changes(model: PointModel) -> Iterator[list[Change]]:
+    """The changes, those of one thing together, the least first."""
+    q = model.problem.quantities
+    old = OLD.format(show_ns(model.inputs.delay_ns))
+    yield [Change(old, ((model, lambda p: replace(p, late=False)),))]
+    ends = list(zip(q.controls, model.forms.whole[model.controls], strict=True))
+    for k, (leaf, (low, high)) in enumerate(ends):
+        yield [
+            Change(
+                f"an SC whose `{leaf.name}` is {said}",
+                tuple(
+                    (_ChangedModel(model, sends=partial(_mapped, k, by, 0.0, low, high)), _same)
+                    for by in (times, times / MARGIN)
+                ),
+            )
+            for times, said in STRONGER.items()
+        ]
+    for part, leaves in (("disturbances", q.disturbances), ("errors", q.errors)):
+        for k, leaf in enumerate(leaves):
+            yield [
+                Change(
+                    f"{OF[part]} `{leaf.name}` {said}",
+                    tuple(
+                        (model, partial(_narrowed, part, k, by)) for by in (times, times * MARGIN)
+                    ),
+                )
+                for times, said in NARROWER.items()
+            ]
+    for k, (leaf, (low, high)) in enumerate(ends):
+        turned = partial(_mapped, k, -1.0, _middle(low, high), low, high)
+        world = _ChangedModel(model, sends=turned), _same
+        yield [Change(f"an SC with the other sign of `{leaf.name}`", (world,))]
+    for k, leaf in enumerate(q.states):
+        turned = partial(_mapped, k, -1.0, _middle(model.low[k], model.high[k]), -np.inf, np.inf)
+        world = _ChangedModel(model, reads=turned), _same
+        yield [Change(f"an SC that answers `{leaf.name}` with the other sign", (world,))]
+
+
+def _same(pattern: Pattern) -> Pattern:
+    return pattern
+
+
+def _middle(low: float, high: float) -> float:
+    """The value about which a sign is changed: 0 where a range has it inside, or its middle."""
+    return 0.0 if low < 0.0 < high else low / 2 + high / 2
+
+
+def _mapped(
+    index: int, times: float, about: float, low: float, high: float, values: Floats
+) -> Floats:
+    """A copy with one value moved away from `about` so many times as far, inside of its range."""
+    values = np.copy(values)
+    values[index] = np.clip(about + times * (values[index] - about), low, high)
+    return values
+
+
+def _narrowed(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
+    """A pattern of whose disturbances, or errors, one is nearer to its middle."""
+    signs = np.copy(getattr(pattern, part))
+    signs[index] *= times
+    if part == "errors":
+        return replace(pattern, errors=signs)
+    return replace(pattern, disturbances=signs)
+
+
+def what_brings_back(
+    model: PointModel, first: Pattern, others: Sequence[Pattern], returns: EndsWell
+) -> str:
+    """The changes with which runs end where the DM gives control back, in words; "": none found.
+
+    `returns`: whether a run of a model with a pattern does, and there was time to see it; `first`:
+    a pattern whose run does not.
+    """
+    return _said(_what_helps(model, first, returns, others), RETURNS)
+
+
+def what_keeps(
+    model: PointModel, left: ModelTrace, others: Sequence[Pattern], go_on: Callable[[], bool]
+) -> str:
+    """The changes with which no run leaves C from where one began, in words; "": none was found.
+
+    `left`: a run that leaves it. Where that has everything in the middle, `others` are not asked.
+    """
+    until_s = LONGER * left.times[-1]
+
+    def stays(changed: PointModel, pattern: Pattern) -> bool:
+        if not go_on():
+            return False
+        trace = run(changed, left.states[0], pattern, until_s, go_on)
+        return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
+
+    if not left.pattern.any:
+        return _said(_what_helps(model, left.pattern, stays, []), KEEPS_CALM)
+    return _said(_what_helps(model, left.pattern, stays, others), KEEPS)
+
+
+def _what_helps(
+    model: PointModel, first: Pattern, well: EndsWell, others: Sequence[Pattern]
+) -> Iterator[str]:
+    """The changes with which the first pattern and all others end well, in words."""
+    for steps in changes(model):
+        for change in steps:
+            if all(well(m, of(p)) for p in (first, *others) for m, of in change.worlds):
+                yield change.said
+                break
+
+
+def _said(found: Iterator[str], tried: str) -> str:
+    told = "; or ".join(islice(found, MOST))
+    return f"{told} {tried}" if told else ""

@@ -1,0 +1,138 @@
+"""What is wrong with an SC whose K is empty, as undisturbed runs of the model show it.
+
+Purpose: `habit` looks for three faults of SC: it comes to rest outside of C; it drives a state away
+from its place of rest; or it leaves a state where it starts, so that any push moves that on. They
+lie with SC, so the advice is about SC.
+Non-goals: verdicts: these are runs of the model; an SC that is merely too weak
+(`changed_runs.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.diagnosis.model_runs import (
+    FALSE,
+    NS,
+    TRUE,
+    PointModel,
+    pattern_text,
+    patterns,
+    point_text,
+    run,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.core.layout import Floats
+    from soter.verify.diagnosis.model_runs import ModelTrace, Pattern
+
+
+HOLDS = 2000
+"""For how many periods of SC a run is followed."""
+STILL = 1e-3
+"""As a share of an axis: a run that moves less in its last quarter has come to rest."""
+MOVED = 0.1
+"""As a share of an axis: how far a state is put beside the place of rest."""
+LOOKS = 50
+"""At how many places `safe` is evaluated on the way from there to the end of an axis."""
+
+
+@dataclass(frozen=True)
+class Habit:
+    """What SC does wrong, in a sentence, and what to write in its place."""
+
+    text: str
+    hint: str
+    trace: ModelTrace | None = None
+    """The run that leaves C, with everything in the middle, where it does."""
+
+
+def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
+    """The habit of SC from a state, (states,); None: the runs show none, or time ran out."""
+    calm = next(patterns(model))
+    until_s = HOLDS * model.inputs.period_ns * NS
+    first = run(model, start, calm, until_s, going, beyond=True)
+    if not comes_to_rest(model, first) or not going():
+        return None
+    rest = first.states[-1]
+    if model.outside(rest).any() or model.safe(rest) == FALSE:
+        text = (
+            f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
+        )
+        return Habit(text, "an SC that comes to rest where `safe` holds")
+    for axis in (i for i in range(len(rest)) if i not in model.turning):
+        for side in (1.0, -1.0):
+            found = _habit_beside_rest(model, rest, axis, side, until_s, going)
+            if found is not None:
+                return found
+    return None
+
+
+def _habit_beside_rest(
+    model: PointModel,
+    rest: Floats,
+    axis: int,
+    side: float,
+    until_s: float,
+    going: Callable[[], bool],
+) -> Habit | None:
+    """The habit of SC if a state is put beside the place where SC rests; None: it leads back."""
+    calm, name, begin = next(patterns(model)), model.names[axis], rest.copy()
+    step = side * MOVED * (model.high[axis] - model.low[axis])
+    begin[axis] += step
+    inside = model.low[axis] <= begin[axis] <= model.high[axis]
+    if not (inside and model.safe(begin) == TRUE and going()):
+        return None
+    trace = run(model, begin, calm, until_s, going)
+    end = trace.states[-1]
+    moved = (end[axis] - begin[axis]) / step
+    if trace.left and moved > 0.0:
+        text = f"without any disturbance SC drives {name} away: from {begin[axis]:.4g} it leaves C"
+        return Habit(text, f"an SC that brings {name} back: perhaps a sign is wrong", trace)
+    if trace.left or abs(moved) > 0.5 or not comes_to_rest(model, trace):
+        return None
+    for pattern in patterns(model):
+        pushed = run(model, rest, pattern, until_s / 4, going)
+        if not going():
+            return None
+        speed = (pushed.states[-1][axis] - rest[axis]) / max(pushed.times[-1], NS)
+        if abs(speed) * until_s > STILL * abs(step) and _ends_unsafe(model, rest, axis, speed):
+            return _drift(model, pattern, name, (begin[axis], end[axis], speed))
+    return None
+
+
+def _drift(
+    model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
+) -> Habit:
+    """The habit of leaving a state; `seen`: its start, its end, how fast it is pushed at rest."""
+    begin, end, speed = seen
+    by = ", ".join(pattern_text(model, pattern))
+    text = (
+        f"SC leaves {name} at {end:.4g} where it begins at {begin:.4g}, and does not bring it back:"
+        f" with {by} {name} moves on, {speed:.3g} a second, toward where `safe` ends"
+    )
+    return Habit(text, f"an SC that brings {name} back to a place, and not to a stop alone")
+
+
+def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bool:
+    """Whether `safe` ceases to hold on the way that a state drifts, inside of the grid."""
+    x, end = rest.copy(), model.high[axis] if speed > 0.0 else model.low[axis]
+    for value in np.linspace(rest[axis], end, LOOKS):
+        x[axis] = value
+        if model.safe(x) == FALSE:
+            return True
+    return False
+
+
+def comes_to_rest(model: PointModel, trace: ModelTrace) -> bool:
+    """Whether the last quarter of a run moves no state."""
+    late = [
+        x for t, x in zip(trace.times, trace.states, strict=True) if t >= 0.75 * trace.times[-1]
+    ]
+    moved = np.max(late, axis=0) - np.min(late, axis=0)
+    return bool((moved <= STILL * np.maximum(model.high - model.low, 1e-300)).all())
