@@ -1,10 +1,11 @@
 """The help of `soter verify` where a robot is not proved, line by line, and what readers judged.
 
-    .venv/bin/python bench/newcomers/help_lines.py [--folder ../shared/robots] [--cpu-s 60]
-        [--variants N] [--kept .soter/newcomers] [NAME ...]
+    .venv/bin/python bench/newcomers/help_lines.py [--folder ../shared/robots] [--budget 20s]
+        [--cpu-s 300] [--variants N] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: each robot as it stands, and with `--variants` the first N wrong variants of each one that
-`wrong_robots.py` has, is verified with its advice for at most so many CPU seconds. A line a run:
+`wrong_robots.py` has, is verified with its advice. `--budget`: of the search for other hints, which
+is not what is asked here; `--cpu-s`: when a run is ended. A line a run:
 the first claim that is open, whether what is told was tried, what readers wrote of it in
 `help_judged.txt` (right, misleading, or little: true, and no help), and the help. Then how many of
 each. Answers are kept, by program and the tool's sources.
@@ -46,7 +47,7 @@ def first_help(text: str) -> dict[str, Any]:
     return {"claim": "", "help": ""}
 
 
-def asked(name: str, text: str, cpu_s: int) -> dict[str, Any]:
+def asked(name: str, text: str, budget: str, cpu_s: int) -> dict[str, Any]:
     """What `soter verify` tells of a program within so many CPU seconds."""
 
     def limited() -> None:
@@ -54,7 +55,7 @@ def asked(name: str, text: str, cpu_s: int) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory() as place:
         (Path(place) / f"{name}.soter").write_text(text)
-        command = [sys.executable, "-m", "soter", "verify", f"{name}.soter"]
+        command = [sys.executable, "-m", "soter", "verify", f"{name}.soter", "--budget", budget]
         done = subprocess.run(
             command, capture_output=True, text=True, check=False, cwd=place, preexec_fn=limited
         )
@@ -75,7 +76,8 @@ def main(argv: list[str]) -> int:
     """Prints the lines and the sums."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
-    parser.add_argument("--cpu-s", type=int, default=60)
+    parser.add_argument("--budget", default="20s")
+    parser.add_argument("--cpu-s", type=int, default=300)
     parser.add_argument("--variants", type=int, default=0)
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
     parser.add_argument("names", nargs="*", metavar="NAME")
@@ -89,8 +91,9 @@ def main(argv: list[str]) -> int:
         for wrong in VARIANTS.get(file.stem, ())[: options.variants]:
             runs[f"{file.stem}: {wrong.why}"] = edited(text, wrong)
         for run, program in runs.items():
-            about = ("help", tool(), str(options.cpu_s), program)
-            told = kept(options.kept, about, partial(asked, file.stem, program, options.cpu_s))
+            limits = options.budget, options.cpu_s
+            about = ("help", tool(), str(limits), program)
+            told = kept(options.kept, about, partial(asked, file.stem, program, *limits))
             if told["code"] == 0:
                 continue
             help_ = told["help"]
