@@ -1,6 +1,6 @@
 """The help of `soter verify` where a robot is not proved, line by line, and what readers judged.
 
-    .venv/bin/python bench/newcomers/help_lines.py [--folder ../shared/robots] [--budget 20s]
+    .venv/bin/python bench/newcomers/help_lines.py [--folder ../shared/robots] [--budget 0s]
         [--cpu-s 300] [--variants N] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: each robot as it stands, and with `--variants` the first N wrong variants of each one that
@@ -76,7 +76,7 @@ def main(argv: list[str]) -> int:
     """Prints the lines and the sums."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
-    parser.add_argument("--budget", default="20s")
+    parser.add_argument("--budget", default="0s")
     parser.add_argument("--cpu-s", type=int, default=300)
     parser.add_argument("--variants", type=int, default=0)
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
