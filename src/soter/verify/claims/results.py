@@ -390,6 +390,8 @@ class ProofSearch:
     found: Hints | None = None
     checked: CheckResult | None = None
     result: ModuleResult | None = None
+    ended: bool = False
+    """Whether its budget was spent."""
     proved: bool = False
     """Whether the module is proved with what was found, and its AC may get control.
 

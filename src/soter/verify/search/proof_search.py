@@ -106,10 +106,11 @@ def find_hints(
             if not search.made.proved and search.going():
                 search.attempt(hints, cells)
     except (SoterError, CancelledError, StepFaultError, UnboundedError, EnclosureError):
-        return search.made
+        pass
     except KeyboardInterrupt as stopped:
         vars(stopped)["__notes__"] = search.so_far()
         raise
+    search.made.ended = not search.going()
     return search.made
 
 

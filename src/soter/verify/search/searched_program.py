@@ -36,6 +36,9 @@ NOT_LOOKED_FOR = (
     "`abstracts`, `enters` and an SC that is to be found"
 )
 NO_RUNS = "no hint was tried: runs of the model under SC, of which hints are made, gave none"
+NO_TIME = (
+    "no hint was tried: `--budget` ended while runs of the model, of which hints are made, went on"
+)
 
 
 def with_found_hints(
@@ -151,4 +154,5 @@ def _told_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
     if search is None:
         return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)
     tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in search.tries if not t.untried)
-    return replace(refused, notes=(*refused.notes, *(tried or (NO_RUNS,))), helps=helps)
+    none = NO_TIME if search.ended else NO_RUNS
+    return replace(refused, notes=(*refused.notes, *(tried or (none,))), helps=helps)
