@@ -149,6 +149,12 @@ def test_without_a_budget_nothing_is_looked_for() -> None:
     assert [d.code for d in raised.value.diagnostics] == ["R008"]
 
 
+def test_a_budget_that_ended_before_any_hint_is_named() -> None:
+    with pytest.raises(SoterError) as raised:
+        _loaded(HOPPER).verify(budget_s=1e-9)
+    assert any("`--budget` ended" in note for note in raised.value.diagnostics[0].notes)
+
+
 def test_a_grid_of_the_program_that_proves_is_not_touched() -> None:
     own = HOPPER.replace(
         "< 0.8; }\nsystem", "< 0.8; verify { grid apex in [0.15, 0.8] / 130; } }\nsystem"
