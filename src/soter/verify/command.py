@@ -28,7 +28,7 @@ from soter.verify.chosen_modules import chosen_problems, modules_of
 from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import cache_sets
-from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
+from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried, take_back_cells
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 from soter.verify.verify_module import module_method
@@ -79,6 +79,10 @@ def verify(
         checked, results, further = _with_other_hints(checked, what, results, searches, budget_s)
         searches += further
         chosen, problems = chosen_problems(checked, **what) if further else (chosen, problems)
+    in_vain = {s.module for s in searches if not s.proved and any(not t.untried for t in s.tries)}
+    for result in results:
+        if result.name in in_vain:
+            take_back_cells(result)
     assert checked.program is not None
     whole = {flat.name: flat for flat, _ in modules_of(checked, **what)}
     coverage = coverage_of(checked, chosen, problems, params or {})

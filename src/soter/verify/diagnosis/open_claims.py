@@ -240,8 +240,7 @@ def _no_run_cause(
         text += f"; `rest`, which is for an SC that stops, cannot follow it: {why_not}"
         advice.insert(0, "rates and an SC that `rest` can follow")
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
-    weak = ("a stronger SC",) if stop is None else ()
-    return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER, *weak))
+    return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER))
 
 
 def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:

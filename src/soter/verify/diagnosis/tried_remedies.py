@@ -214,6 +214,7 @@ WORDS = {
     "smaller errors": CALMEST,
 }
 """The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
+SEARCHED = "in vain: other cells, in the search whose tries are listed"
 NOT_TRIED = "(not tried)"
 """Stands behind a suggestion with which the module was not proved."""
 
@@ -365,6 +366,17 @@ def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
     """Whether fewer claims fail now than before, or P2a no longer does."""
     asked = set(left) - {"P2b"} if "P2a" in now else set(left)  # without K nothing leads back
     return set(now) < asked or (left[0] == "P2a" and "P2a" not in now)
+
+
+def take_back_cells(result: ModuleResult) -> None:
+    """Takes back the advice to try smaller cells, where a search has tried others in vain."""
+    for finding in result.findings.values():
+        marked = f" {NOT_TRIED}" if finding.hint.endswith(NOT_TRIED) else ""
+        parts = finding.hint.removesuffix(marked).split("; ")
+        left = [p for p in parts if not p.startswith("smaller cells")]
+        if left != parts:
+            finding.tried.append(SEARCHED)
+            finding.hint = "; ".join(left) + marked * bool(left)
 
 
 def mark_untried(result: ModuleResult) -> ModuleResult:

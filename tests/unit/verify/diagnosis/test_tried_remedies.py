@@ -254,6 +254,24 @@ def test_a_finer_grid_that_was_tried_in_vain_is_not_advised(tmp_path: Path) -> N
     assert "cells" not in finding.hint
 
 
+@pytest.mark.parametrize(
+    ("hint", "left"),
+    [
+        ("smaller cells; smaller errors (not tried)", "smaller errors (not tried)"),
+        ("smaller errors; smaller cells (not tried)", "smaller errors (not tried)"),
+        ("smaller cells where SC ends (not tried)", ""),
+        ("`a` (tried: proved)", "`a` (tried: proved)"),
+    ],
+)
+def test_cells_that_a_search_tried_in_vain_are_not_advised(hint: str, left: str) -> None:
+    result = explained(TANK)
+    finding = result.findings["P2a"]
+    finding.hint = hint
+    tried_remedies.take_back_cells(result)
+    assert finding.hint == left
+    assert (tried_remedies.SEARCHED in finding.tried) == (hint != left)
+
+
 def test_a_module_with_a_shield_is_read_again_without_what_that_permitted(tmp_path: Path) -> None:
     (tmp_path / "lane.soter").write_text(
         LANE.replace("  safe", "  shield 4;\n  safe").replace("40ms", "80ms"), "utf-8"
