@@ -59,7 +59,7 @@ class Log:
     def __init__(self, last_ms: int = 200, first_ms: int = 0, every_ms: int = 10) -> None:
         times = range(first_ms * MS, last_ms * MS + 1, every_ms * MS)
         self.messages = {name: dict.fromkeys(times, 1.0) for name in SENSORS}
-        self.messages["u"] = {t * MS: 0.5 for t in range(0, last_ms + 1, 20)}
+        self.messages["u"] = {t * MS: -1.0 for t in range(0, last_ms + 1, 20)}
         self.verdicts = {t * MS: t >= 80 for t in range(0, last_ms + 1, 40)}
         self.last_ns = last_ms * MS
 
@@ -96,11 +96,15 @@ def moved(log: Log, old_ms: int, new_ms: int) -> None:
     log.messages["u"][new_ms * MS] = log.messages["u"].pop(old_ms * MS)
 
 
+def answered(log: Log, at_ms: int, value: float) -> None:
+    log.messages["u"][at_ms * MS] = value
+
+
 def taken_over_late(log: Log, *answers_ms: int) -> None:
     """The DM gives control to SC 1 ms after its release of 120 ms, at which AC published."""
     del log.verdicts[120 * MS]
     log.verdicts |= dict.fromkeys((121 * MS, 160 * MS, 200 * MS), False)
-    log.messages["u"] |= {t * MS: 0.5 for t in answers_ms}
+    log.messages["u"] |= {t * MS: -1.0 for t in answers_ms}
 
 
 BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = {
@@ -148,6 +152,21 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     "SC is later where no verdict is due": ("", lambda log: moved(log, 20, 27), [(20, SC_SILENT)]),
     "SC waits for a verdict that is late": ("", lambda log: taken_over_late(log, 123), []),
     "SC skips the release of a verdict that is late": ("", taken_over_late, [(120, SC_SILENT)]),
+    "SC publishes what its step does not": (
+        "",
+        lambda log: log.messages["u"].update({20 * MS: -0.5, 60 * MS: 1.0, 100 * MS: 0.5}),
+        [(t, "SC published u, which its step gives on nothing it may have read") for t in (20, 60)],
+    ),
+    "SC reads one topic before, and one after it has changed": (
+        "",
+        lambda log: (log.messages["vel"].update({60 * MS: -0.5}), answered(log, 60, -0.5)),
+        [],
+    ),
+    "SC reads what was replaced long ago": (
+        "",
+        lambda log: (log.messages["vel"].update({30 * MS: -0.5}), answered(log, 60, -0.5)),
+        [(60, "SC published u, which its step gives on nothing it may have read")],
+    ),
     "AC publishes nothing": ("", lambda log: log.leave_out("u", 100, 120, 140), []),
 }
 
