@@ -10,7 +10,8 @@ another time; *sensors never drop out*, or are *silent for O longer than their p
 release, or more, without a message; *the DM says "AC" on one instant alone*: two reads of plants
 that publish together with other ages, or of sensors further apart than `every` and `delayed` say;
 *no release is skipped* and SC's `late` and `response`: a release of SC in control without outputs
-in time; *binary64 is computed as IEEE 754 says*: an output of SC in control that its step gives on
+in time; *SC waits for the DM*: an output of a release of SC before the verdict for which it waits;
+*binary64 is computed as IEEE 754 says*: an output of SC in control that its step gives on
 nothing that it may have read; *what is published lies in the declared sets*: a message that does
 not; *errors of sensors stay within their bounds*: a message further from what the plant drives in
 the state that a simulation logs beside it.
@@ -95,6 +96,11 @@ class _Outputs:
     next: int = 0
     published: dict[str, int] = field(default_factory=dict)
     read: dict[str, list[tuple[int, Value]]] = field(default_factory=dict)
+
+    @property
+    def slow(self) -> int:
+        """The longest time (ns) from a release of SC to what its step publishes."""
+        return max(self.late, self.waits) + self.response
 
 
 class LoggedAssumptions:
@@ -216,10 +222,14 @@ class LoggedAssumptions:
         """Note that the DM said who has control."""
         outputs = self._outputs[module.name]
         self._answer(outputs, time_ns - 1)
+        asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
+        for name, at in outputs.published.items() if outputs.since is not None else ():
+            began = at - outputs.slow
+            if began + (outputs.phase - began) % outputs.period >= asked and at < time_ns:
+                self._doubt(at, module, f"SC published {name} before the verdict of its release")
         if is_ac:
             outputs.since = None
         elif outputs.since is None:
-            asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
             outputs.since = time_ns
             outputs.next = asked + (outputs.phase - asked) % outputs.period
 
@@ -239,7 +249,7 @@ class LoggedAssumptions:
         """All of an instant was told."""
         for outputs in self._outputs.values():
             self._answer(outputs, time_ns)
-            began = time_ns - max(outputs.late, outputs.waits) - outputs.response
+            began = time_ns - outputs.slow
             for of in outputs.read.values():
                 while len(of) > 1 and of[1][0] < began:
                     del of[0]

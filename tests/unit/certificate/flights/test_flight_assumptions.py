@@ -100,6 +100,10 @@ def answered(log: Log, at_ms: int, value: float) -> None:
     log.messages["u"][at_ms * MS] = value
 
 
+def late_verdict(log: Log, release_ms: int, at_ms: int) -> None:
+    log.verdicts[at_ms * MS] = log.verdicts.pop(release_ms * MS)
+
+
 def taken_over_late(log: Log, *answers_ms: int) -> None:
     """The DM gives control to SC 1 ms after its release of 120 ms, at which AC published."""
     del log.verdicts[120 * MS]
@@ -150,6 +154,16 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     "SC is as late as it may be": ("", lambda log: moved(log, 40, 48), []),
     "SC is later": ("", lambda log: moved(log, 40, 49), [(40, SC_SILENT)]),
     "SC is later where no verdict is due": ("", lambda log: moved(log, 20, 27), [(20, SC_SILENT)]),
+    "SC does not wait for a verdict that is late": (
+        "",
+        lambda log: late_verdict(log, 40, 41),
+        [(40, "SC published u before the verdict of its release")],
+    ),
+    "SC of the release before is out while the DM is late": (
+        "",
+        lambda log: (late_verdict(log, 40, 41), moved(log, 40, 43), answered(log, 26, -1.0)),
+        [],
+    ),
     "SC waits for a verdict that is late": ("", lambda log: taken_over_late(log, 123), []),
     "SC skips the release of a verdict that is late": ("", taken_over_late, [(120, SC_SILENT)]),
     "SC publishes what its step does not": (
