@@ -96,12 +96,15 @@ def moved(log: Log, old_ms: int, new_ms: int) -> None:
     log.messages["u"][new_ms * MS] = log.messages["u"].pop(old_ms * MS)
 
 
-def answered(log: Log, at_ms: int, value: float) -> None:
-    log.messages["u"][at_ms * MS] = value
+def answered(log: Log, read_ms: int) -> None:
+    """SC answers at 60 ms as if it had read what `vel` is at one time alone."""
+    log.messages["vel"][read_ms * MS] = log.messages["u"][60 * MS] = -0.5
 
 
-def late_verdict(log: Log, release_ms: int, at_ms: int) -> None:
-    log.verdicts[at_ms * MS] = log.verdicts.pop(release_ms * MS)
+def late_verdict(log: Log, answered_ms: int = 40) -> None:
+    log.verdicts[41 * MS] = log.verdicts.pop(40 * MS)
+    log.messages["u"][26 * MS] = -1.0
+    moved(log, 40, answered_ms)
 
 
 def taken_over_late(log: Log, *answers_ms: int) -> None:
@@ -156,12 +159,12 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     "SC is later where no verdict is due": ("", lambda log: moved(log, 20, 27), [(20, SC_SILENT)]),
     "SC does not wait for a verdict that is late": (
         "",
-        lambda log: late_verdict(log, 40, 41),
+        late_verdict,
         [(40, "SC published u before the verdict of its release")],
     ),
     "SC of the release before is out while the DM is late": (
         "",
-        lambda log: (late_verdict(log, 40, 41), moved(log, 40, 43), answered(log, 26, -1.0)),
+        lambda log: late_verdict(log, 43),
         [],
     ),
     "SC waits for a verdict that is late": ("", lambda log: taken_over_late(log, 123), []),
@@ -173,12 +176,12 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     ),
     "SC reads one topic before, and one after it has changed": (
         "",
-        lambda log: (log.messages["vel"].update({60 * MS: -0.5}), answered(log, 60, -0.5)),
+        lambda log: answered(log, 60),
         [],
     ),
     "SC reads what was replaced long ago": (
         "",
-        lambda log: (log.messages["vel"].update({30 * MS: -0.5}), answered(log, 60, -0.5)),
+        lambda log: answered(log, 30),
         [(60, "SC published u, which its step gives on nothing it may have read")],
     ),
     "AC publishes nothing": ("", lambda log: log.leave_out("u", 100, 120, 140), []),
