@@ -27,6 +27,8 @@ from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay
 from soter.monitor.model_membership import Judgement, judge, needed_topics, note_alarm, topic_names
 from soter.monitor.typed_samples import read_samples
+from soter.report.mcap_reading import metadata
+from soter.report.wording import changed_parameters
 from soter.semantics.publication_gate import make_check
 from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
 from soter.verify.problem.extract import extract_sets
@@ -46,13 +48,29 @@ def judged(
     flat: System, log: str | Path | None, run: Run | None, module: str | None, *, estimates: bool
 ) -> list[Judgement]:
     """Judges every module, or one, on a log of the system `flat` or on a traced run of it."""
+    notes: tuple[str, ...] = ()
     if run is not None:
         flat, record = run.system, record_of_trace(run)
     else:
         assert log is not None
-        record = read_log(Path(log), flat)
+        record, notes = read_log(Path(log), flat), _of_another_flight(Path(log), flat)
     chosen = chosen_modules(flat, module)
-    return [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+    made = [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+    return [replace(j, notes=(*j.notes, *notes)) for j in made]
+
+
+def _of_another_flight(log: Path, flat: System) -> tuple[str, ...]:
+    """A note where a log says that another program, system or values of parameters flew."""
+    own = {f"param {name}": text for name, (text, _) in changed_parameters(flat).items()}
+    own |= {"system": flat.name, "program_sha256": flat.program.sha256}
+    said = {k: v for k, v in metadata(log).items() if k in own or k.startswith("param ")}
+    pairs = [(k, said.get(k, "the default"), own.get(k, "the default")) for k in said | own]
+    told = [
+        f"{k} is {there:.12} in the log, {here:.12} here"
+        for k, there, here in pairs
+        if there != here
+    ]
+    return ("what is judged is not what flew: " + "; ".join(told),) if said and told else ()
 
 
 def log_judged(

@@ -10,16 +10,19 @@ another time; *sensors never drop out*, or are *silent for O longer than their p
 release, or more, without a message; *the DM says "AC" on one instant alone*: two reads of plants
 that publish together with other ages, or of sensors further apart than `every` and `delayed` say;
 *no release is skipped* and SC's `late` and `response`: a release of SC in control without outputs
-in time; *what is published lies in the declared sets*: a message that does not; *errors of sensors
-stay within their bounds*: a message further from what the plant drives in the state that a
-simulation logs beside it.
+in time; *SC waits for the DM*: an output of a release of SC before the verdict for which it waits;
+*binary64 is computed as IEEE 754 says*: an output of SC in control that its step gives on
+nothing that it may have read; *what is published lies in the declared sets*: a message that does
+not; *errors of sensors stay within their bounds*: a message further from what the plant drives in
+the state that a simulation logs beside it.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
+from math import prod
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.symbolic_values import scalar_leaves
@@ -31,13 +34,16 @@ from soter.language.evaluate.statements import Evaluator
 from soter.language.model.types import FloatType, has_list, leaf_name, leaves, show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.language.model.system import Component, Module, System, Topic
     from soter.language.model.types import Value
 
 UNKNOWN = (LookupError, RuntimeError, StepFault)
 """What the evaluator raises where code of a plant reads what no log has: inputs, a choice."""
+
+READS_MAX = 4096
+"""So many combinations of what SC may have read are tried."""
 
 
 @dataclass(eq=False)
@@ -74,16 +80,27 @@ def _sensors(system: System) -> dict[str, _Sensor]:
 class _Outputs:
     """Releases of SC of one module that have not been answered for: `due` has (release, by when).
 
-    `since`: the release of its last verdict that is not "AC"; None while AC has control.
+    `since`: the release of its last verdict that is not "AC"; None while AC has control. `read`: of
+    each topic that SC reads the last messages, which a step that is just out may have read. SC
+    starts `late` at most, or `waits` for the DM, and is out a `response` later.
     """
 
     module: Module
     period: int
     phase: int
     topics: tuple[str, ...]
+    late: int
+    waits: int
+    response: int
     since: int | None = None
     next: int = 0
     published: dict[str, int] = field(default_factory=dict)
+    read: dict[str, list[tuple[int, Value]]] = field(default_factory=dict)
+
+    @property
+    def slow(self) -> int:
+        """The longest time (ns) from a release of SC to what its step publishes."""
+        return max(self.late, self.waits) + self.response
 
 
 class LoggedAssumptions:
@@ -98,10 +115,18 @@ class LoggedAssumptions:
         self._topics = {t.name: t for t in system.topics}
         self._read = {m.name: _read_by(system, m) & self._sensors.keys() for m in modules}
         self._outputs = {}
+        self._steps: dict[str, Callable[[Environment], object]] = {}
         for m in modules:
-            sc = system.components[m.sc]
+            sc, verify = system.components[m.sc], m.symbol.verify
+            assert sc.node is not None
             names = tuple(system.topics[i].name for i in m.outputs)
-            self._outputs[m.name] = _Outputs(m, sc.period_ns, sc.phase_ns, names, next=sc.phase_ns)
+            declared = verify.late_sc, verify.response_dm, verify.response_sc
+            late, spoken, response = (declared_ns(m, e) for e in declared)
+            times = sc.period_ns, sc.phase_ns, names, late, m.late_ns + spoken, response
+            of_sc = (system.topics[sc.scope.topics[s.topic]].name for s in sc.node.subscribes)
+            read: dict[str, list[tuple[int, Value]]] = {name: [] for name in of_sc}
+            self._outputs[m.name] = _Outputs(m, *times, next=sc.phase_ns, read=read)
+            self._steps[m.name] = Evaluator.of(sc.scope).block(sc.node.step)
 
     def _doubt(self, time_ns: int, module: Module, text: str) -> None:
         self.doubts.append(Doubt(time_ns, module.name, CONTRADICTED, text))
@@ -118,6 +143,8 @@ class LoggedAssumptions:
             self._answer(outputs, time_ns - 1)
             if name in outputs.topics:
                 outputs.published[name] = time_ns
+            if name in outputs.read:
+                outputs.read[name].append((time_ns, value))
         if (sensor := self._sensors.get(name)) is not None:
             at = sensor.releases
             if at is not None and ((time_ns - at[1]) % at[0] or sensor.last_ns == time_ns):
@@ -195,10 +222,14 @@ class LoggedAssumptions:
         """Note that the DM said who has control."""
         outputs = self._outputs[module.name]
         self._answer(outputs, time_ns - 1)
+        asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
+        for name, at in outputs.published.items() if outputs.since is not None else ():
+            began = at - outputs.slow
+            if began + (outputs.phase - began) % outputs.period >= asked and at < time_ns:
+                self._doubt(at, module, f"SC published {name} before the verdict of its release")
         if is_ac:
             outputs.since = None
         elif outputs.since is None:
-            asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
             outputs.since = time_ns
             outputs.next = asked + (outputs.phase - asked) % outputs.period
 
@@ -218,6 +249,33 @@ class LoggedAssumptions:
         """All of an instant was told."""
         for outputs in self._outputs.values():
             self._answer(outputs, time_ns)
+            began = time_ns - outputs.slow
+            for of in outputs.read.values():
+                while len(of) > 1 and of[1][0] < began:
+                    del of[0]
+            if outputs.since is None or outputs.since == time_ns:
+                continue  # AC may have published in this instant
+            for name in outputs.topics:
+                if outputs.published.get(name) == time_ns and not self._may_be(outputs, name):
+                    why = f"SC published {name}, which its step gives on nothing it may have read"
+                    self._doubt(time_ns, outputs.module, why)
+
+    def _may_be(self, outputs: _Outputs, name: str) -> bool:
+        """Whether SC's step gives what a topic has on something that SC may have read."""
+        if not 0 < prod(map(len, outputs.read.values())) <= READS_MAX:
+            return True  # no message of what it reads, or too many
+        topics = [t.default for t in self.system.topics]
+        for values in product(*(reversed(of) for of in outputs.read.values())):
+            for read, (_, value) in zip(outputs.read, values, strict=True):
+                topics[self._topics[read].index] = value
+            env = Environment(topics=topics)
+            try:
+                self._steps[outputs.module.name](env)
+            except UNKNOWN:
+                return True
+            if repr(env.published.get(self._topics[name].index)) == repr(self._latest[name][1]):
+                return True
+        return False
 
     def _answer(self, outputs: _Outputs, until_ns: int) -> None:
         """Note each release of SC in control whose outputs were due by a time and are not there."""
@@ -231,11 +289,8 @@ class LoggedAssumptions:
 
     def _due(self, outputs: _Outputs) -> int:
         """The instant by which SC's outputs of its next release have to be there."""
-        m, verify = outputs.module, outputs.module.symbol.verify
-        late, response = (declared_ns(m, e) for e in (verify.late_sc, verify.response_sc))
-        slow = m.late_ns + declared_ns(m, verify.response_dm)
-        asked = outputs.next - outputs.next % m.period_ns
-        return max(outputs.next + late, asked + slow) + response
+        asked = outputs.next - outputs.next % outputs.module.period_ns
+        return max(outputs.next + outputs.late, asked + outputs.waits) + outputs.response
 
     def end(self, time_ns: int) -> None:
         """The log was read up to here, this instant included."""

@@ -90,6 +90,47 @@ system Robot deploys p.Line {
   module p.Follow;
 }
 """
+CROSSING = """soter 1;
+topic car: { v: float, x: float } in { v in [-20.0, 20.0] } max_age 20ms;
+topic man: float max_age 20ms;
+topic u: float in [-2.0, 2.0];
+plant P period 10ms {
+  reads u;
+  drives car = { v: v, x: x };
+  drives man = m;
+  state v: float = 0.0;
+  state x: float in [-1.0, 1.0];
+  state m: float in [50.0, 60.0];
+  disturbance walk: float in [-0.5, 0.5];
+  der v = u;
+  der x = v;
+  der m = walk;
+  measured car.v within 0.01, man within 0.03;
+}
+node Rush period 20ms { publishes u; step { publish u = 2.0; } }
+node Stop period 20ms {
+  subscribes car;
+  publishes u;
+  step { publish u = clamp(-2.0 * car.v, -2.0, 2.0); }
+}
+rta Keep {
+  ac Rush;
+  sc Stop;
+  period 40ms;
+  safe abs(car.v) < 0.2 || man - car.x > 2.0;
+  rest abs(car.v) < 0.1 within 10s;
+}
+system Protected { p: P; module Keep; }
+"""
+STREET = """soter 1;
+import "proved.soter" as p;
+system Robot deploys p.Protected {
+  external topic p.car every 10ms measured p.car.v within 0.01;
+  external topic p.man every 10ms measured p.man within 0.03;
+  external topic p.u;
+  module p.Keep;
+}
+"""
 MOVED = SHIELDED.replace("shield 4", "shield 4 toward sc")
 KINDS = {
     "grid": GRID,
@@ -98,6 +139,7 @@ KINDS = {
     "moved": (MOVED, SHIELDED_ROBOT),
     "rest": (PLAIN, TRAIN),
     "judged": (BOAT, HARBOUR),
+    "free": (CROSSING, STREET),
 }
 TAKEN = {
     "grid": {"built.edges", "built.entries"},
@@ -106,6 +148,7 @@ TAKEN = {
     "moved": {"built.edges", "built.entries", "built.commands", "problem.controls"},
     "rest": {"claims.ways", "claims.cut", "problem.within_ns", "problem.drifts", "problem.errors"},
     "judged": {"claims.ways", "claims.cut", "problem.within_ns", "problem.times.schedule.sc"},
+    "free": {"claims.ways[0]", "claims.ways[1]", "claims.ways[2]", "problem.errors"},
 }
 """What at least is found to be in the C: a walk that finds nothing shows nothing."""
 OF_NO_CLAIM = ("claims.cut", "built.commands.lasting")

@@ -48,3 +48,25 @@ system Crooked { c: Bent; module m.Guard; node w.ModelMonitor; set m.GAIN = 1.5;
     (warning,) = program.diagnostics
     assert (warning.code, "`Crooked`" in warning.message) == ("D022", True)
     assert main(["run", str(path)]) == 0
+
+
+OTHER = "system Other { c: Cart; module Guard; until 1s; }"
+FLOWN = MOVED.replace("system Track", f"{OTHER}\nsystem Track default")
+
+
+def test_a_log_of_another_flight_is_told_beside_its_verdict(tmp_path: Path) -> None:
+    """Its alarms are no word on the model; nor is a log of another program that raises none."""
+    log, path = tmp_path / "f.mcap", tmp_path / "p.soter"
+    path.write_text(FLOWN)
+    for params, system in (({"GAIN": 2.0}, "Track"), ({}, "Other"), ({}, "Track")):
+        load(path).simulate(log=log, params=params, system=system)
+        (same,) = load(path).monitor(log, system=system, params=params)
+        assert same.notes == ()
+        (m,) = load(path).monitor(log)
+        told = [f"param GAIN is {p} in the log, the default here" for p in params.values()]
+        told += [f"system is {s} in the log, Track here" for s in [system] if s != "Track"]
+        assert [n.partition(": ")[2] for n in m.notes] == told
+        assert (m.alarms > 0) == bool(params)
+    path.write_text(FLOWN.replace("< 8.0", "< 7.5"))
+    (m,) = load(path).monitor(log)
+    assert "what is judged is not what flew: program_sha256 is" in m.notes[0]

@@ -39,7 +39,9 @@ from soter.language.model.system import holder_of
 from soter.language.model.types import leaves, show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
+
+    from soter.language.model.system import Component
 
 DELAYS = {
     "J_dm_ns": ("late dm", "late_dm"),
@@ -64,7 +66,8 @@ def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], li
     The DM compares the stamps of what plants publish to it. The stamp of a node does not show what
     the node has read: that has to come by one way to all numbers of the estimate, and from one
     topic where sensors may be silent. Of what SC reads each state has an age of its own in chains
-    and tubes, so that no state may come by two topics of different ages.
+    and tubes, so that no state may come by two topics of different ages, nor by two numbers of one
+    topic that is made of several reads.
     DiffersError where this is not so.
     """
     by_dm, by_sc = (
@@ -76,13 +79,31 @@ def _check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], li
         apart |= len({name for _, name in by_dm}) > 1
     if apart:
         raise DiffersError("what the DM reads may show several instants, and no stamp tells")
-    of_sc = {name for _, name in by_sc} if setting.silent else {clocks for clocks, _ in by_sc}
-    if len(of_sc) < 2:
+    if _instants(by_sc, setting) < 2:
         return
-    shown = [_states_behind(facts, index) for index in reads[1]]
+    shown = []
+    for read, index in zip(setting.by_sc, reads[1], strict=True):
+        plant, published = driven_topics(facts)[index]
+        apart = _instants(_sampled(facts, read), setting) > 1
+        parts = _numbers(published) if apart else [published]
+        shown += [_states_behind(plant, part) for part in parts]
     twice = sum(map(len, shown)) > len(set[object]().union(*shown))
     if twice:
         raise DiffersError("what SC reads may show several instants, and counts as one")
+
+
+def _instants(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
+    """How many instants ways show: as many as differ, or as the topics that may be silent."""
+    every = set(ways)
+    heard = {name for _, name in every} if setting.silent else set()
+    return max(len({clocks for clocks, _ in every}), len(heard))
+
+
+def _numbers(published: typed.TypedExpr) -> list[typed.TypedExpr]:
+    """What each number of a value is made of; the whole of what is not written out by parts."""
+    if isinstance(published, typed.Aggregate):
+        return [x for e in published.elements for x in _numbers(e)]
+    return [published for _ in leaves(published.type)]
 
 
 def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
@@ -102,9 +123,8 @@ def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ..
             yield clocks, facts.flying.topics[index].name
 
 
-def _states_behind(facts: Facts, index: int) -> set[tuple[int, object]]:
-    """The states and disturbances of which a plant makes what it publishes in a topic."""
-    plant, published = driven_topics(facts)[index]
+def _states_behind(plant: Component, published: typed.TypedExpr) -> set[tuple[int, object]]:
+    """The states and disturbances of which a plant makes what it publishes."""
     assert plant.plant is not None
     lets: dict[object, object] = dict(plant.plant.lets)
     todo: list[object] = [published]

@@ -13,11 +13,13 @@ nodes that hear one topic of plants alone. One number may come several ways: tha
 plant by it is an assumption, printed.
 
 *SC.* It acts on what it has, stale or not. Chains and tubes give each state of a read an age of its
-own, so topics may have one each, if no state is in two of them.
+own, so topics may have one each, if no state is in two of them; and so may the numbers of a topic
+that a node made of several reads.
 """
 
 from __future__ import annotations
 
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
@@ -25,7 +27,7 @@ from soter.language.model.tree_walk import nodes
 from soter.language.model.types import leaves, show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model.system import Component
@@ -52,7 +54,7 @@ def check_one_instant(
         _refuse(place, "the DM", shown, (ESTIMATE, "a node's stamp does not say"), diagnostics)
     shown = [w for w in chains.by_sc if w.sensor is not None]
     if _instants(place, shown, dropout) > 1:
-        why = _why_one_age(place, shown)
+        why = _why_one_age(place, shown, dropout)
         if why:
             _refuse(place, "SC", shown, ("their ages may differ", why), diagnostics)
 
@@ -87,18 +89,30 @@ def _sensed(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
     return {place.flat.topics[i].name for i in heard}
 
 
-def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain]) -> str:
+def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> str:
     """Why the proof of what SC does needs one age of all that it reads; "": it does not."""
-    seen: dict[tuple[Component, typed.Variable], int] = {}
+    seen: dict[tuple[Component, typed.Variable], tuple[int, int]] = {}
     for topic in dict.fromkeys(w.topic.index for w in ways):
         plant = place.driven[topic]
         assert plant.plant is not None
         lets = dict(plant.plant.lets)
         driven = [e for t, e in plant.plant.drives if plant.scope.topics[t] == topic]
-        for variable in _variables(driven, lets):
-            if seen.setdefault((plant, variable), topic) != topic:
-                return f"`{plant.name}.{variable.name}` is in two of them"
+        apart = _instants(place, [w for w in ways if w.topic.index == topic], dropout) > 1
+        parts = [[x] for e in driven for x in _numbers(e)] if apart else [driven]
+        for k, part in enumerate(parts):
+            for variable in _variables(part, lets):
+                if seen.setdefault((plant, variable), (topic, k)) != (topic, k):
+                    return f"`{plant.name}.{variable.name}` is in two numbers of them"
     return ""
+
+
+def _numbers(e: typed.TypedExpr) -> Iterator[typed.TypedExpr]:
+    """What each number of a value is made of; all of `e` where it is not written out by parts."""
+    if isinstance(e, typed.Aggregate):
+        for element in e.elements:
+            yield from _numbers(element)
+    else:
+        yield from repeat(e, len(list(leaves(e.type))))
 
 
 def _variables(

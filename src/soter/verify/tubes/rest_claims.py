@@ -246,7 +246,11 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
             for s, d in problem.drifts.items()
             if s in check.states
         }
-        | {names[s]: [None, None] for s in claims.ways if s not in claims.box},
+        | {
+            names[s]: [None if abs(x) == FARTHEST else x.hex() for x in (r.low, r.high)]
+            for s, r in claims.ways.items()
+            if s not in claims.box
+        },
     }
     if not claims.kept:
         for key, ranges in (("box", claims.box), ("ways", claims.ways)):

@@ -154,10 +154,11 @@ class TubeCheck:
 
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """The text that flies; `ways`: Y of each state that `moves` does not name, as was shown."""
-        texts = self._tube_functions(ways)
-        if (shield := self.problem.module.shield) is not None:
-            texts.append(self._judging_functions(shield))
-        return self._with_map_constants(texts)
+        return self._with_map_constants(self._flying(ways))
+
+    def _flying(self, ways: Mapping[int, Interval]) -> list[str]:
+        shield = self.problem.module.shield
+        return [*self._tube_functions(ways), *([self._judging_functions(shield)] if shield else [])]
 
     def cost(self) -> Cost:
         """The worst cost of one decision: `good`, and `judged` where commands are judged."""
@@ -184,7 +185,7 @@ class TubeCheck:
             certain("surely_not_at_rest", "x: Forms", self._rest, inputs, truth=False),
             shared_text("rest.soter"),
         ]
-        return self._with_map_constants([*self._tube_functions(ways), *texts])
+        return self._with_map_constants([*self._flying(ways), *texts])
 
     def _with_map_constants(self, parts: Sequence[str]) -> str:
         """The joined text; in that of a module without maps no function has a map parameter."""

@@ -59,7 +59,7 @@ class Log:
     def __init__(self, last_ms: int = 200, first_ms: int = 0, every_ms: int = 10) -> None:
         times = range(first_ms * MS, last_ms * MS + 1, every_ms * MS)
         self.messages = {name: dict.fromkeys(times, 1.0) for name in SENSORS}
-        self.messages["u"] = {t * MS: 0.5 for t in range(0, last_ms + 1, 20)}
+        self.messages["u"] = {t * MS: -1.0 for t in range(0, last_ms + 1, 20)}
         self.verdicts = {t * MS: t >= 80 for t in range(0, last_ms + 1, 40)}
         self.last_ns = last_ms * MS
 
@@ -96,11 +96,22 @@ def moved(log: Log, old_ms: int, new_ms: int) -> None:
     log.messages["u"][new_ms * MS] = log.messages["u"].pop(old_ms * MS)
 
 
+def answered(log: Log, read_ms: int) -> None:
+    """SC answers at 60 ms as if it had read what `vel` is at one time alone."""
+    log.messages["vel"][read_ms * MS] = log.messages["u"][60 * MS] = -0.5
+
+
+def late_verdict(log: Log, answered_ms: int = 40) -> None:
+    log.verdicts[41 * MS] = log.verdicts.pop(40 * MS)
+    log.messages["u"][26 * MS] = -1.0
+    moved(log, 40, answered_ms)
+
+
 def taken_over_late(log: Log, *answers_ms: int) -> None:
     """The DM gives control to SC 1 ms after its release of 120 ms, at which AC published."""
     del log.verdicts[120 * MS]
     log.verdicts |= dict.fromkeys((121 * MS, 160 * MS, 200 * MS), False)
-    log.messages["u"] |= {t * MS: 0.5 for t in answers_ms}
+    log.messages["u"] |= {t * MS: -1.0 for t in answers_ms}
 
 
 BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = {
@@ -146,8 +157,33 @@ BROKEN: dict[str, tuple[str, Callable[[Log], object], list[tuple[int, str]]]] = 
     "SC is as late as it may be": ("", lambda log: moved(log, 40, 48), []),
     "SC is later": ("", lambda log: moved(log, 40, 49), [(40, SC_SILENT)]),
     "SC is later where no verdict is due": ("", lambda log: moved(log, 20, 27), [(20, SC_SILENT)]),
+    "SC does not wait for a verdict that is late": (
+        "",
+        late_verdict,
+        [(40, "SC published u before the verdict of its release")],
+    ),
+    "SC of the release before is out while the DM is late": (
+        "",
+        lambda log: late_verdict(log, 43),
+        [],
+    ),
     "SC waits for a verdict that is late": ("", lambda log: taken_over_late(log, 123), []),
     "SC skips the release of a verdict that is late": ("", taken_over_late, [(120, SC_SILENT)]),
+    "SC publishes what its step does not": (
+        "",
+        lambda log: log.messages["u"].update({20 * MS: -0.5, 60 * MS: 1.0, 100 * MS: 0.5}),
+        [(t, "SC published u, which its step gives on nothing it may have read") for t in (20, 60)],
+    ),
+    "SC reads one topic before, and one after it has changed": (
+        "",
+        lambda log: answered(log, 60),
+        [],
+    ),
+    "SC reads what was replaced long ago": (
+        "",
+        lambda log: answered(log, 30),
+        [(60, "SC published u, which its step gives on nothing it may have read")],
+    ),
     "AC publishes nothing": ("", lambda log: log.leave_out("u", 100, 120, 140), []),
 }
 

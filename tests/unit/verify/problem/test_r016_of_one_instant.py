@@ -93,6 +93,39 @@ TWICE = (
     ("subscribes pos, vel;", "subscribes pos, vel, sum;"),
     ("-pos - vel,", "-pos - vel - sum,"),
 )
+RECORD = """
+topic raw: float in [-9.0, 9.0] max_age 60ms;
+topic old: float in [-9.0, 9.0] max_age 60ms;
+topic both: { a: float, b: float } in { a in [-9.0, 9.0], b in [-9.0, 9.0] } max_age 60ms;
+plant Q period 10ms {
+  reads u; drives pos = x; drives vel = v; drives raw = x;
+  state x: float; state v: float;
+  der x = v; der v = u;
+}
+node Relay period 10ms phase 1ms { subscribes raw; publishes old; step { publish old = raw; } }
+node Made period 10ms phase 2ms {
+  subscribes raw, old; publishes both; step { publish both = { a: raw, b: old }; }
+}
+"""
+MADE_OF_TWO = (
+    ("node Fast", f"{RECORD}node Fast"),
+    *FLYING[1:],
+    ("NODES", "node Relay; node Made;"),
+    ("drives vel = v;", "drives vel = v; drives both = { a: x, b: SECOND };"),
+    ("subscribes pos, vel;", "subscribes both;"),
+    ("-pos - vel,", "-both.a - both.b,"),
+)
+TWO_WAYS = (  # one topic of a sensor, which SC reads as it is and by a node
+    *FLYING,
+    DIRECTLY,
+    ("node", OTHER.replace("fast", "pos").replace("vel", "sum")),
+    ("NODES", "node Other;"),
+    *DM_OF_ONE,
+    ("drives raw = x;", "drives pos = x;"),
+    *TWICE[:2],
+    ("subscribes pos, vel;", "subscribes pos, sum;"),
+    ("-pos - vel,", "-pos - sum,"),
+)
 
 CASES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "two topics of a plant": ("", ()),
@@ -112,6 +145,14 @@ CASES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "the DM",
         (*FLYING, ("node", RELAY), ("node", OTHER), ("NODES", "node Relay; node Other;")),
     ),
+    "one topic made of two reads": ("", (*MADE_OF_TWO, ("SECOND", "v"))),
+    "one topic made of two reads, a state in both of its numbers": (
+        "SC",
+        (*MADE_OF_TWO, ("SECOND", "x")),
+    ),
+    "and by way of a `let`": ("SC", (*MADE_OF_TWO, ("SECOND", "w"))),
+    "one topic in two ways": ("SC", TWO_WAYS),
+    "one topic in two ways, which may fall silent": ("SC", (*TWO_WAYS, SILENT)),
     "both by one node": ("", (*FLYING, ("node", BOTH), ("NODES", "node Both;"))),
     "both by one node, may fall silent": (
         "the DM",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.api import Program
 from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
+from soter.verify.tubes.tube_check import TubeLevels
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult
@@ -83,13 +84,19 @@ def test_what_is_wrong_of_rest_is_not_proved(tmp_path: Path, name: str) -> None:
     assert m.verdict == "undecided"
 
 
-def test_the_time_that_is_named_where_within_is_too_long_is_followed(tmp_path: Path) -> None:
-    text = FOLLOW.read_text(encoding="utf-8")
+@pytest.mark.parametrize("shield", ["", "shield; "])
+def test_the_time_that_is_named_where_within_is_too_long_is_followed(
+    tmp_path: Path, shield: str
+) -> None:
+    """Also by the check that flies, which judges commands besides."""
+    text = FOLLOW.read_text(encoding="utf-8").replace("  rest abs(", f"  {shield}rest abs(")
     with pytest.raises(SoterError) as caught:
         verified(tmp_path, text.replace("within 5s", "within 2h"))
     named = re.search(r"`(within \S+)` at most", caught.value.diagnostics[0].helps[0])
     assert named is not None
-    assert verified(tmp_path, text.replace("within 5s", named[1])).verdict == "assumed"
+    m: Any = verified(tmp_path, text.replace("within 5s", named[1]))
+    assert m.verdict == "assumed"
+    assert "good" in TubeLevels.of(m.check, m.claims.ways, None).functions
 
 
 def test_reads_that_are_many_periods_old_are_named_where_they_make_it_long(tmp_path: Path) -> None:
