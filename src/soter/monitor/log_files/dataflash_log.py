@@ -195,7 +195,10 @@ class _DataflashReading:
             head = file.read(1 << 16)
             count += len(head)
             if not head:
-                self.facts.notes.append(f"{count:,} bytes of `{fill.hex()}` stand behind its end")
+                file.seek(at - 1)
+                torn = ", and its last message may be torn" if file.read(1) == fill else ""
+                told = f"{count:,} bytes of `{fill.hex()}` stand behind its end{torn}"
+                self.facts.notes.append(told)
                 return
         raise damaged_log(self.path, f"at byte {at:,} stands no message")
 
@@ -254,7 +257,7 @@ class _DataflashReading:
         if form.name == "FMT":
             self._define(content(raw), where)
         elif form.name == "FMTU":
-            self._say_instance(content(raw))
+            self._say_instance(content(raw), where)
         time_ns = form.time_ns(raw)
         self.now_ns = self.now_ns if time_ns is None else time_ns
         channel = form.channel(raw)
@@ -273,7 +276,7 @@ class _DataflashReading:
 
     def _define(self, said: dict[str, Any], where: str) -> None:
         columns = tuple(filter(None, said["Columns"].split(",")))
-        if said["Name"] == "FMT":
+        if (said["Type"], said["Name"]) == (FMT, "FMT"):
             return  # it is the one that reads this
         told = f"the `FMT` {where} says that `{said['Name']}` has the formats `{said['Format']}`"
         before = self.formats.get(said["Type"])
@@ -284,13 +287,16 @@ class _DataflashReading:
         if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
             raise damaged_log(self.path, f"{told}, for {len(columns)} fields")
         form.instance = "" if before is None else before.instance
-        if before not in (None, form):
-            raise damaged_log(self.path, f"{told}, and one before it something else of its number")
+        if before not in (None, form) or form.name == "FMT":
+            told = f"{told}, and one before it something else of its number, or name"
+            raise damaged_log(self.path, told)
         self.formats[said["Type"]] = form
 
-    def _say_instance(self, said: dict[str, Any]) -> None:
-        form = self.formats.get(said.get("FmtType", -1))
-        place = str(said.get("UnitIds", "")).find("#")
+    def _say_instance(self, said: dict[str, Any], where: str) -> None:
+        form, units = self.formats.get(said.get("FmtType", -1)), str(said.get("UnitIds", ""))
+        if self.wanted is not None and (form is None or len(units) != len(form.columns)):
+            raise damaged_log(self.path, f"the `FMTU` {where} fits no kind that a `FMT` says")
+        place = units.find("#")
         if form is not None and 0 <= place < len(form.columns):
             if form.instance not in ("", form.columns[place]):
                 raise damaged_log(self.path, f"two `FMTU` of `{form.name}` contradict each other")
