@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.autopilot_logs import dataflash, dataflash_text, flight, written
+from generators.autopilot_logs import FMTU, dataflash, dataflash_text, flight, written
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.log_files.log_columns import FileFacts, Wanted
 from soter.monitor.log_files.read_columns import channel_messages
@@ -64,3 +64,27 @@ def test_erased_flash_that_may_have_cut_the_last_message_is_told(tmp_path: Path)
     assert poses(written(tmp_path / "flight.BIN", data[:-9] + b"\xff" * 49), facts) == 40
     whole, torn = facts.notes
     assert torn == f"{whole}, and its last message may be torn"
+
+
+def without_units(data: bytes) -> bytes:
+    """The log without the one `FMTU`, which says which field of `POSE` is the instance."""
+    text = data.startswith(b"FMT")
+    begin = data.index(b"FMTU, 5" if text else b"\xa3\x95\x82")
+    end = data.index(b"\n", begin) + 1 if text else begin + FMTU[1]
+    return data[:begin] + data[end:]
+
+
+@all_rows("name", list(MAKERS))
+def test_sensors_that_nobody_tells_apart_are_told(tmp_path: Path, name: str) -> None:
+    data, facts = MAKERS[name](flight()), FileFacts()
+    assert poses(written(tmp_path / name, without_units(data)), facts) == 80
+    assert facts.notes == ["no `FMTU` says which of its sensors a `POSE` is of"]
+
+
+@all_rows("name", list(MAKERS))
+def test_one_description_with_an_instance_and_one_without_contradict_each_other(
+    tmp_path: Path, name: str
+) -> None:
+    data = MAKERS[name](flight())
+    with pytest.raises(SoterError, match="contradict each other"):
+        poses(written(tmp_path / name, data + data.replace(b"s#mnd", b"s-mnd")))
