@@ -6,10 +6,13 @@ runs over the clock of the test. Leases here last longer than any test.
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import sys
 import time
-from typing import TYPE_CHECKING
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -34,6 +37,7 @@ from generators.posix_packages import owned, report
 
 if TYPE_CHECKING:
     import ctypes
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")
@@ -206,6 +210,83 @@ def test_a_process_of_another_program_gets_no_signal(
         assert done == 1
         assert "no actuators of this program run" in said
         assert other.poll() is None, "the signal would have ended it"
+
+
+# ---------------------------------------------------------------- what an answer tells
+
+NOBODY = 1
+UNLOOKED = "without a look at the state"
+ANSWERS = (
+    (
+        "others began meanwhile, and nobody asked them",
+        False,
+        (NOBODY, 0, 0, 1, 0, 0),
+        1,
+        "do not answer",
+    ),
+    ("others began, who were asked before", False, (NOBODY, 4, 1, 2, 1, 0), 1, "do not answer"),
+    ("somebody else armed without a look", False, (0, 3, 1, 1, 2, 0), 0, f"armed, {UNLOOKED}"),
+    ("somebody else armed with a look", True, (0, 3, 1, 1, 1, 0), 0, "armed: process"),
+)
+"""Whether `--unchecked` was asked; what actuators say then, 0 the process that was asked."""
+
+
+@pytest.mark.parametrize(
+    ("unchecked", "words", "told", "said"), [a[1:] for a in ANSWERS], ids=[a[0] for a in ANSWERS]
+)
+def test_an_answer_is_that_of_who_was_asked_and_says_how_it_was_armed(
+    actuator: Path,
+    code: ctypes.CDLL,
+    tmp_path: Path,
+    unchecked: bool,
+    words: tuple[int, ...],
+    told: int,
+    said: str,
+) -> None:
+    options = ["--unchecked"] * unchecked
+    with asked(
+        actuator, code, tmp_path, words, options, stdout=processes.PIPE, stderr=processes.STDOUT
+    ) as process:
+        assert said in process.communicate()[0].decode()
+        assert process.returncode == told
+
+
+def test_who_armed_is_told_by_the_exit_code_where_nobody_reads_words(
+    actuator: Path, code: ctypes.CDLL, tmp_path: Path
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with asked(actuator, code, tmp_path, (0, 3, 1, 2, 1, 0), [], stdout=writer) as process:
+        os.close(writer)
+        assert process.wait() == 0
+
+
+@contextmanager
+def asked(
+    program: Path,
+    code: ctypes.CDLL,
+    folder: Path,
+    words: Sequence[int],
+    options: Sequence[str],
+    **streams: Any,
+) -> Iterator[processes.Process]:
+    """`--arm`, and actuators that the test plays: a process that the request ends, then `words`."""
+    header = program.with_name("soter_actuator_app.h").read_text()
+    (number,) = re.findall(r"ACTUATOR_STATUS_HASH UINT64_C\((\w+)\)", header)
+    told = Words(code, folder, "soter.actuators", int(number, 16), 6, writes=True)
+    of_its_name = shutil.copy(shutil.which("sleep") or "", folder / program.name)
+    with processes.started([of_its_name, str(LONG_NS)]) as other:
+        told.write(other.pid, 2, 1, 3, 0, 0)
+        command: list[str | Path] = [program, "--channels", folder, "--arm", *options]
+        with processes.started(command, **streams) as process:
+
+            def has_asked() -> bool:
+                told.write(other.pid, 2, 1, 3, 0, 0)
+                return other.poll() is not None
+
+            soon(has_asked)
+            told.write(words[0] or other.pid, *words[1:])
+            yield process
 
 
 # ---------------------------------------------------------------- what the trusted part says

@@ -224,3 +224,21 @@ def test_who_has_no_checksums_says_so(tmp_path: Path, name: str) -> None:
     said = any("no checksum covers" in text for text in judged(written(tmp_path, name)).assumptions)
     covered = ("json.mcap", "cdr.mcap", "ros1.mcap", "protobuf.mcap")  # rosbags writes none
     assert said == (name not in covered)
+
+
+NO_PARTS = (("1", "1200000000"), ("1", "-180000000"), ("1.3", "20"), ("1", "1e9"))
+"""Seconds and nanoseconds that no time of ROS has: a digit more, a sign, a point."""
+
+
+@all_rows("clock", NO_PARTS)
+def test_nanoseconds_of_a_table_are_less_than_a_second(
+    tmp_path: Path, clock: tuple[str, str]
+) -> None:
+    log = tmp_path / "flight.csv"
+    rows = ["n,t.sec,t.nanosec,x,v", "3,1,0,0.1,0.1", f"4,{','.join(clock)},0.2,0.1", ""]
+    log.write_text("\n".join(rows), encoding="utf-8")
+    for time, stamp in (("t", "arrival"), ("n", "t")):
+        motion = {"stamp": stamp, "fields": {"x": "x", "v": "v"}}
+        given = {"topics": {"motion": motion}, "time": {"from": time}}
+        with pytest.raises(SoterError, match="in line 3 is no time"):
+            load(CART).judge_log(log, given, system="Protected")

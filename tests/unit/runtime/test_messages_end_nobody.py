@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import pty
 import resource
 import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -168,6 +170,33 @@ def test_a_report_is_whole_however_late_it_is_read(cart: Path) -> None:
             text += piece
         assert process.wait() == 0
     assert json.loads(text)["trace_sha256"] == whole["trace_sha256"]
+
+
+WORKER = """
+import sys
+from soter.simulate.externs import extern_process
+
+def talk(*_):
+    for file in (sys.stdout, sys.stderr, sys.__stdout__, sys.__stderr__):
+        print("what a policy says " * 5000, file=file, flush=True)
+    raise SystemExit(7)
+
+extern_process.Channel = talk
+extern_process.main(sys.argv[1])
+"""
+"""A worker in Python, whose policy speaks before it is asked anything."""
+
+
+def test_what_a_policy_in_python_prints_never_raises(tmp_path: Path) -> None:
+    spec = SimpleNamespace(exchange=SimpleNamespace(number=1, sizes=(8, 8)))
+    (tmp_path / "spec").write_bytes(pickle.dumps(spec))
+    files = full_and_not_waiting()
+    words: list[str | Path] = [sys.executable, "-c", WORKER, tmp_path / "spec"]
+    buffered = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    done = processes.run(words, stdout=files[-1], stderr=files[-1], env=buffered)
+    for file in files:
+        os.close(file)
+    assert done.returncode == 7
 
 
 # ---------------------------------------------------------------- what is written beside the flight

@@ -22,6 +22,7 @@ from soter.monitor.log_files.log_columns import (
     add_row,
     damaged_log,
     moment,
+    no_time,
     opened_log,
     remedies,
     unusable,
@@ -157,7 +158,15 @@ def _time(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
         return moment(path, clock[0], mapping.time_ns, where)
     if mapping.time_ns != SECOND_NS:
         raise unusable(path, f"`{mapping.time}` is a time of two columns: it has no `unit`")
-    return sum(moment(path, c, u, where) for c, u in zip(clock, OF_ROS, strict=True))
+    return _ros_time(path, clock, where)
+
+
+def _ros_time(path: Path, cells: list[str], where: str) -> int:
+    """Seconds and nanoseconds, in ns; SoterError D016 where these are no part of a second."""
+    seconds, rest = (moment(path, c, u, where) for c, u in zip(cells, OF_ROS, strict=True))
+    if seconds % SECOND_NS or not 0 <= rest < SECOND_NS:
+        raise no_time(path, " s and ".join(cells) + " ns", where)
+    return seconds + rest
 
 
 def _stamp_columns(source: StampSource) -> list[str]:
@@ -171,8 +180,9 @@ def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) 
     names = _stamp_columns(source)
     if any(not row[n].strip() for n in names):
         return None
-    units = [source.unit_ns] if source.kind == "number" else OF_ROS
-    return sum(moment(path, row[n], u, where) for n, u in zip(names, units, strict=True))
+    if source.kind == "number":
+        return moment(path, row[names[0]], source.unit_ns, where)
+    return _ros_time(path, [row[n] for n in names], where)
 
 
 def csv_head(path: Path) -> list[str]:

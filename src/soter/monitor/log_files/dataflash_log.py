@@ -53,13 +53,16 @@ PADDING = (b"\0", b"\xff")
 
 @dataclass
 class _Format:
-    """A kind of messages, from its `FMT`. `instance`: the field that tells its sensors apart."""
+    """A kind of messages, from its `FMT`.
+
+    `instance`: the field that tells its sensors apart, "" where it has none; None: no `FMTU` says.
+    """
 
     name: str
     length: int
     letters: str
     columns: tuple[str, ...]
-    instance: str = ""
+    instance: str | None = None
     layout: struct.Struct = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -148,20 +151,21 @@ def dataflash_messages(
         file.seek(0)
         reading = _DataflashReading(path, wanted, facts)
         reading.formats = first.formats
+        reading.has_units = any(form.name == "FMTU" for form in first.formats.values())
         yield from reading.of_binary(file) if binary else reading.of_text(file)
 
 
 class _DataflashReading:
     """Reads a log by the formats met so far, or these alone (`wanted` is None).
 
-    `now_ns`: the time of the last message with one.
+    `now_ns`: the time of the last message with one; `has_units`: whether there are any `FMTU`.
     """
 
     def __init__(self, path: Path, wanted: dict[str, Wanted] | None, facts: FileFacts) -> None:
         self.path, self.wanted, self.facts = path, wanted, facts
         first = _Format("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
         self.formats = {FMT: first}
-        self.now_ns = 0
+        self.now_ns, self.has_units = 0, False
 
     def of_binary(self, file: BinaryIO) -> Iterator[Arrived]:
         while head := file.read(HEAD_BYTES):
@@ -195,7 +199,10 @@ class _DataflashReading:
             head = file.read(1 << 16)
             count += len(head)
             if not head:
-                self.facts.notes.append(f"{count:,} bytes of `{fill.hex()}` stand behind its end")
+                file.seek(at - 1)
+                torn = ", and its last message may be torn" if file.read(1) == fill else ""
+                told = f"{count:,} bytes of `{fill.hex()}` stand behind its end{torn}"
+                self.facts.notes.append(told)
                 return
         raise damaged_log(self.path, f"at byte {at:,} stands no message")
 
@@ -254,26 +261,26 @@ class _DataflashReading:
         if form.name == "FMT":
             self._define(content(raw), where)
         elif form.name == "FMTU":
-            self._say_instance(content(raw))
+            self._say_instance(content(raw), where)
         time_ns = form.time_ns(raw)
         self.now_ns = self.now_ns if time_ns is None else time_ns
         channel = form.channel(raw)
         self.facts.there[channel] = self.facts.there.get(channel, 0) + 1
         if self.wanted is not None and channel in self.wanted:
-            told = f"`{form.name}` says no time: that of the message before it counts"
-            if (
-                time_ns is None
-                and not self.wanted[channel].unnamed
-                and told not in self.facts.notes
-            ):
-                self.facts.notes.append(told)
+            told = []
+            if time_ns is None:
+                told.append(f"`{form.name}` says no time: that of the message before it counts")
+            if self.has_units and form.instance is None:
+                told.append(f"no `FMTU` says which of its sensors a `{form.name}` is of")
+            if not self.wanted[channel].unnamed:
+                self.facts.notes += [text for text in told if text not in self.facts.notes]
             yield self.now_ns, None, channel, content(raw)
         elif time_ns is not None:
             yield self.now_ns, None, channel, None
 
     def _define(self, said: dict[str, Any], where: str) -> None:
         columns = tuple(filter(None, said["Columns"].split(",")))
-        if said["Name"] == "FMT":
+        if (said["Type"], said["Name"]) == (FMT, "FMT"):
             return  # it is the one that reads this
         told = f"the `FMT` {where} says that `{said['Name']}` has the formats `{said['Format']}`"
         before = self.formats.get(said["Type"])
@@ -283,15 +290,19 @@ class _DataflashReading:
             raise damaged_log(self.path, f"{told}, which are none") from error
         if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
             raise damaged_log(self.path, f"{told}, for {len(columns)} fields")
-        form.instance = "" if before is None else before.instance
-        if before not in (None, form):
-            raise damaged_log(self.path, f"{told}, and one before it something else of its number")
+        form.instance = None if before is None else before.instance
+        if before not in (None, form) or form.name == "FMT":
+            told = f"{told}, and one before it something else of its number, or name"
+            raise damaged_log(self.path, told)
         self.formats[said["Type"]] = form
 
-    def _say_instance(self, said: dict[str, Any]) -> None:
-        form = self.formats.get(said.get("FmtType", -1))
-        place = str(said.get("UnitIds", "")).find("#")
-        if form is not None and 0 <= place < len(form.columns):
-            if form.instance not in ("", form.columns[place]):
+    def _say_instance(self, said: dict[str, Any], where: str) -> None:
+        form, units = self.formats.get(said.get("FmtType", -1)), str(said.get("UnitIds", ""))
+        if self.wanted is not None and (form is None or len(units) != len(form.columns)):
+            raise damaged_log(self.path, f"the `FMTU` {where} fits no kind that a `FMT` says")
+        if form is not None and len(units) == len(form.columns):
+            place = units.find("#")
+            instance = form.columns[place] if place >= 0 else ""
+            if form.instance not in (None, instance):
                 raise damaged_log(self.path, f"two `FMTU` of `{form.name}` contradict each other")
-            form.instance = form.columns[place]
+            form.instance = instance

@@ -63,33 +63,38 @@ static uint64_t answers(const uint64_t* words) {
   return words[SOTER_ACTUATORS_ARMED] + words[SOTER_ACTUATORS_REFUSED];
 }
 
-/* Waits for the answer to a request; false: none came. */
-static bool answered(soter_outside* channel, uint64_t before, uint64_t* words) {
+/* Waits for the answer of those who were asked; false: none came. */
+static bool answered(soter_outside* channel, uint64_t asked, uint64_t before, uint64_t* words) {
   const int64_t end = soter_actuator_clock() + PATIENCE_NS;
   int64_t written = 0;
   SOTER_CHECK(channel->size == WORDS * sizeof words[0]);
   while (soter_actuator_clock() < end) {
     soter_outside_wait(channel, SOTER_STATUS_EVERY_NS);
-    if (soter_outside_read(channel, &written, words, NULL) && answers(words) != before) {
+    if (soter_outside_read(channel, &written, words, NULL) &&
+        words[SOTER_ACTUATORS_PROCESS] == asked && answers(words) != before) {
       return true;
     }
   }
   return false;
 }
 
-static uint32_t answer_of(const uint64_t* words, uint32_t module) {
+static uint32_t fact_of(const uint64_t* words, uint32_t module, uint32_t what) {
   const uint64_t* const m = words + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * module;
   SOTER_CHECK(module < ACTUATOR_MODULES);
-  return (uint32_t)m[SOTER_ACTUATORS_ANSWER];
+  return (uint32_t)m[what];
 }
 
-static void tell_armed(const uint64_t* words, bool unchecked) {
+/* How it was armed they say, as somebody else may have asked at the same time. */
+static void tell_armed(const uint64_t* words) {
   const unsigned long long process = words[SOTER_ACTUATORS_PROCESS];
   bool any = false;
+  bool unchecked = false;
   SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
-    const bool already = answer_of(words, k) == SOTER_ARM_ALREADY;
+    const bool already = fact_of(words, k, SOTER_ACTUATORS_ANSWER) == SOTER_ARM_ALREADY;
     any = any || !already;
+    unchecked =
+        unchecked || (!already && fact_of(words, k, SOTER_ACTUATORS_HOW) == SOTER_ARMED_UNCHECKED);
     if (already) {
       (void)printf("%s: %s\n", soter_actuator_modules[k].name, soter_arm_text(SOTER_ARM_ALREADY));
     }
@@ -101,14 +106,14 @@ static void tell_armed(const uint64_t* words, bool unchecked) {
   }
 }
 
-static int tell(const uint64_t* words, uint64_t refused_before, bool unchecked) {
+static int tell(const uint64_t* words, uint64_t refused_before) {
   SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
   if (words[SOTER_ACTUATORS_REFUSED] == refused_before) {
-    tell_armed(words, unchecked);
+    tell_armed(words);
     return EXIT_SUCCESS;
   }
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
-    const uint32_t answer = answer_of(words, k);
+    const uint32_t answer = fact_of(words, k, SOTER_ACTUATORS_ANSWER);
     if (answer != SOTER_ARM_FINE && answer != SOTER_ARM_ALREADY) {
       (void)fprintf(stderr, "not armed: %s: %s\n", soter_actuator_modules[k].name,
                     soter_arm_text(answer));
@@ -137,15 +142,17 @@ int soter_actuator_request(const char* folder, bool unchecked) {
                   folder);
     return EXIT_FAILURE;
   }
+  const uint64_t asked = words[SOTER_ACTUATORS_PROCESS];
   const uint64_t before = answers(words);
   const uint64_t refused = words[SOTER_ACTUATORS_REFUSED];
-  if (kill((pid_t)words[SOTER_ACTUATORS_PROCESS], unchecked ? SIGUSR2 : SIGUSR1) != 0) {
+  (void)signal(SIGPIPE, SIG_IGN); /* whoever reads has gone: the exit code tells it */
+  if (kill((pid_t)asked, unchecked ? SIGUSR2 : SIGUSR1) != 0) {
     perror("not armed");
     return EXIT_FAILURE;
   }
-  if (!answered(&channel, before, words)) {
+  if (!answered(&channel, asked, before, words)) {
     (void)fprintf(stderr, "not armed: the actuators do not answer\n");
     return EXIT_FAILURE;
   }
-  return tell(words, refused, unchecked);
+  return tell(words, refused);
 }

@@ -149,7 +149,7 @@ class _Words(io.FileIO):
 def main(path: str) -> int:
     """Answers requests until the process is ended; returns its exit status."""
     words = io.TextIOWrapper(_Words(2, "w"), errors="backslashreplace", line_buffering=True)
-    sys.stdout = sys.stderr = words
+    sys.stdout = sys.stderr = sys.__stdout__ = sys.__stderr__ = words  # type: ignore[misc]
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
     channel = Channel(spec.exchange.number, spec.exchange.sizes)
     try:
