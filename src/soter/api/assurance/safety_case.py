@@ -380,6 +380,16 @@ def assure(
     }
     case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))
     top = argue(case, flat, proof)
+    _add_contexts(case, flat, top)
+    evidence.tests(case, explored=tests)
+    evidence.campaign(case, flights)
+    tracing.enter(case)
+    files = _write_files(case, Path(output))
+    return Assurance(case, files, tuple(case.refuted), proof.not_rechecked)
+
+
+def _add_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
+    """Adds what stands beside the top goal: faults of the runs, and what evidence is."""
     if flat.faults:
         faulty = CaseNode("C-faults", "context", "runs with the `faults` of the system")
         case.add(faulty, beside=top)
@@ -392,11 +402,6 @@ def assure(
         ),
         beside=top,
     )
-    evidence.tests(case, explored=tests)
-    evidence.campaign(case, flights)
-    tracing.enter(case)
-    files = _write_files(case, Path(output))
-    return Assurance(case, files, tuple(case.refuted), proof.not_rechecked)
 
 
 def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:

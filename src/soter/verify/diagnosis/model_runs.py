@@ -155,7 +155,10 @@ class PointModel:
         return np.asarray(x + t / 6 * (a + 2 * b + 2 * c + d))
 
     def longest_step_s(self, x: Floats, u: Floats, w: Floats) -> float:
-        """The longest step that follows the fastest lag at a state; arrays as of `rate`."""
+        """The longest step that follows the fastest lag at a state.
+
+        `x` (states,), `u` (controls,), `w` (disturbances,).
+        """
         at, more = self.rate(x, u, w), np.maximum(1e-6, 1e-6 * np.abs(x))
         try:
             slopes = np.array([(self.rate(x + d, u, w) - at) / d.sum() for d in np.diag(more)]).T

@@ -197,7 +197,7 @@ class GridProof:
         estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
     def wrong_at_start(self, at: tuple[NDArray[np.intp], ...], until_ns: int) -> list[Bools]:
-        """The cells of initial states that are not in C, in K, in R(h_0), as sets of cells."""
+        """The cells of initial states that are not in C, in K, in R(h_0), each (cells, ...)."""
         kept, found = self.found.core > 0, []
         for held in (self.found.allowed, kept, self.engine.safe_for(until_ns, kept)):
             found.append(np.zeros_like(kept))
