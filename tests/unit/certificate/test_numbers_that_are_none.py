@@ -188,6 +188,31 @@ def test_what_a_truth_chooses_of_two_that_hold_holds(tmp_path: Path) -> None:
         assert compile_truths(made, [0, 1], [truth], {})(form) == (CERTAIN,)
 
 
+@pytest.mark.parametrize(
+    ("body", "x", "known"),
+    [
+        ("exp(300.0 * x) < 0.5", (-1.0, -0.5), CERTAIN),
+        ("exp(900.0 * x) < 0.5", (-1.0, -0.5), CERTAIN),
+        ("exp(900.0 * (-x)) > max(x, x)", (-0.42, -0.33), CERTAIN),
+        ("exp(900.0 * (x + 2.0)) > abs(x)", (-1.0, -0.9), CERTAIN),
+        ("pow(x + 2.5, 300.0) < 0.5", (-2.0, -1.75), CERTAIN),
+        ("0.0 < floor(x) / sqrt(x * x + 0.16)", (0.4, 0.45), FALSE_BITS),
+        ("0.0 < floor(x) / sqrt(x * x + 0.16)", (1.0, 1.5), CERTAIN),
+        ("sign(floor(x) * sqrt(x * x + 0.16)) == 0.0", (0.4, 0.45), CERTAIN),
+        ("x * 1.0e300 * x > abs(x) * 3.0", (0.5, 1.0), CERTAIN),
+    ],
+)
+def test_what_a_machine_is_off_is_a_share_of_what_it_computes_there(
+    tmp_path: Path, body: str, x: tuple[float, float], known: int
+) -> None:
+    """And not of the largest number that it may ever compute, which may be 400 orders above."""
+    terms, truth = read(tmp_path, body)
+    assert bits(terms, truth, x) == known
+    function = soter.load(tmp_path / "one.soter").function("f")
+    for at in (x[0], sum(x) / 2, x[1]):
+        assert function(at, 0.0) is (known == CERTAIN)
+
+
 def width(terms: Terms, value: Linear, x: tuple[float, float]) -> float:
     """How wide a number's row is where the first input is known, the other one anywhere."""
     lines: Any = compile_lines(terms, [0], 1, [value], [], {1: (exact(-0.5), exact(0.5))})

@@ -207,7 +207,8 @@ class _Shapes:
     def of(self, x: Linear) -> object:
         """The key of a term."""
         parts = frozenset((self._atom(a), key_of(c)) for a, c in x.terms.items())
-        return (key_of(x.const), key_of(x.radius), parts, x.nonnegative)
+        own = x.rounds and self.of(x.rounds)
+        return (key_of(x.const), key_of(x.radius), parts, x.nonnegative, own)
 
     def _atom(self, index: int) -> int:
         """A number for the shape of an atom."""
@@ -223,6 +224,7 @@ class _Shapes:
                     atom.values,
                     atom.shape,
                     key_of(atom.extra),
+                    key_of(atom.share),
                 )
             self._atoms[index] = self._names.setdefault(shape, len(self._names))
         return self._atoms[index]

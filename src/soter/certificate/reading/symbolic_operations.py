@@ -260,7 +260,8 @@ class Operations:
         turned = name in OF_A_TURN and self.terms.may_be_turned(numbers[0])
         if turned:
             (x,), far = numbers, FAR_TURNS
-            numbers = [replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)]
+            around = x.low - far, x.high + far
+            numbers = [Linear(x.const, x.terms, x.radius + far, *around, x.nonnegative)]
         if self.everywhere and name in EVERYWHERE:
             return self.terms.apply_function(name, *numbers)
         for x, ends in zip(numbers, bound.domain, strict=True):
@@ -272,14 +273,15 @@ class Operations:
         value = self._exact_function(name, *numbers)
         largest = magnitude(value.low).max(magnitude(value.high))
         ulps, absolute, low, high = map(exact, (bound.ulps, bound.absolute, *bound.values))
-        relative, absolute = ulps * 2 * UNIT_ROUNDOFF, ulps * TINIEST + absolute
+        relative = ulps * 2 * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)  # a unit is that of a double
+        absolute += ulps * TINIEST
         if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
             value.nonnegative, low = True, ZERO
-        if not largest < LARGEST:
-            return self.terms.off_by_its_size(value, relative, absolute)
-        if not self.is_rounded:
+        if not (self.is_rounded or not largest < LARGEST):
             return value
-        return self.terms.with_error(value, relative * largest + absolute, low, high)
+        beyond = () if largest < LARGEST else self.terms.beyond(value)
+        off = self.terms.with_error(value, relative, absolute, low, high)
+        return replace(off, beyond=beyond)
 
     def _doubt_below_zero(self, x: Linear) -> None:
         self._doubt(negation(self.terms.below_zero(x)))

@@ -57,6 +57,8 @@ class Linear:
     """What must hold so that the machine has no infinity of its sign in its place."""
     rests: tuple[Proposition, ...] = ()
     """What must hold so that all this is so: elsewhere the machine may have any number, or none."""
+    rounds: Linear | None = None
+    """What it is the nearest double to, or an infinity: its range is that of this one, rounded."""
 
     @property
     def is_constant(self) -> bool:
@@ -78,8 +80,9 @@ class Atom:
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
     numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
-    by arguments[1] where that is chosen), "any" (one of several alternatives; behind them the gaps
-    between the first and each of the others). `values`: the table, in C order over `shape`.
+    by arguments[1] where that is chosen), "apart" (arguments[0], the difference of the others),
+    "any" (one of several alternatives; behind them the gaps between the first and each of the
+    others). `values`: the table, in C order over `shape`.
     """
 
     kind: str
@@ -91,7 +94,8 @@ class Atom:
     values: tuple[float, ...] = ()
     shape: tuple[int, ...] = ()
     extra: arb = ZERO
-    """Spread added to the line of the function: the error of a prelude function."""
+    """The error of a prelude function, with a share of its value: a spread added to its line."""
+    share: arb = ZERO
     name: str = ""
 
 
@@ -225,17 +229,16 @@ class Terms:
         largest = magnitude(x.low).max(magnitude(x.high))
         relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
         if not largest < LARGEST:
-            return self.off_by_its_size(x, relative, TINIEST)
+            enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
+            enclosure.nonnegative, enclosure.rounds = x.nonnegative, x
+            return replace(enclosure, radius=enclosure.radius + TINIEST, beyond=self.beyond(x))
         error = largest * relative + TINIEST
         ends = exact(below(x.low)), exact(above(x.high))  # rounding is monotone
-        return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative)
+        return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative, rounds=x)
 
-    def off_by_its_size(self, x: Linear, relative: arb, absolute: arb) -> Linear:
-        """What is off `x` by a share of it, bounded where it is used, and may be `beyond`."""
-        beyond = [self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE)]
-        enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
-        radius = enclosure.radius + absolute
-        return replace(enclosure, radius=radius, nonnegative=x.nonnegative, beyond=tuple(beyond))
+    def beyond(self, x: Linear) -> tuple[Proposition, ...]:
+        """What must hold so that a machine, which computes about `x`, has no infinity instead."""
+        return tuple(self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE))
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
         """Sum factor * part + offset, exactly."""
@@ -396,16 +399,17 @@ class Terms:
         atom.values, atom.shape = tuple(values), tuple(shape)
         return self.add_atom(atom)
 
-    def with_error(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:
-        """`x`, a function of the prelude: off by at most `error`, never outside [low, high].
+    def with_error(self, x: Linear, share: arb, extra: arb, low: arb, high: arb) -> Linear:
+        """`x`, a function of the prelude: off by a share and `extra`, never outside [low, high].
 
         It holds for arguments in the function's domain, which is an obligation of its own.
         """
         index = x.atom
         atom = self.atoms[index]
-        atom.extra = error
-        atom.low, atom.high = larger(atom.low - error, low), smaller(atom.high + error, high)
-        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high)
+        atom.extra, atom.share = extra, share
+        atom.low = larger(atom.low - share * abs(atom.low) - extra, low)
+        atom.high = smaller(atom.high + share * abs(atom.high) + extra, high)
+        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, x.nonnegative)
 
     # ------------------------------------------------------------ propositions
 
@@ -438,13 +442,20 @@ class Terms:
             return negation(self.compare("==", a, b))
         if is_same_number(a, b):  # however it was rounded; that it is no NaN is an obligation
             return FALSE if op == "<" else TRUE
-        difference = self.subtract(a, b)
         if op == "==":
-            return both(
-                self.below_zero(difference, strict=False),
-                self.below_zero(self.combine(((-ONE, difference),)), strict=False),
-            )
-        return self.below_zero(difference, strict=op == "<")
+            return both(self._less(a, b, strict=False), self._less(b, a, strict=False))
+        return self._less(a, b, strict=op == "<")
+
+    def _less(self, a: Linear, b: Linear, *, strict: bool) -> Proposition:
+        """Whether `a < b`, or `a <= b`: by their difference, and by the range of each alone."""
+        difference = self.subtract(a, b)
+        less = self.below_zero(difference, strict=strict)
+        plain = (a.is_constant or b.is_constant) and (a.rounds or b.rounds) is None
+        kept = a.terms.keys() | b.terms.keys() == difference.terms.keys()
+        if plain or not kept or less.kind == "constant":
+            return less
+        apart = Atom("apart", (difference, a, b), low=difference.low, high=difference.high)
+        return replace(less, argument=self.add_atom(apart))
 
 
 def is_same_number(a: Linear, b: Linear) -> bool:
