@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import soter
 from soter.certificate import rechecker
+from soter.certificate.cell_predicates import influence
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.compile_terms import (
@@ -20,11 +22,12 @@ from soter.certificate.terms.compile_terms import (
 )
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.straight_line import CERTAIN
-from soter.certificate.terms.terms import TRUE, Linear, Terms, choice_of_truths
+from soter.certificate.terms.terms import TRUE, Linear, Terms, both, choice_of_truths
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file
 from soter.language.model import typed
 from soter.language.model.types import FLOAT
+from work import work_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -211,6 +214,29 @@ def test_what_a_machine_is_off_is_a_share_of_what_it_computes_there(
     function = soter.load(tmp_path / "one.soter").function("f")
     for at in (x[0], sum(x) / 2, x[1]):
         assert function(at, 0.0) is (known == CERTAIN)
+
+
+def chain_of(kind: str, n: int) -> str:
+    """A body in which n truths, or n choices of numbers that may be none, rest on one another."""
+    if kind == "bool":
+        return "(" * n + "(x < 0.0)" + "".join(f" == (x < e + 0.{k}))" for k in range(n))
+    chosen = "if x > e * float(k) { s = s + log(x + 0.01 * float(k)); }"
+    return f"var s = 0.0; for k in 0..{n} {{ {chosen} }} return s;"
+
+
+@pytest.mark.parametrize("kind", ["bool", "float"])
+def test_what_is_said_twice_is_looked_at_once(tmp_path: Path, kind: str) -> None:
+    """Each level of a chain has the one before in it twice: work that doubles ends never."""
+
+    def asked(n: int) -> None:
+        terms, value = read(tmp_path, chain_of(kind, n), kind=kind)
+        truths = [*value.rests, *value.beyond] if isinstance(value, Linear) else [value]
+        compile_truths(terms, [0, 1], truths, {})
+        assert influence(terms, reduce(both, truths), [0, 1]) > 0
+
+    asked(1)
+    works = [work_of(lambda n=n: asked(n))[1] for n in (2, 6, 10)]  # type: ignore[misc]
+    assert works[2] - works[1] < 3 * (works[1] - works[0])
 
 
 def width(terms: Terms, value: Linear, x: tuple[float, float]) -> float:

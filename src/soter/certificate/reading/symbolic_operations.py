@@ -179,8 +179,7 @@ class Operations:
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
             return a
         x, y = self._term(a), self._term(b)
-        finite = [either(negation(c), f) for f in x.beyond] + [either(c, f) for f in y.beyond]
-        rests = [either(negation(c), r) for r in x.rests] + [either(c, r) for r in y.rests]
+        finite, rests = _of_chosen(c, x.beyond, y.beyond), _of_chosen(c, x.rests, y.rests)
         chosen = _with_beyond(self.terms.choose(c, x, y), finite)
         chosen = replace(chosen, rests=()) if chosen.rests else chosen
         return _resting_on(self._like(chosen, a, b), rests)
@@ -431,6 +430,15 @@ def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
     """A number that may be infinite, unless these hold or it is bounded all the same."""
     bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
     return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
+
+
+def _of_chosen(
+    c: Proposition, a: Sequence[Proposition], b: Sequence[Proposition]
+) -> list[Proposition]:
+    """What must hold of the chosen one of two numbers; what must of both is said once."""
+    alone = [either(negation(c), p) for p in a if p not in b]
+    alone += [either(c, p) for p in b if p not in a]
+    return [*(p for p in a if p in b), *alone]
 
 
 def _is_whole(*values: Value) -> bool:

@@ -480,19 +480,20 @@ def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]
     while todo:
         x = todo.pop()
         if isinstance(x, Proposition):
-            todo.extend(x.parts)
-            if x.argument is not None:
-                todo.append(x.argument)
+            todo.extend(p.argument for p in parts_of(x) if p.argument is not None)
             continue
-        for index in x.terms:
-            if index in indices:
-                continue
+        for index in x.terms.keys() - indices:
             indices.add(index)
             atom = terms.atoms[index]
-            todo.extend(atom.arguments)
-            if atom.condition is not None:
-                todo.append(atom.condition)
+            todo += [*atom.arguments, *([atom.condition] if atom.condition else [])]
     return indices
 
 
-__all__ = ["Atom", "Linear", "NotRecheckedError", "Proposition", "Terms"]
+def parts_of(x: Proposition) -> list[Proposition]:
+    """A proposition and all that it is made of, each once: what is said twice is shared."""
+    todo, known = [x], {id(x)}
+    for p in todo:
+        new = {id(q): q for q in p.parts if id(q) not in known}
+        known |= new.keys()
+        todo += new.values()
+    return todo
