@@ -6,8 +6,9 @@ Linear combinations cancel here, once, before any cell is looked at: nothing is 
 Non-goals: reading programs (`symbolic_reading.py`), enclosing terms (`compile_terms.py`).
 
 A term stands for the number the *machine* computes: every operation of the program adds
-|result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain. Plants are
-built with `rounded=False`: they are exact.
+|result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain; its range
+over a cell is that of the exact result there, rounded. Plants are built with `rounded=False`: they
+are exact.
 """
 
 from __future__ import annotations
