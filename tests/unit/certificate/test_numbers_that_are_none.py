@@ -22,7 +22,7 @@ from soter.certificate.terms.compile_terms import (
 )
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.straight_line import CERTAIN
-from soter.certificate.terms.terms import TRUE, Linear, Terms, both, choice_of_truths
+from soter.certificate.terms.terms import TRUE, Linear, Terms, both, choice_of_truths, conjuncts
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file
 from soter.language.model import typed
@@ -218,21 +218,23 @@ def test_what_a_machine_is_off_is_a_share_of_what_it_computes_there(
 
 def chain_of(kind: str, n: int) -> str:
     """A body in which n truths, or n choices of numbers that may be none, rest on one another."""
+    if kind == "and":
+        return f"var s = x < 0.0; for k in 0..{n} {{ s = s && !(!s || !s); }} return s;"
     if kind == "bool":
         return "(" * n + "(x < 0.0)" + "".join(f" == (x < e + 0.{k}))" for k in range(n))
     chosen = "if x > e * float(k) { s = s + log(x + 0.01 * float(k)); }"
     return f"var s = 0.0; for k in 0..{n} {{ {chosen} }} return s;"
 
 
-@pytest.mark.parametrize("kind", ["bool", "float"])
+@pytest.mark.parametrize("kind", ["bool", "float", "and"])
 def test_what_is_said_twice_is_looked_at_once(tmp_path: Path, kind: str) -> None:
     """Each level of a chain has the one before in it twice: work that doubles ends never."""
 
     def asked(n: int) -> None:
-        terms, value = read(tmp_path, chain_of(kind, n), kind=kind)
+        terms, value = read(tmp_path, chain_of(kind, n), kind=kind.replace("and", "bool"))
         truths = [*value.rests, *value.beyond] if isinstance(value, Linear) else [value]
         compile_truths(terms, [0, 1], truths, {})
-        assert influence(terms, reduce(both, truths), [0, 1]) > 0
+        assert influence(terms, reduce(both, conjuncts(reduce(both, truths))), [0, 1]) > 0
 
     asked(1)
     works = [work_of(lambda n=n: asked(n))[1] for n in (2, 6, 10)]  # type: ignore[misc]

@@ -157,14 +157,15 @@ def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposit
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
-    """The parts of a conjunction: propositions that together say the same as it."""
-    if a.kind == "and":
-        return [c for p in a.parts for c in conjuncts(p)]
-    if a.kind == "not" and a.parts[0].kind == "or":
-        return [c for p in a.parts[0].parts for c in conjuncts(negation(p))]
-    if a.kind == "constant" and a.value:
-        return []
-    return [a]
+    """The parts of a conjunction, each once: propositions that together say the same as it."""
+    found, todo = [], [(a, True)]  # whether it holds, or does not
+    for x, yes in todo:
+        if x.kind in ("not", "and" if yes else "or"):
+            parts = [(p, yes != (x.kind == "not")) for p in dict.fromkeys(x.parts)]
+            todo += [part for part in parts if part not in todo]
+        elif x.kind != "constant" or x.value != yes:
+            found.append(x if yes else negation(x))
+    return found
 
 
 @dataclass(eq=False)
@@ -377,9 +378,8 @@ class Terms:
         kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
         if not kept:
             return self.constant(0.0)
-        size = ZERO
-        for w, x in kept:
-            size += magnitude(w) * magnitude(x.low).max(magnitude(x.high))
+        parts = (magnitude(w) * magnitude(x.low).max(magnitude(x.high)) for w, x in kept)
+        size = sum(parts, ZERO)
         atom = Atom("spread", tuple(x for _, x in kept), low=-size, high=size)
         atom.weights = tuple(magnitude(w) for w, _ in kept)
         return self.add_atom(atom)
@@ -470,8 +470,7 @@ def is_same_number(a: Linear, b: Linear) -> bool:
 
 def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of the inputs that the terms depend on."""
-    needed = atoms_under(terms, roots)
-    return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
+    return {i for i in atoms_under(terms, roots) if terms.atoms[i].kind in ("state", "box")}
 
 
 def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
