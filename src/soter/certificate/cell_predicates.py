@@ -39,6 +39,7 @@ from soter.certificate.terms.terms import (
     either,
     inputs_of,
     negation,
+    parts_of,
 )
 
 if TYPE_CHECKING:
@@ -121,11 +122,7 @@ def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
         elif index in inputs:
             moved[index] = atom.high - atom.low
 
-    def compared(x: Proposition) -> arb:
-        total = sum((compared(p) for p in x.parts), ZERO)
-        return total if x.argument is None else total + of(x.argument)
-
-    return compared(root)
+    return sum((of(p.argument) for p in parts_of(root) if p.argument is not None), ZERO)
 
 
 def conjunction_of(parts: Sequence[Proposition]) -> Proposition:

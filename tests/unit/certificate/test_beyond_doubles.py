@@ -44,7 +44,10 @@ rta M {
 system S default { p: P; module M; until 60s; }
 """
 LAWS = {
-    "exp": ("x > 0.0 ? (exp(-400.0 * x) > 0.0 ? -1.0 : 1.0) : 0.5", ("x > 0.0 ?", "x > -2.5 ?")),
+    "exp": (
+        "x > 0.0 ? (exp(-400.0 * x) - exp(-400.0 * x) < 1.0 ? -1.0 : 1.0) : 0.5",
+        ("x > 0.0 ?", "x > -2.5 ?"),
+    ),
     "a product": (
         "x > 0.0 ? -1.0 : 0.25 + 0.25 * min(exp(200.0 * x) * exp(210.0 * x), 1.0)",
         ("x > 0.0 ?", "x > 2.5 ?"),
@@ -78,6 +81,16 @@ def test_what_never_runs_is_no_number_that_leaves(tmp_path: Path, name: str) -> 
     small_proofs.edit_program(folder, change)
     report = recheck(folder)
     assert not report.accepted
+
+
+def test_an_infinite_number_that_is_only_compared_is_greater_than_any(tmp_path: Path) -> None:
+    """`exp(-400.0 * x)` is infinite from x = -1.78 down, and more than 0 there."""
+    folder = proved(tmp_path, "x > 0.0 ? (exp(-400.0 * x) > 0.0 ? -1.0 : 1.0) : 0.5")
+    law = soter.load(tmp_path / "far.soter").function("law")
+    assert [law(x) for x in (0.5, 1.5)] == [-1.0, -1.0]
+    small_proofs.edit_program(folder, ("x > 0.0 ?", "x > -2.5 ?"))
+    report = recheck(folder)
+    assert report.accepted, report.reason
 
 
 @pytest.mark.parametrize("ends", [(-1.0, 1.0), (0.5, 2.0), (1.7, 1.8), (-3.0, 3.0)])

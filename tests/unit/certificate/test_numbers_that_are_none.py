@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import soter
 from soter.certificate import rechecker
+from soter.certificate.cell_predicates import influence
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.compile_terms import (
@@ -20,11 +22,12 @@ from soter.certificate.terms.compile_terms import (
 )
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.straight_line import CERTAIN
-from soter.certificate.terms.terms import TRUE, Linear, Terms, choice_of_truths
+from soter.certificate.terms.terms import TRUE, Linear, Terms, both, choice_of_truths, conjuncts
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file
 from soter.language.model import typed
 from soter.language.model.types import FLOAT
+from work import work_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -186,6 +189,56 @@ def test_what_a_truth_chooses_of_two_that_hold_holds(tmp_path: Path) -> None:
         truth = choice_of_truths(c, p, q)
         form = form_of_box([(exact(-0.5), exact(0.5)), (exact(-1.0), exact(1.0))], symbols=False)
         assert compile_truths(made, [0, 1], [truth], {})(form) == (CERTAIN,)
+
+
+@pytest.mark.parametrize(
+    ("body", "x", "known"),
+    [
+        ("exp(300.0 * x) < 0.5", (-1.0, -0.5), CERTAIN),
+        ("exp(900.0 * x) < 0.5", (-1.0, -0.5), CERTAIN),
+        ("exp(900.0 * (-x)) > max(x, x)", (-0.42, -0.33), CERTAIN),
+        ("exp(900.0 * (x + 2.0)) > abs(x)", (-1.0, -0.9), CERTAIN),
+        ("pow(x + 2.5, 300.0) < 0.5", (-2.0, -1.75), CERTAIN),
+        ("0.0 < floor(x) / sqrt(x * x + 0.16)", (0.4, 0.45), FALSE_BITS),
+        ("0.0 < floor(x) / sqrt(x * x + 0.16)", (1.0, 1.5), CERTAIN),
+        ("sign(floor(x) * sqrt(x * x + 0.16)) == 0.0", (0.4, 0.45), CERTAIN),
+        ("x * 1.0e300 * x > abs(x) * 3.0", (0.5, 1.0), CERTAIN),
+    ],
+)
+def test_what_a_machine_is_off_is_a_share_of_what_it_computes_there(
+    tmp_path: Path, body: str, x: tuple[float, float], known: int
+) -> None:
+    """And not of the largest number that it may ever compute, which may be 400 orders above."""
+    terms, truth = read(tmp_path, body)
+    assert bits(terms, truth, x) == known
+    function = soter.load(tmp_path / "one.soter").function("f")
+    for at in (x[0], sum(x) / 2, x[1]):
+        assert function(at, 0.0) is (known == CERTAIN)
+
+
+def chain_of(kind: str, n: int) -> str:
+    """A body in which n truths, or n choices of numbers that may be none, rest on one another."""
+    if kind == "and":
+        return f"var s = x < 0.0; for k in 0..{n} {{ s = s && !(!s || !s); }} return s;"
+    if kind == "bool":
+        return "(" * n + "(x < 0.0)" + "".join(f" == (x < e + 0.{k}))" for k in range(n))
+    chosen = "if x > e * float(k) { s = s + log(x + 0.01 * float(k)); }"
+    return f"var s = 0.0; for k in 0..{n} {{ {chosen} }} return s;"
+
+
+@pytest.mark.parametrize("kind", ["bool", "float", "and"])
+def test_what_is_said_twice_is_looked_at_once(tmp_path: Path, kind: str) -> None:
+    """Each level of a chain has the one before in it twice: work that doubles ends never."""
+
+    def asked(n: int) -> None:
+        terms, value = read(tmp_path, chain_of(kind, n), kind=kind.replace("and", "bool"))
+        truths = [*value.rests, *value.beyond] if isinstance(value, Linear) else [value]
+        compile_truths(terms, [0, 1], truths, {})
+        assert influence(terms, reduce(both, conjuncts(reduce(both, truths))), [0, 1]) > 0
+
+    asked(1)
+    works = [work_of(lambda n=n: asked(n))[1] for n in (2, 6, 10)]  # type: ignore[misc]
+    assert works[2] - works[1] < 3 * (works[1] - works[0])
 
 
 def width(terms: Terms, value: Linear, x: tuple[float, float]) -> float:

@@ -178,9 +178,7 @@ def test_a_function_of_the_prelude_has_its_domain_and_its_bound(
         for v in (-1.25, -0.75, 0.25, 1.25):
             if low <= v <= high:
                 assert all(holds(terms, o, [v]) for o in value.rests) is (abs(v) <= 1)
-        off = terms.atoms[-1].extra
-        largest = math.atan(max(-low, high))
-        assert abs(float(off) - largest * 2.0**-52) < 1e-3 * largest * 2.0**-52
+        assert 2.0**-52 < terms.atoms[-1].share < 2.0**-52 * (1 + 2.0**-50)
         assert abs(float(value.low) - max(math.atan(low), -0.75)) < 1e-8
         assert abs(float(value.high) - min(math.atan(high), 0.5)) < 1e-8
     monkeypatch.setitem(BOUNDS, "atan", ErrorBound(((-1.0, 1.0),), relative=2.0))
@@ -198,9 +196,9 @@ def test_what_a_function_may_be_off_counts_ulps_and_what_is_absolute(
             terms = Terms()
             (x,) = inputs_of(terms, (low, high))
             Operations(terms, rounded=True).prelude("exp", x)
-            largest = math.exp(high)
-            wanted = ulps * 2.0**-52 * largest + absolute
-            assert abs(float(terms.atoms[-1].extra) - wanted) <= 1e-3 * wanted + 1e-30
+            share = ulps * exact(2.0**-52)
+            assert share <= terms.atoms[-1].share <= share * (1 + exact(2.0**-50))
+            assert abs(float(terms.atoms[-1].extra) - absolute) <= 1e-300
             assert not terms.obligations
 
 
@@ -216,8 +214,7 @@ def test_a_function_that_may_leave_the_doubles_is_bounded_where_it_is_used() -> 
                 assert all(holds(terms, o, [v]) for o in value.beyond)
                 assert math.isclose(at(terms, value, [v]), math.exp(v), rel_tol=1e-12)
         if not within:
-            assert value.radius > 0
-            assert terms.atoms[-1].kind == "spread" or value.terms
+            assert terms.atoms[value.atom].share > 0
 
 
 def test_a_value_is_narrowed_to_where_it_has_to_be() -> None:
@@ -377,7 +374,8 @@ def test_a_function_may_be_off_near_zero_and_beyond_the_doubles(
     bound = ErrorBound(((-math.inf, math.inf),), ulps=1.0, absolute=0.25)
     monkeypatch.setitem(BOUNDS, "exp", bound)
     (x,) = inputs_of(terms, (0.0, 2000.0))
-    assert Operations(terms, rounded=True).prelude("exp", x).radius > 0.2
+    value = Operations(terms, rounded=True).prelude("exp", x)
+    assert terms.atoms[value.atom].extra > 0.2
 
 
 def test_floor_of_floor_is_no_more() -> None:

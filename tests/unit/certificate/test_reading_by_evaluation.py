@@ -75,6 +75,8 @@ def atom_at(terms: Terms, k: int, point: Point) -> float:
     if atom.kind == "choice":
         assert atom.condition is not None
         return at(terms, of[0 if holds(terms, atom.condition, point) else 1], point)
+    if atom.kind == "apart":
+        return at(terms, of[0], point)
     if atom.kind == "product":
         return at(terms, of[0], point) * at(terms, of[1], point)
     if atom.kind in ("min", "max"):

@@ -33,7 +33,14 @@ from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS,
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.terms.terms import Linear, Proposition, Terms, atoms_under, inputs_of
+from soter.certificate.terms.terms import (
+    Linear,
+    Proposition,
+    Terms,
+    atoms_under,
+    inputs_of,
+    parts_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -91,19 +98,19 @@ def refuse_read(model: CaseModel) -> None:
 
 def degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
     """A power of these inputs beyond which a term does not grow; inf where none is known."""
-    return max((_atom_degree(terms, a, inputs) for a in x.terms), default=0)
-
-
-def _atom_degree(terms: Terms, index: int, inputs: Collection[int]) -> float:
-    atom = terms.atoms[index]
-    parts = [degree(terms, y, inputs) for y in atom.arguments]
-    if index in inputs or not any(parts):
-        return index in inputs
-    if atom.kind in BOUNDED:
-        return 0
-    if atom.kind == "product":
-        return sum(parts)
-    return max(parts) if atom.kind in LARGEST_OF else inf
+    known: dict[int, float] = {}
+    for index in sorted(atoms_under(terms, [x])):  # arguments first
+        atom = terms.atoms[index]
+        parts = [max((known[a] for a in y.terms), default=0) for y in atom.arguments]
+        if index in inputs or not any(parts):
+            known[index] = index in inputs
+        elif atom.kind in BOUNDED:
+            known[index] = 0
+        elif atom.kind == "product":
+            known[index] = sum(parts)
+        else:
+            known[index] = max(parts) if atom.kind in LARGEST_OF else inf
+    return max((known[a] for a in x.terms), default=0)
 
 
 FARTHEST = exact(2.0**1000)
@@ -193,8 +200,8 @@ def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
     """Whether no angle stands in it by itself."""
     if isinstance(x, Linear):
         return not terms.may_be_turned(x)
-    alone = x.argument is None or not terms.may_be_turned(x.argument)
-    return alone and all(_compares_no_angle(terms, part) for part in x.parts)
+    compared = [p.argument for p in parts_of(x) if p.argument is not None]
+    return not any(map(terms.may_be_turned, compared))
 
 
 def _is_angle(terms: Terms, x: Linear) -> bool:

@@ -202,12 +202,14 @@ class _Shapes:
     def __init__(self, terms: Terms) -> None:
         self._terms = terms
         self._atoms: dict[int, int] = {}
+        self._truths: dict[Proposition, int] = {}
         self._names: dict[object, int] = {}
 
     def of(self, x: Linear) -> object:
         """The key of a term."""
         parts = frozenset((self._atom(a), key_of(c)) for a, c in x.terms.items())
-        return (key_of(x.const), key_of(x.radius), parts, x.nonnegative)
+        own = x.rounds and self.of(x.rounds)
+        return (key_of(x.const), key_of(x.radius), parts, x.nonnegative, own)
 
     def _atom(self, index: int) -> int:
         """A number for the shape of an atom."""
@@ -223,11 +225,14 @@ class _Shapes:
                     atom.values,
                     atom.shape,
                     key_of(atom.extra),
+                    key_of(atom.share),
                 )
             self._atoms[index] = self._names.setdefault(shape, len(self._names))
         return self._atoms[index]
 
     def _truth_key(self, x: Proposition) -> int:
-        argument = None if x.argument is None else self.of(x.argument)
-        shape = (x.kind, tuple(self._truth_key(p) for p in x.parts), argument, x.value, x.strict)
-        return self._names.setdefault(shape, len(self._names))
+        if x not in self._truths:
+            argument, parts = x.argument and self.of(x.argument), map(self._truth_key, x.parts)
+            shape = (x.kind, tuple(parts), argument, x.value, x.strict)
+            self._truths[x] = self._names.setdefault(shape, len(self._names))
+        return self._truths[x]

@@ -179,8 +179,7 @@ class Operations:
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
             return a
         x, y = self._term(a), self._term(b)
-        finite = [either(negation(c), f) for f in x.beyond] + [either(c, f) for f in y.beyond]
-        rests = [either(negation(c), r) for r in x.rests] + [either(c, r) for r in y.rests]
+        finite, rests = _of_chosen(c, x.beyond, y.beyond), _of_chosen(c, x.rests, y.rests)
         chosen = _with_beyond(self.terms.choose(c, x, y), finite)
         chosen = replace(chosen, rests=()) if chosen.rests else chosen
         return _resting_on(self._like(chosen, a, b), rests)
@@ -260,7 +259,8 @@ class Operations:
         turned = name in OF_A_TURN and self.terms.may_be_turned(numbers[0])
         if turned:
             (x,), far = numbers, FAR_TURNS
-            numbers = [replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)]
+            around = x.low - far, x.high + far
+            numbers = [Linear(x.const, x.terms, x.radius + far, *around, x.nonnegative)]
         if self.everywhere and name in EVERYWHERE:
             return self.terms.apply_function(name, *numbers)
         for x, ends in zip(numbers, bound.domain, strict=True):
@@ -272,14 +272,15 @@ class Operations:
         value = self._exact_function(name, *numbers)
         largest = magnitude(value.low).max(magnitude(value.high))
         ulps, absolute, low, high = map(exact, (bound.ulps, bound.absolute, *bound.values))
-        relative, absolute = ulps * 2 * UNIT_ROUNDOFF, ulps * TINIEST + absolute
+        relative = ulps * 2 * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)  # a unit is that of a double
+        absolute += ulps * TINIEST
         if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
             value.nonnegative, low = True, ZERO
-        if not largest < LARGEST:
-            return self.terms.off_by_its_size(value, relative, absolute)
-        if not self.is_rounded:
+        if not (self.is_rounded or not largest < LARGEST):
             return value
-        return self.terms.with_error(value, relative * largest + absolute, low, high)
+        beyond = () if largest < LARGEST else self.terms.beyond(value)
+        off = self.terms.with_error(value, relative, absolute, low, high)
+        return replace(off, beyond=beyond)
 
     def _doubt_below_zero(self, x: Linear) -> None:
         self._doubt(negation(self.terms.below_zero(x)))
@@ -429,6 +430,15 @@ def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
     """A number that may be infinite, unless these hold or it is bounded all the same."""
     bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
     return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
+
+
+def _of_chosen(
+    c: Proposition, a: Sequence[Proposition], b: Sequence[Proposition]
+) -> list[Proposition]:
+    """What must hold of the chosen one of two numbers; what must of both is said once."""
+    alone = [either(negation(c), p) for p in a if p not in b]
+    alone += [either(c, p) for p in b if p not in a]
+    return [*(p for p in a if p in b), *alone]
 
 
 def _is_whole(*values: Value) -> bool:

@@ -171,6 +171,9 @@ class AffineForms:
             low, high = self.tighter_ends(low, high, *self.range_by_atoms(x))
         if x.nonnegative:
             low = self.make.apply("larger", low, self.make.zero)
+        if x.rounds:
+            least, most = map(self.make.apply, ("round_down", "round_up"), self.range_of(x.rounds))
+            low, high = self.tighter_ends(least, most, low, high)
         if x.radius > COARSE:
             low, high = self.tighter_ends(low, high, *map(self.make.constant, (x.low, x.high)))
         return low, high
@@ -193,10 +196,6 @@ class AffineForms:
         return self.make.sum(lows), self.make.sum(highs)
 
 
-RANGES = ("spread", "table")
-"""Kinds of atoms of which nothing but a range is known."""
-
-
 def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> None:
     """Make the values of every atom that the roots need, arguments first."""
     for index in sorted(atoms_under(forms.terms, roots)):
@@ -207,7 +206,7 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
             forms.enter_box(index, atom)
             continue
         forms.rows[index], forms.bounds[index] = _ATOMS.get(atom.kind, _function_rule)(forms, atom)
-        if atom.kind not in RANGES:
+        if atom.kind not in ("spread", "table"):  # of these only a range is known
             _limit_line_to_range(forms, index)
 
 
@@ -239,9 +238,10 @@ def _function_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     parts = make.apply_for_parts(f"line_{atom.kind}", len(rows) + 4, *ends)
     *slopes, offset, spread, least, most = parts
     if not atom.extra.is_zero():
-        spread += atom.extra
+        off, over = (atom.share * abs(end) + atom.extra for end in (least, most))
+        spread += make.apply("max", off, over)
         known = make.constant(atom.low), make.constant(atom.high)
-        least, most = forms.tighter_ends(least - atom.extra, most + atom.extra, *known)
+        least, most = forms.tighter_ends(least - off, most + over, *known)
     line = (
         _add_rows(forms, list(map(_scale_row, slopes, rows))),
         make.sum([*(s * c for s, c in zip(slopes, constants, strict=True)), offset]),
@@ -332,6 +332,12 @@ def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return line, (low, make.apply("by_truth", truth, high_a, high_b, most))
 
 
+def _apart_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    """The difference of two numbers, no further than the range of each says."""
+    ends, (low, high), (least, most) = map(forms.range_of, atom.arguments)
+    return forms.row(atom.arguments[0]), forms.tighter_ends(low - most, high - least, *ends)
+
+
 def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Any number whose size is at most the weighted sum of the arguments' sizes."""
     size = forms.make.sum(
@@ -343,12 +349,11 @@ def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 def _any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """The row of the first alternative, spread so far that it holds the others, too."""
-    count = (len(atom.arguments) + 1) // 2
-    alternatives, gaps = atom.arguments[:count], atom.arguments[count:]
-    row, constant, spread = forms.row(alternatives[0])
-    low, high = _hull(forms, [(forms.make.zero,) * 2, *map(forms.range_of, gaps)])
+    count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.range_of, atom.arguments)]
+    row, constant, spread = forms.row(atom.arguments[0])
+    low, high = _hull(forms, [(forms.make.zero,) * 2, *ranges[count:]])
     line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
-    return line, _hull(forms, [forms.range_of(x) for x in alternatives])
+    return line, _hull(forms, ranges[:count])
 
 
 def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
@@ -395,6 +400,7 @@ def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
 _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
     "max0": _max0_rule,
     "product": _product_rule,
+    "apart": _apart_rule,
     "choice": _choice_rule,
     "spread": _spread_rule,
     "min": _extreme_rule,
@@ -487,13 +493,8 @@ def all_certain(terms: Terms, truths: Sequence[Proposition]) -> bool:
 
 def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:
     """The form of a box; each axis has a symbol of its own where `symbols`."""
-    centres = [(low + high) * HALF for low, high in box]
+    ends, centres = [e for i in box for e in i], [(low + high) * HALF for low, high in box]
     radii = [(high - low) * HALF for low, high in box]
-    form = [end for interval in box for end in interval] + centres
-    if symbols:
-        n = len(box)
-        form += [radii[i] if i == k else ZERO for i in range(n) for k in range(n)]
-        form += [ZERO] * n
-    else:
-        form += radii
-    return tuple(form)
+    n = range(len(box) if symbols else 0)
+    own = [radii[i] if i == k else ZERO for i in n for k in n]
+    return (*ends, *centres, *own, *([ZERO for _ in n] if symbols else radii))

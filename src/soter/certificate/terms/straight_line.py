@@ -166,6 +166,8 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "below": below,
     "above": above,
     "magnitude": magnitude,
+    "round_down": lambda low: exact(below(low)),
+    "round_up": lambda high: exact(above(high)),
     "corners": corners,
     "range_between": range_between,
     "range_after": range_after,

@@ -6,8 +6,9 @@ Linear combinations cancel here, once, before any cell is looked at: nothing is 
 Non-goals: reading programs (`symbolic_reading.py`), enclosing terms (`compile_terms.py`).
 
 A term stands for the number the *machine* computes: every operation of the program adds
-|result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain. Plants are
-built with `rounded=False`: they are exact.
+|result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain; its range
+over a cell is that of the exact result there, rounded. Plants are built with `rounded=False`: they
+are exact.
 """
 
 from __future__ import annotations
@@ -57,6 +58,8 @@ class Linear:
     """What must hold so that the machine has no infinity of its sign in its place."""
     rests: tuple[Proposition, ...] = ()
     """What must hold so that all this is so: elsewhere the machine may have any number, or none."""
+    rounds: Linear | None = None
+    """What it is the nearest double to, or an infinity: its range is that of this one, rounded."""
 
     @property
     def is_constant(self) -> bool:
@@ -78,8 +81,9 @@ class Atom:
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
     numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
-    by arguments[1] where that is chosen), "any" (one of several alternatives; behind them the gaps
-    between the first and each of the others). `values`: the table, in C order over `shape`.
+    by arguments[1] where that is chosen), "apart" (arguments[0], the difference of the others),
+    "any" (one of several alternatives; behind them the gaps between the first and each of the
+    others). `values`: the table, in C order over `shape`.
     """
 
     kind: str
@@ -91,7 +95,8 @@ class Atom:
     values: tuple[float, ...] = ()
     shape: tuple[int, ...] = ()
     extra: arb = ZERO
-    """Spread added to the line of the function: the error of a prelude function."""
+    """The error of a prelude function, with a share of its value: a spread added to its line."""
+    share: arb = ZERO
     name: str = ""
 
 
@@ -152,14 +157,15 @@ def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposit
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
-    """The parts of a conjunction: propositions that together say the same as it."""
-    if a.kind == "and":
-        return [c for p in a.parts for c in conjuncts(p)]
-    if a.kind == "not" and a.parts[0].kind == "or":
-        return [c for p in a.parts[0].parts for c in conjuncts(negation(p))]
-    if a.kind == "constant" and a.value:
-        return []
-    return [a]
+    """The parts of a conjunction, each once: propositions that together say the same as it."""
+    found, todo = [], [(a, True)]  # whether it holds, or does not
+    for x, yes in todo:
+        if x.kind in ("not", "and" if yes else "or"):
+            parts = [(p, yes != (x.kind == "not")) for p in dict.fromkeys(x.parts)]
+            todo += [part for part in parts if part not in todo]
+        elif x.kind != "constant" or x.value != yes:
+            found.append(x if yes else negation(x))
+    return found
 
 
 @dataclass(eq=False)
@@ -225,17 +231,16 @@ class Terms:
         largest = magnitude(x.low).max(magnitude(x.high))
         relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
         if not largest < LARGEST:
-            return self.off_by_its_size(x, relative, TINIEST)
+            enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
+            enclosure.nonnegative, enclosure.rounds = x.nonnegative, x
+            return replace(enclosure, radius=enclosure.radius + TINIEST, beyond=self.beyond(x))
         error = largest * relative + TINIEST
         ends = exact(below(x.low)), exact(above(x.high))  # rounding is monotone
-        return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative)
+        return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative, rounds=x)
 
-    def off_by_its_size(self, x: Linear, relative: arb, absolute: arb) -> Linear:
-        """What is off `x` by a share of it, bounded where it is used, and may be `beyond`."""
-        beyond = [self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE)]
-        enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
-        radius = enclosure.radius + absolute
-        return replace(enclosure, radius=radius, nonnegative=x.nonnegative, beyond=tuple(beyond))
+    def beyond(self, x: Linear) -> tuple[Proposition, ...]:
+        """What must hold so that a machine, which computes about `x`, has no infinity instead."""
+        return tuple(self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE))
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
         """Sum factor * part + offset, exactly."""
@@ -373,9 +378,8 @@ class Terms:
         kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
         if not kept:
             return self.constant(0.0)
-        size = ZERO
-        for w, x in kept:
-            size += magnitude(w) * magnitude(x.low).max(magnitude(x.high))
+        parts = (magnitude(w) * magnitude(x.low).max(magnitude(x.high)) for w, x in kept)
+        size = sum(parts, ZERO)
         atom = Atom("spread", tuple(x for _, x in kept), low=-size, high=size)
         atom.weights = tuple(magnitude(w) for w, _ in kept)
         return self.add_atom(atom)
@@ -396,16 +400,17 @@ class Terms:
         atom.values, atom.shape = tuple(values), tuple(shape)
         return self.add_atom(atom)
 
-    def with_error(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:
-        """`x`, a function of the prelude: off by at most `error`, never outside [low, high].
+    def with_error(self, x: Linear, share: arb, extra: arb, low: arb, high: arb) -> Linear:
+        """`x`, a function of the prelude: off by a share and `extra`, never outside [low, high].
 
         It holds for arguments in the function's domain, which is an obligation of its own.
         """
         index = x.atom
         atom = self.atoms[index]
-        atom.extra = error
-        atom.low, atom.high = larger(atom.low - error, low), smaller(atom.high + error, high)
-        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high)
+        atom.extra, atom.share = extra, share
+        atom.low = larger(atom.low - share * abs(atom.low) - extra, low)
+        atom.high = smaller(atom.high + share * abs(atom.high) + extra, high)
+        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, x.nonnegative)
 
     # ------------------------------------------------------------ propositions
 
@@ -438,13 +443,20 @@ class Terms:
             return negation(self.compare("==", a, b))
         if is_same_number(a, b):  # however it was rounded; that it is no NaN is an obligation
             return FALSE if op == "<" else TRUE
-        difference = self.subtract(a, b)
         if op == "==":
-            return both(
-                self.below_zero(difference, strict=False),
-                self.below_zero(self.combine(((-ONE, difference),)), strict=False),
-            )
-        return self.below_zero(difference, strict=op == "<")
+            return both(self._less(a, b, strict=False), self._less(b, a, strict=False))
+        return self._less(a, b, strict=op == "<")
+
+    def _less(self, a: Linear, b: Linear, *, strict: bool) -> Proposition:
+        """Whether `a < b`, or `a <= b`: by their difference, and by the range of each alone."""
+        difference = self.subtract(a, b)
+        less = self.below_zero(difference, strict=strict)
+        plain = (a.is_constant or b.is_constant) and (a.rounds or b.rounds) is None
+        kept = a.terms.keys() | b.terms.keys() == difference.terms.keys()
+        if plain or not kept or less.kind == "constant":
+            return less
+        apart = Atom("apart", (difference, a, b), low=difference.low, high=difference.high)
+        return replace(less, argument=self.add_atom(apart))
 
 
 def is_same_number(a: Linear, b: Linear) -> bool:
@@ -458,8 +470,7 @@ def is_same_number(a: Linear, b: Linear) -> bool:
 
 def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of the inputs that the terms depend on."""
-    needed = atoms_under(terms, roots)
-    return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
+    return {i for i in atoms_under(terms, roots) if terms.atoms[i].kind in ("state", "box")}
 
 
 def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
@@ -469,19 +480,20 @@ def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]
     while todo:
         x = todo.pop()
         if isinstance(x, Proposition):
-            todo.extend(x.parts)
-            if x.argument is not None:
-                todo.append(x.argument)
+            todo.extend(p.argument for p in parts_of(x) if p.argument is not None)
             continue
-        for index in x.terms:
-            if index in indices:
-                continue
+        for index in x.terms.keys() - indices:
             indices.add(index)
             atom = terms.atoms[index]
-            todo.extend(atom.arguments)
-            if atom.condition is not None:
-                todo.append(atom.condition)
+            todo += [*atom.arguments, *([atom.condition] if atom.condition else [])]
     return indices
 
 
-__all__ = ["Atom", "Linear", "NotRecheckedError", "Proposition", "Terms"]
+def parts_of(x: Proposition) -> list[Proposition]:
+    """A proposition and all that it is made of, each once: what is said twice is shared."""
+    todo, known = [x], {id(x)}
+    for p in todo:
+        new = {id(q): q for q in p.parts if id(q) not in known}
+        known |= new.keys()
+        todo += new.values()
+    return todo

@@ -27,7 +27,7 @@ from soter.language.evaluate.range_evaluation import (
     TooHardError,
     anything,
 )
-from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
+from soter.language.evaluate.ranges import ANY_FLOAT, TOTAL, Range, range_of_prelude
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import MOST, published
 from soter.language.model import typed as t
@@ -144,11 +144,6 @@ TURNS = 3
 """Rounds of a loop, after which variables that still change may be anything of their type."""
 TIMES = Range(0.0, 1e10)
 """The range of times in seconds: more than 64 bits of nanoseconds hold."""
-TOTAL = {
-    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "tanh", "hypot"),
-    *("wrap_angle", "sign"),
-}
-"""Prelude functions that return a number for all numbers of their domain; `pow` does for x >= 0."""
 
 
 def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t.TypedExpr]:
@@ -222,9 +217,9 @@ class _NanFinder(RangeEvaluator):
         given = [self.evaluate(a) for a in e.arguments]
         if e.fun.body is None:
             return anything(e.type)
-        if e.fun.name in TOTAL or e.fun.name == "pow":
+        if e.fun.name in TOTAL:
             arguments = [self._scalar(g, a.type) for g, a in zip(given, e.arguments, strict=True)]
-            return _prelude_range(e.fun.name, arguments)
+            return range_of_prelude(e.fun.name, arguments)
         outside, self.variables = self.variables, dict(zip(e.fun.parameters, given, strict=True))
         compared, found, self.compared, self.found = self.compared, self.found, set(), set()
         try:
@@ -346,19 +341,6 @@ def _read(system: System, place: ReadPlace) -> Range:
     if not isinstance(known, Range):
         raise TooHardError
     return known
-
-
-def _prelude_range(name: str, arguments: list[Range]) -> Range:
-    """The result's range of a function of TOTAL or `pow`: perhaps NaN outside its domain."""
-    from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
-
-    bound = BOUNDS[name]
-    domain = ((0.0, INF), bound.domain[1]) if name == "pow" else bound.domain
-    inside = all(
-        low <= a.low and a.high <= high and not a.nan
-        for a, (low, high) in zip(arguments, domain, strict=True)
-    )
-    return Range(*bound.values, nan=not inside)
 
 
 def _finite(of: Type) -> Known:

@@ -275,15 +275,23 @@ class RangeEvaluator:
             self.faults.possible = True
             return anything(e.type)
         given = [self.evaluate(a) for a in e.arguments]
-        outside = self.variables
+        outside, left, faulted = self.variables, self.left, self.faults.possible
         self.variables = dict(zip(e.fun.parameters, given, strict=True))
         try:
             returned, _ = self._run(e.fun.body, None, e.type)
-        except RecursionError:
-            raise TooHardError from None
+        except (RecursionError, TooHardError):
+            if not e.fun.prelude:
+                raise TooHardError from None
+            returned, self.left = None, left
         finally:
             self.variables = outside
-        return anything(e.type) if returned is None else returned
+        known = anything(e.type) if returned is None else returned
+        if e.fun.prelude:  # none of these faults
+            self.faults.possible = faulted
+        if not (e.fun.prelude and e.fun.name in ranges.TOTAL):
+            return known
+        numbers = [self._scalar(g, a.type) for g, a in zip(given, e.arguments, strict=True)]
+        return self._scalar(known, e.type).met(ranges.range_of_prelude(e.fun.name, numbers))
 
     # ------------------------------------------------------------ structure
 

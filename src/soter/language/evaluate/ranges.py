@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 INF = math.inf
+TOTAL = {
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "tanh", "hypot"),
+    *("wrap_angle", "sign", "pow"),
+}
+"""Prelude functions that return a number for all numbers of their domain, of `pow` for x >= 0."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,11 @@ class Range:
         """The least range that holds both."""
         low, high = min(self.low, other.low), max(self.high, other.high)
         return Range(low, high, self.nan or other.nan)
+
+    def met(self, other: Range) -> Range:
+        """The range of what is in both; they have something in common."""
+        low, high = max(self.low, other.low), min(self.high, other.high)
+        return Range(low, high, self.nan and other.nan)
 
     def has(self, value: float) -> bool:
         """Whether a number is in the range."""
@@ -71,6 +81,19 @@ def truth(surely: bool, never: bool) -> Range:
 def negated(a: Range) -> Range:
     """`!a` of a truth value."""
     return Range(1 - a.high, 1 - a.low)
+
+
+def range_of_prelude(name: str, arguments: list[Range]) -> Range:
+    """The range of the values of a function of TOTAL: perhaps NaN outside its domain."""
+    from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
+
+    bound = BOUNDS[name]
+    domain = ((0.0, INF), bound.domain[1]) if name == "pow" else bound.domain
+    inside = all(
+        low <= a.low and a.high <= high and not a.nan
+        for a, (low, high) in zip(arguments, domain, strict=True)
+    )
+    return Range(*bound.values, nan=not inside)
 
 
 # ---------------------------------------------------------------- comparisons

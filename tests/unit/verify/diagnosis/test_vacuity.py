@@ -101,6 +101,10 @@ def test_an_age_that_takes_control_whatever_is_fresh(part: str, taken: bool) -> 
         ("level > -3.0 && level < 3.0", True),  # its set is narrower
         ("level > -1.0 || level < 1.0", True),
         ("level - level < 0.5", True),
+        ("sin(level) <= 1.0", True),
+        ("atan(level) < 2.0 && exp(level) > -1.0", True),
+        ("asin(clamp(level, -1.0, 1.0)) < 2.0", True),
+        ("sin(51000.0 * level) <= 1.0", False),  # beyond 10^5 it is no number
         ("level > -1.0 && level < 1.9", False),  # all of the grid, and not all of its values
     ],
 )
