@@ -543,6 +543,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("real-time.md", "``` process 1"): "a drawing",
     ("recheck.md", "| what | how much"): DEFINED,
     ("recheck.md", "| hypothesis"): DEFINED,
+    ("recheck.md", "| assumption that is printed"): DEFINED,
     ("semantics.md", "| part"): DEFINED,
     ("semantics.md", "| code"): DEFINED,
     ("semantics.md", "```euler"): "a formula",

@@ -270,15 +270,14 @@ class Operations:
         if name == "wrap_angle" and self.is_rounded and not turned:
             return self.terms.apply_function("wrapped_double", *numbers)
         value = self._exact_function(name, *numbers)
-        largest = magnitude(value.low).max(magnitude(value.high))
         ulps, absolute, low, high = map(exact, (bound.ulps, bound.absolute, *bound.values))
         relative = ulps * 2 * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)  # a unit is that of a double
         absolute += ulps * TINIEST
         if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
             value.nonnegative, low = True, ZERO
-        if not (self.is_rounded or not largest < LARGEST):
+        beyond = self.terms.beyond(value)
+        if not (self.is_rounded or beyond):
             return value
-        beyond = () if largest < LARGEST else self.terms.beyond(value)
         off = self.terms.with_error(value, relative, absolute, low, high)
         return replace(off, beyond=beyond)
 

@@ -240,6 +240,8 @@ class Terms:
 
     def beyond(self, x: Linear) -> tuple[Proposition, ...]:
         """What must hold so that a machine, which computes about `x`, has no infinity instead."""
+        if magnitude(x.low).max(magnitude(x.high)) < LARGEST:
+            return ()
         return tuple(self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE))
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:

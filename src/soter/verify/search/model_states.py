@@ -295,7 +295,7 @@ class ModelStates:
 
     @cached_property
     def steps(self) -> Floats:
-        """How far each state, (states,), moves from a read of SC until its command ends, with errors."""
+        """How far each state, (states,), moves from a read of SC until its command ends."""
         draw, (low, high) = np.random.default_rng(4), self._drawn_from()
         moved = np.zeros(len(self.names))
         u_ends, w_ends = _ends_of(self.problem.controls), _ends_of(self.problem.disturbances)
