@@ -228,13 +228,12 @@ class Terms:
 
         Where it may leave the range of doubles, that it does not becomes an obligation.
         """
-        largest = magnitude(x.low).max(magnitude(x.high))
         relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
-        if not largest < LARGEST:
+        if beyond := self.beyond(x):
             enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
             enclosure.nonnegative, enclosure.rounds = x.nonnegative, x
-            return replace(enclosure, radius=enclosure.radius + TINIEST, beyond=self.beyond(x))
-        error = largest * relative + TINIEST
+            return replace(enclosure, radius=enclosure.radius + TINIEST, beyond=beyond)
+        error = magnitude(x.low).max(magnitude(x.high)) * relative + TINIEST
         ends = exact(below(x.low)), exact(above(x.high))  # rounding is monotone
         return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative, rounds=x)
 
