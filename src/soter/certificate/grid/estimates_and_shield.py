@@ -278,7 +278,7 @@ def axes_seen_by_dm(facts: Facts, group: GroupTables) -> list[int]:
             name = facts.states[state].name
             raise NotRecheckedError(
                 f"no topic shows `{name}` to the DM, and its axis has cells: write `/ 1` in its "
-                "`grid`, or a topic that shows it, which the plant `drives` and the module reads"
+                "`grid`, or a topic of the plant that shows it and that SC or a predicate reads"
             )
     return axes
 

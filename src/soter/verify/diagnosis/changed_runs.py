@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.diagnosis.model_runs import PointModel, run
+from soter.verify.diagnosis.model_runs import NS, PointModel, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     EndsWell = Callable[[PointModel, Pattern], bool]
 
 
-LONGER = 5.0
-"""A changed run is followed this many times as long as the one that leaves C."""
+LONGER, HOLDS = 5.0, 1000
+"""A changed run is followed this many times as long as the one that leaves C, and for so many
+periods of SC at least."""
 NARROWER = {0.5: "half as wide", 0.25: "a quarter as wide", 0.0625: "a sixteenth as wide"}
 OF = {"disturbances": "a disturbance", "errors": "an error of"}
 STRONGER = {
@@ -45,8 +46,8 @@ MARGIN = 1.25
 """A strength, or a width, has to help by so much less than what is told, too."""
 MOST = 2
 """The most changes that are told."""
-KEEPS = "(tried in runs of the model: none leaves C then)"
-KEEPS_CALM = "(tried in runs of the model that nothing disturbs: none leaves C then)"
+KEEPS = "(tried in runs of the model: none leaves C within {:.3g} s)"
+KEEPS_CALM = "(tried in runs of the model that nothing disturbs: none leaves C within {:.3g} s)"
 RETURNS = "(tried in runs of the model: all end where `safer` holds then)"
 
 
@@ -85,6 +86,14 @@ def changes(model: PointModel) -> Iterator[list[Change]]:
     yield [Change(old, ((model, lambda p: replace(p, late=False)),))]
     ends = list(zip(q.controls, model.forms.whole[model.controls], strict=True))
     for k, (leaf, (low, high)) in enumerate(ends):
+        turned = partial(_mapped, k, -1.0, _middle(low, high), low, high)
+        world = _ChangedModel(model, sends=turned), _same
+        yield [Change(f"an SC with the other sign of `{leaf.name}`", (world,))]
+    for k, leaf in enumerate(q.states):
+        turned = partial(_mapped, k, -1.0, _middle(model.low[k], model.high[k]), -np.inf, np.inf)
+        world = _ChangedModel(model, reads=turned), _same
+        yield [Change(f"an SC that answers `{leaf.name}` with the other sign", (world,))]
+    for k, (leaf, (low, high)) in enumerate(ends):
         yield [
             Change(
                 f"an SC whose `{leaf.name}` is {said}",
@@ -106,14 +115,6 @@ def changes(model: PointModel) -> Iterator[list[Change]]:
                 )
                 for times, said in NARROWER.items()
             ]
-    for k, (leaf, (low, high)) in enumerate(ends):
-        turned = partial(_mapped, k, -1.0, _middle(low, high), low, high)
-        world = _ChangedModel(model, sends=turned), _same
-        yield [Change(f"an SC with the other sign of `{leaf.name}`", (world,))]
-    for k, leaf in enumerate(q.states):
-        turned = partial(_mapped, k, -1.0, _middle(model.low[k], model.high[k]), -np.inf, np.inf)
-        world = _ChangedModel(model, reads=turned), _same
-        yield [Change(f"an SC that answers `{leaf.name}` with the other sign", (world,))]
 
 
 def _same(pattern: Pattern) -> Pattern:
@@ -161,7 +162,7 @@ def what_keeps(
 
     `left`: a run that leaves it. Where that has everything in the middle, `others` are not asked.
     """
-    until_s = LONGER * left.times[-1]
+    until_s = max(LONGER * left.times[-1], HOLDS * model.inputs.period_ns * NS)
 
     def stays(changed: PointModel, pattern: Pattern) -> bool:
         if not go_on():
@@ -170,8 +171,8 @@ def what_keeps(
         return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
 
     if not left.pattern.any:
-        return _said(_what_helps(model, left.pattern, stays, []), KEEPS_CALM)
-    return _said(_what_helps(model, left.pattern, stays, others), KEEPS)
+        return _said(_what_helps(model, left.pattern, stays, []), KEEPS_CALM.format(until_s))
+    return _said(_what_helps(model, left.pattern, stays, others), KEEPS.format(until_s))
 
 
 def _what_helps(

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 OPEN = (UNDECIDED, REFUTED)
 """The verdicts that are explained: a refuting run does not say why SC keeps nothing."""
 EMPTY, HABIT = "K is empty", "habit"
-RUNS_S, BACK_S, HABIT_S, CHANGED_S = 2.5, 1.5, 2.0, 6.0
+RUNS_S, BACK_S, HABIT_S, CHANGED_S = 2.5, 1.5, 2.0, 10.0
 """CPU seconds for runs that leave C, for runs that do not come back, for SC's habit, and for runs
 with one thing changed."""
 FROM_START = 0.7

@@ -46,7 +46,7 @@ from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
-from soter.verify.diagnosis.variations import CALMER, OTHERS, NotProved, remedies
+from soter.verify.diagnosis.variations import CALMER, HALF, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
@@ -197,7 +197,7 @@ def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures 
     return FlownFigures(often, ac_share(last, module.index), count)
 
 
-LEAST_S, OF_PROOF, SHOWN_S = 16.0, 1.0, 8.0
+LEAST_S, OF_PROOF, SHOWN_S = 16.0, 1.0, 12.0
 """CPU seconds for all trials of a module: this many, or this often the time of the proof, and this
 many more for the runs that explain why it is open."""
 COARSE = 40_000
@@ -325,7 +325,10 @@ class _KeptChanges:
                 continue
             phase(f"{found.problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
-            if now == () or (as_it_is and now is not None and _fewer_fail(now, found.failing)):
+            whole = remedy.cost == HALF and remedy.said != CALMEST  # else the next is narrower
+            if now == () or (
+                as_it_is and now is not None and not whole and _fewer_fail(now, found.failing)
+            ):
                 self.said.append(remedy.said)
                 self.in_vain.pop(remedy.said, None)
                 self.found = replace(found, problem=remedy.problem, failing=now)

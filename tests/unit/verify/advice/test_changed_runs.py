@@ -8,7 +8,7 @@ from unit.verify.diagnosis.tank_modules import changed, explained
 
 LAW = "clamp(0.5 * (1.0 - level), -0.1, 0.1)"
 LEAK = "leak: float in [0.0, 0.02]"
-CALM, ALL = "that nothing disturbs", "in runs of the model: none leaves C then"
+CALM, ALL = "that nothing disturbs", "in runs of the model: none leaves C within"
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ CALM, ALL = "that nothing disturbs", "in runs of the model: none leaves C then"
             "whose `pump` is four times as strong (",
             ALL,
         ),
-        (((LEAK, "leak: float in [-0.2, 0.2]"),), "`t.leak` a quarter as wide", ALL),
+        (((LEAK, "leak: float in [-0.9, 0.9]"),), "`t.leak` a sixteenth as wide", ALL),
         ((("within 0.01", "within 0.9"),), "an error of `level` half as wide", ALL),
     ],
     ids=[
@@ -46,6 +46,14 @@ def test_what_is_in_the_way_is_named_with_how_much(
     assert said in hint
     assert tried in hint
     assert "(not tried)" not in hint
+
+
+def test_a_wrong_sign_is_not_taken_for_too_much_strength() -> None:
+    """Half as strong it leaves as surely, only later: runs are followed for long enough."""
+    wrong = changed((LAW, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"), ("/ 320", "/ 32"))
+    hint = explained(wrong).findings["P2a"].hint
+    assert hint.startswith("an SC with the other sign of `pump`")
+    assert "as strong" not in hint
 
 
 def test_commands_that_act_too_late_are_named() -> None:

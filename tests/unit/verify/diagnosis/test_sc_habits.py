@@ -63,7 +63,7 @@ def test_an_sc_that_is_too_weak_has_no_habit_and_hears_no_advice_that_failed() -
     p2a = explained(changed(*WEAK, *COARSE)).findings["P2a"]
     assert [c.kind for c in p2a.causes] == ["leaves"]
     assert any(t.startswith("in vain: ") and "half as wide" in t for t in p2a.tried)
-    assert "`t.leak` a quarter as wide" in p2a.hint
+    assert "a sixteenth as wide; and more cells" in p2a.hint
     assert "smaller errors" not in p2a.hint
 
 
