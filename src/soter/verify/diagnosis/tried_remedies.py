@@ -325,9 +325,8 @@ class _KeptChanges:
                 continue
             phase(f"{found.problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
-            whole = remedy.cost == HALF and remedy.said != CALMEST  # else the next is narrower
             if now == () or (
-                as_it_is and now is not None and not whole and _fewer_fail(now, found.failing)
+                as_it_is and now is not None and _helps_in_part(remedy, now, found.failing)
             ):
                 self.said.append(remedy.said)
                 self.in_vain.pop(remedy.said, None)
@@ -363,6 +362,11 @@ class _KeptChanges:
         p3 = result.findings["P3"]
         same = (f.hint for c in failing if (f := result.findings[c]).text == p3.text)
         p3.hint = next(same, p3.hint)
+
+
+def _helps_in_part(remedy: Remedy, now: Sequence[str], left: Sequence[str]) -> bool:
+    """Whether a change is kept with which claims fail; of narrower worlds only the narrowest is."""
+    return (remedy.cost != HALF or remedy.said == CALMEST) and _fewer_fail(now, left)
 
 
 def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
