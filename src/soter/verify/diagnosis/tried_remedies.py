@@ -319,7 +319,7 @@ class _KeptChanges:
         """Tries one more change, and keeps it if it helps; whether one was kept."""
         found = self.found
         for remedy, tried in in_order(remedies(found)):
-            if remedy.said in self.said:
+            if self._is_made(remedy):
                 continue
             if remedy.cost == OTHERS and not trials.stays(tried, found.leaving):
                 continue
@@ -338,6 +338,10 @@ class _KeptChanges:
                 # else it is no problem
                 self.untried[remedy.said] = None
         return False
+
+    def _is_made(self, remedy: Remedy) -> bool:
+        """Whether a change was kept already, or a narrower world in its place."""
+        return remedy.said in self.said or (remedy.cost == HALF and CALMEST in self.said)
 
     def enter(self, result: ModuleResult, failing: Sequence[str]) -> None:
         """Enters the advice at the first claim that is not proved."""
