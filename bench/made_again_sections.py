@@ -525,6 +525,10 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("newcomers.md", "- **The same 25"): "robots, each once; the page says how they are asked",
     ("newcomers.md", "- **78 wrong"): "programs, each once; the page says how they are asked",
     ("newcomers.md", "- **Twelve kinds"): "a row of benchmarks, and one sentence about its rows",
+    (
+        "newcomers.md",
+        "- **What help",
+    ): "judgements of people, each once; the page says how the lines are asked",
     ("prelude.md", "| function"): f"{HELD}unit/prelude",
     ("proof.md", "| | what"): DEFINED,
     ("proof.md", "| symbol"): DEFINED,
