@@ -21,7 +21,14 @@ from soter.language.model.types import show_ns
 from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.changed_runs import OLD, what_brings_back, what_keeps
-from soter.verify.diagnosis.habits_of_sc import HOLDS, MOVED, STILL, comes_to_rest, habit
+from soter.verify.diagnosis.habits_of_sc import (
+    HOLDS,
+    MOVED,
+    STILL,
+    Habit,
+    comes_to_rest,
+    habit,
+)
 from soter.verify.diagnosis.model_runs import (
     FALSE,
     NS,
@@ -139,12 +146,7 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
-        left = (search.trace, search.undisturbed) if found is None else (search.trace, found.trace)
-        for trace in left if found is None or found.trace is not None else ():
-            go_on_ = _go_on_for(CHANGED_S, go_on)
-            if trace and (kept := what_keeps(model, trace, search.furthest, go_on_)):
-                finding.hint = ("" if by_safe else WIDER_GRID) + kept
-                break
+        finding.hint = _changed_hint(model, search, found, go_on) or finding.hint
     if model.inputs.delay_ns > LATE * model.inputs.period_ns and "(tried" not in finding.hint:
         finding.hint = OLD.format(show_ns(model.inputs.delay_ns))
     for axis in (a for a, who in case.problem.turns_read.items() if not who):
@@ -159,6 +161,20 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
     finding.causes.append(cause)
     if finding.verdict == UNDECIDED:  # a run that refutes it says more
         finding.text = f"{EMPTY}: {why}"
+
+
+def _changed_hint(
+    model: PointModel, search: LeavingSearch, found: Habit | None, go_on: GoOn
+) -> str:
+    """The changes with which runs stay in C; "": none, or SC's habit is not to leave by itself."""
+    if found is not None and found.trace is None:
+        return ""
+    wider = "" if search.soonest is None or search.soonest.safe else WIDER_GRID
+    for trace in (search.trace, search.undisturbed if found is None else found.trace):
+        in_time = _go_on_for(CHANGED_S, go_on)
+        if trace and (kept := what_keeps(model, trace, search.furthest, in_time)):
+            return wider + kept
+    return ""
 
 
 def _moved_across(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
