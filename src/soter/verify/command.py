@@ -79,7 +79,7 @@ def verify(
         checked, results, further = _with_other_hints(checked, what, results, searches, budget_s)
         searches += further
         chosen, problems = chosen_problems(checked, **what) if further else (chosen, problems)
-    _take_back_cells(results, searches)
+    take_back_cells(results, searches)
     assert checked.program is not None
     whole = {flat.name: flat for flat, _ in modules_of(checked, **what)}
     coverage = coverage_of(checked, chosen, problems, params or {})
@@ -148,14 +148,6 @@ def _with_other_hints(
     checked, further = searched_anew(checked, what, others, budget_s)
     proved = _proved_by(further)
     return checked, [proved.get(r.name, r) for r in results], further
-
-
-def _take_back_cells(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Advises no cells for modules of which a search tried others in vain."""
-    in_vain = {s.module for s in searches if not s.proved and any(not t.untried for t in s.tries)}
-    for result in results:
-        if result.name in in_vain:
-            take_back_cells(result)
 
 
 def _proved_by(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:

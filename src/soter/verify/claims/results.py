@@ -370,13 +370,14 @@ class ModuleResult:
 class Try:
     """One try of a search: the hints, what they gave in words, the CPU seconds that it took.
 
-    `untried`: it would take longer than was left; `cpu_s` is an estimate.
+    `untried`: it would take longer than was left; `cpu_s` is an estimate. `cut`: it was ended.
     """
 
     hints: str
     gave: str
     cpu_s: float
     untried: bool = False
+    cut: bool = False
 
 
 @dataclass(eq=False)
@@ -397,6 +398,12 @@ class ProofSearch:
 
     Where its own hints prove P2a others are taken only if AC surely gets it.
     """
+
+    @property
+    def cells_in_vain(self) -> bool:
+        """Whether a grid was tried to its end, and nothing that was tried proves the module."""
+        ended = (t.hints for t in self.tries if not (t.untried or t.cut))
+        return not self.proved and any("grid " in hints for hints in ended)
 
     @property
     def text(self) -> str:

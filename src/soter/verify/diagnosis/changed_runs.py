@@ -86,13 +86,15 @@ def changes(model: PointModel) -> Iterator[list[Change]]:
     yield [Change(old, ((model, lambda p: replace(p, late=False)),))]
     ends = list(zip(q.controls, model.forms.whole[model.controls], strict=True))
     for k, (leaf, (low, high)) in enumerate(ends):
-        turned = partial(_mapped, k, -1.0, _middle(low, high), low, high)
+        about = _middle(low, high)
+        turned = partial(_mapped, k, -1.0, about, low, high)
         world = _ChangedModel(model, sends=turned), _same
-        yield [Change(f"an SC with the other sign of `{leaf.name}`", (world,))]
+        yield [Change(f"an SC that publishes `{leaf.name}` {_turned(about)}", (world,))]
     for k, leaf in enumerate(q.states):
-        turned = partial(_mapped, k, -1.0, _middle(model.low[k], model.high[k]), -np.inf, np.inf)
+        about = _middle(model.low[k], model.high[k])
+        turned = partial(_mapped, k, -1.0, about, -np.inf, np.inf)
         world = _ChangedModel(model, reads=turned), _same
-        yield [Change(f"an SC that answers `{leaf.name}` with the other sign", (world,))]
+        yield [Change(f"an SC that answers `{leaf.name}` {_turned(about)}", (world,))]
     for k, (leaf, (low, high)) in enumerate(ends):
         yield [
             Change(
@@ -124,6 +126,11 @@ def _same(pattern: Pattern) -> Pattern:
 def _middle(low: float, high: float) -> float:
     """The value about which a sign is changed: 0 where a range has it inside, or its middle."""
     return 0.0 if low < 0.0 < high else low / 2 + high / 2
+
+
+def _turned(about: float) -> str:
+    """How a sign is changed, in words: as it was tried."""
+    return "with the other sign" if about == 0.0 else f"mirrored at {about:.4g}"
 
 
 def _mapped(

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import LeavingRun, ModuleResult
+    from soter.verify.claims.results import LeavingRun, ModuleResult, ProofSearch
     from soter.verify.diagnosis.variations import Remedy
     from soter.verify.problem.problem import Problem
 
@@ -379,9 +379,10 @@ def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
     return set(now) < asked or (left[0] == "P2a" and "P2a" not in now)
 
 
-def take_back_cells(result: ModuleResult) -> None:
+def take_back_cells(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
     """Takes back the advice to try smaller cells, where a search has tried others in vain."""
-    for finding in result.findings.values():
+    in_vain = {s.module for s in searches if s.cells_in_vain}
+    for finding in (f for r in results if r.name in in_vain for f in r.findings.values()):
         marked = f" {NOT_TRIED}" if finding.hint.endswith(NOT_TRIED) else ""
         parts = finding.hint.removesuffix(marked).split("; ")
         left = [p for p in parts if not p.startswith("smaller cells")]

@@ -212,7 +212,7 @@ class _Search:
         self._for_rests -= took if hints.clauses else 0.0
         if cells and result is not None:
             self._cell_s = took, cells
-        self.made.tries.append(Try(str(hints), shown, took))
+        self.made.tries.append(Try(str(hints), shown, took, cut=gave == CUT_SHORT))
         # of a `rest` that takes too many operations a larger one may take fewer
         refused = result is None and gave != CUT_SHORT and TOO_MANY not in gave
         self._no_rest |= bool(hints.clauses) and refused

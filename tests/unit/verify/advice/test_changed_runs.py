@@ -14,10 +14,14 @@ CALM, ALL = "that nothing disturbs", "in runs of the model: none leaves C within
 @pytest.mark.parametrize(
     ("changes", "said", "tried"),
     [
-        (((LAW, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"),), "with the other sign of `pump`", ALL),
+        (
+            ((LAW, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"),),
+            "publishes `pump` with the other sign",
+            ALL,
+        ),
         (
             ((LAW, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"), (LEAK, "leak: float in [-0.2, 0.2]")),
-            "with the other sign of `pump`",
+            "publishes `pump` with the other sign",
             CALM,
         ),
         (
@@ -52,7 +56,7 @@ def test_a_wrong_sign_is_not_taken_for_too_much_strength() -> None:
     """Half as strong it leaves as surely, only later: runs are followed for long enough."""
     wrong = changed((LAW, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"), ("/ 320", "/ 32"))
     hint = explained(wrong).findings["P2a"].hint
-    assert hint.startswith("an SC with the other sign of `pump`")
+    assert hint.startswith("an SC that publishes `pump` with the other sign")
     assert "as strong" not in hint
 
 

@@ -41,7 +41,7 @@ def problem_of(text: str) -> Problem:
         (
             ((HOLD, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"), WEAK[0]),
             "without any disturbance SC drives t.h away: from 1.16 it leaves C",
-            "with the other sign of `pump`",
+            "publishes `pump` with the other sign",
         ),
         (
             ((HOLD, "clamp(0.5 * (2.5 - level), -0.1, 0.1)"), WEAK[0]),

@@ -13,6 +13,7 @@ from soter.api import Program
 from soter.cli.main import main
 from soter.verify.claims import choice
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
+from soter.verify.claims.results import ProofSearch, Try
 from soter.verify.diagnosis import tried_remedies, variations
 from soter.verify.diagnosis.tried_remedies import in_order
 from soter.verify.diagnosis.variations import NotProved, lines_of, remedies
@@ -267,7 +268,15 @@ def test_cells_that_a_search_tried_in_vain_are_not_advised(hint: str, left: str)
     result = explained(TANK)
     finding = result.findings["P2a"]
     finding.hint = hint
-    tried_remedies.take_back_cells(result)
+    for other in (
+        Try("rest v < 1.0;", "undecided", 1.0),
+        Try("grid v in [0, 1] / 2;", "not tried", 9.0, untried=True),
+        Try("grid v in [0, 1] / 2;", "the budget ended", 9.0, cut=True),
+    ):
+        tried_remedies.take_back_cells([result], [ProofSearch(result.name, True, [other])])
+        assert finding.hint == hint
+    search = ProofSearch(result.name, True, [Try("grid v in [0, 1] / 2;", "undecided", 1.0)])
+    tried_remedies.take_back_cells([result], [search])
     assert finding.hint == left
     assert (tried_remedies.SEARCHED in finding.tried) == (hint != left)
 
