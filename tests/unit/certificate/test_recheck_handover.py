@@ -14,6 +14,7 @@ from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Cells
 from soter.certificate.handovers import jumps_of
+from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import NotRecheckedError
@@ -182,12 +183,11 @@ def test_a_step_that_shows_the_jump_later(tmp_path: Path, proved: Proved) -> Non
     text = of_walls().replace("publishes left, right, along, box;", "publishes left, right, box;")
     begin, end = text.index("    publish along = {"), text.index("node Fast")
     other = """node Later period 10ms {
-  subscribes motion, box;
+  subscribes motion, left, right;
   publishes along;
   step {
     publish along = {
-      low: clamp(motion.x - box.low, -NEAR, NEAR), high: clamp(box.high - motion.x, -NEAR, NEAR),
-      w: motion.v
+      low: clamp(left.room, -NEAR, NEAR), high: clamp(right.room, -NEAR, NEAR), w: right.toward
     };
   }
 }
@@ -195,6 +195,9 @@ def test_a_step_that_shows_the_jump_later(tmp_path: Path, proved: Proved) -> Non
 """
     text = text[:begin] + "  }\n}\n\n" + other + text[end:]
     text = text.replace("  node Estimator;", "  node Estimator;\n  node Later;")
+    with pytest.raises(DiffersError, match="may show several instants"):
+        whys(tmp_path, text.replace("w: right.toward", "w: motion.v"), proved)
+    text = text.replace("subscribes motion, left", "subscribes left")
     assert all("is not published by Estimator alone" in w for w in whys(tmp_path, text, proved))
 
 
