@@ -46,8 +46,8 @@ MARGIN = 1.25
 """A strength, or a width, has to help by so much less than what is told, too."""
 MOST = 2
 """The most changes that are told."""
-KEEPS = "(tried in runs of the model: none leaves C within {:.3g} s)"
-KEEPS_CALM = "(tried in runs of the model that nothing disturbs: none leaves C within {:.3g} s)"
+KEEPS = "(tried in runs of the model: none leaves C within {:.4g} s)"
+KEEPS_CALM = "(tried in runs of the model that nothing disturbs: none leaves C within {:.4g} s)"
 RETURNS = "(tried in runs of the model: all end where `safer` holds then)"
 
 

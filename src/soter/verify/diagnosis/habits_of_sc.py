@@ -2,7 +2,7 @@
 
 Purpose: `habit` looks for three faults of SC: it comes to rest outside of C; it drives a state away
 from its place of rest; or it leaves a state where it starts, so that any push moves that on. They
-lie with SC, so the advice is about SC.
+lie with SC, so the advice is about SC. `goes_on`: where nothing else is found, it does not stop.
 Non-goals: verdicts: these are runs of the model; an SC that is merely too weak
 (`changed_runs.py`).
 """
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 HOLDS = 2000
 """For how many periods of SC a run is followed."""
+EVEN = 0.01
+"""As a share of a speed: one that changes less within a run's last quarter is even."""
 STILL = 1e-3
 """As a share of an axis: a run that moves less in its last quarter has come to rest."""
 MOVED = 0.1
@@ -64,7 +66,8 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
         text = (
             f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
         )
-        return Habit(text, "an SC that comes to rest where `safe` holds")
+        left = run(model, start, calm, until_s, going)
+        return Habit(text, "an SC that comes to rest where `safe` holds", left)
     for axis in (i for i in range(len(rest)) if i not in model.turning):
         for side in (1.0, -1.0):
             found = _habit_beside_rest(model, rest, axis, side, until_s, going)
@@ -127,6 +130,30 @@ def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bo
         if model.safe(x) == FALSE:
             return True
     return False
+
+
+def goes_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
+    """The habit of moving a state on for ever, evenly, toward where `safe` ends; None: none."""
+    until_s = HOLDS * model.inputs.period_ns * NS
+    trace = run(model, start, next(patterns(model)), until_s, going, beyond=True)
+    times, states = np.array(trace.times), np.array(trace.states)
+    since, half = (np.searchsorted(times, share * times[-1]) for share in (0.75, 0.875))
+    if not since < half < len(times) - 1 or not going():
+        return None
+    early = (states[half] - states[since]) / (times[half] - times[since])
+    speeds = (states[-1] - states[half]) / (times[-1] - times[half])
+    moved = np.abs(states[-1] - states[since]) > STILL * (model.high - model.low)
+    if not (np.abs(speeds - early) <= EVEN * np.abs(speeds))[moved].all():
+        return None
+    for axis in (int(i) for i in np.flatnonzero(moved) if i not in model.turning):
+        if _ends_unsafe(model, states[-1], axis, speeds[axis]):
+            name = model.names[axis]
+            text = (
+                f"without any disturbance SC does not stop: after {times[-1]:.4g} s {name} still "
+                f"moves by {speeds[axis]:.3g} a second, toward where `safe` ends"
+            )
+            return Habit(text, f"an SC that stops, or that brings {name} back")
+    return None
 
 
 def comes_to_rest(model: PointModel, trace: ModelTrace) -> bool:

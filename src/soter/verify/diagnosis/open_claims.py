@@ -27,6 +27,7 @@ from soter.verify.diagnosis.habits_of_sc import (
     STILL,
     Habit,
     comes_to_rest,
+    goes_on,
     habit,
 )
 from soter.verify.diagnosis.model_runs import (
@@ -76,6 +77,10 @@ GIVEN_ALL_THE_SAME = (
 )
 SMALLER = "smaller errors, delays or disturbances"
 WIDER_GRID = "a wider grid; "
+NOT_ONE = (
+    "another law in SC: with one sign or strength of this one changed, or one disturbance or error "
+    "narrower, a run still leaves C (tried in runs of the model)"
+)
 LATE = 20
 """A command that answers what is more periods of SC old hardly keeps anything."""
 MOVED_ACROSS = (
@@ -146,7 +151,13 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
-        finding.hint = _changed_hint(model, search, found, go_on) or finding.hint
+        changed = _changed_hint(model, search, found, go_on)
+        if changed == NOT_ONE and found is None:
+            moving = goes_on(model, model.start, _go_on_for(HABIT_S, go_on))
+            cause = Cause(cause.kind, f"{cause.text}; {moving.text}") if moving else cause
+            finding.hint = moving.hint if moving else changed
+        elif changed != NOT_ONE:
+            finding.hint = changed or finding.hint
     if model.inputs.delay_ns > LATE * model.inputs.period_ns and "(tried" not in finding.hint:
         finding.hint = OLD.format(show_ns(model.inputs.delay_ns))
     for axis in (a for a, who in case.problem.turns_read.items() if not who):
@@ -166,15 +177,20 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
 def _changed_hint(
     model: PointModel, search: LeavingSearch, found: Habit | None, go_on: GoOn
 ) -> str:
-    """The changes with which runs stay in C; "": none, or SC's habit is not to leave by itself."""
+    """The changes with which runs stay in C, or `NOT_ONE`; "": they could not be asked.
+
+    Nor are they where SC's habit is not to leave by itself.
+    """
     if found is not None and found.trace is None:
         return ""
     wider = "" if search.soonest is None or search.soonest.safe else WIDER_GRID
+    all_asked = search.trace is not None
     for trace in (search.trace, search.undisturbed if found is None else found.trace):
         in_time = _go_on_for(CHANGED_S, go_on)
         if trace and (kept := what_keeps(model, trace, search.furthest, in_time)):
             return wider + kept
-    return ""
+        all_asked &= in_time()
+    return NOT_ONE if all_asked and not wider else ""
 
 
 def _moved_across(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:

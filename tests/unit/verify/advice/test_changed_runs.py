@@ -73,3 +73,21 @@ def test_where_nothing_that_is_tried_keeps_a_run_nothing_is_said_of_it() -> None
     hint = explained(idle).findings["P2a"].hint
     assert hint
     assert "in runs of the model" not in hint
+
+
+def test_an_sc_that_never_stops_is_told_to() -> None:
+    """No sign or strength mends a law that is 0: the level falls by the mean leak for ever."""
+    idle = explained(
+        changed((LAW, "0.0"), (LEAK, "leak: float in [0.02, 0.03]"), ("/ 320", "/ 32"))
+    )
+    (cause,) = idle.findings["P2a"].causes
+    assert "does not stop: after 200 s t.h still moves by -0.025 a second" in cause.text
+    assert "an SC that stops, or that brings t.h back" in idle.findings["P2a"].hint
+
+
+def test_an_sc_that_rests_outside_is_told_what_of_it_keeps_runs_inside() -> None:
+    away = (LAW, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"), ("- leak;", "- leak - 0.05 * (h - 1.0);")
+    p2a = explained(changed(*away, ("/ 320", "/ 32"))).findings["P2a"]
+    hint = p2a.hint
+    assert "comes to rest outside of C" in p2a.causes[0].text
+    assert hint.startswith("an SC that publishes `pump` with the other sign")
