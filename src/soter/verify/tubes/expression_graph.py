@@ -14,7 +14,7 @@ from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from soter.verify.tubes.problem import FARTHEST
+from soter.verify.tubes.problem import FARTHEST, rounded_up
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
 LARGEST = 1e300
 """Above it no form computes (`forms.soter`)."""
-PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
+PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit", "log", "asin", "acos"})
 """Functions that are not defined everywhere."""
+POWERS = (2.0, 3.0, 4.0)
 CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
 
 
@@ -200,9 +201,16 @@ class Expressions:
             return self.extreme("min", self.extreme("max", x, low), high)
         return self._node("limit", x, low, high)
 
-    def function(self, name: str, a: Node) -> Node:
-        """`sin`, `sqrt`, ..."""
-        return self._node(name, a)
+    def function(self, name: str, *of: Node) -> Node:
+        """`sin`, `sqrt`, `atan2`, ..."""
+        return self._node(name, *of)
+
+    def power(self, a: Node, by: Node) -> Node:
+        """The power a^by: of a small whole number a product, else of an a above 0 alone."""
+        if by.op == "number" and by.of[0] in POWERS:
+            square = self.mul(a, a)
+            return {2.0: square, 3.0: self.mul(square, a), 4.0: self.mul(square, square)}[by.of[0]]
+        return self.function("exp", self.mul(by, self.function("log", a)))
 
     # ------------------------------------------------------------ conditions
 
@@ -296,6 +304,8 @@ class Expressions:
         parts = [self.along(x, direction, known) for x in e.of]
         if all(x is zero for x in parts):
             return zero
+        if e.op in ("wrap_angle", "atan2"):
+            raise NoExpressionError("its rate jumps")
         d, *rest = parts
         a = e.of[0]
         if e.op in ("add", "sub"):
@@ -340,8 +350,12 @@ class Expressions:
             return self.add(one, self.mul(e, e))
         if e.op == "tanh":
             return self.sub(one, self.mul(e, e))
-        if e.op == "wrap_angle":
-            raise NoExpressionError("its rate jumps")
+        if e.op == "log":
+            return self._node("inverse", a)
+        if e.op in ("asin", "acos"):
+            beside = self.function("sqrt", self.sub(one, self._node("square", a)))
+            slope = self._node("inverse", beside)
+            return slope if e.op == "asin" else self.neg(slope)
         assert e.op == "atan", e.op
         return self._node("inverse", self.add(one, self.mul(a, a)))
 
@@ -368,6 +382,49 @@ def _most(e: Node, of: Sequence[float]) -> float:
     return of[0] / abs(e.of[1].of[0]) if e.op == "over" else max(1e9, *of)
 
 
+@dataclass(frozen=True)
+class Moved:
+    """Rates f(x, u, w) as a sum of what moves them.
+
+    `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
+    for each disturbance, then each control, its factor in every rate, 0 of those in `ranged`. A
+    factor may read x, what is in `ranged`, and that of a disturbance all controls (a brake that
+    grips more or less). `ranged`: the others, which stand in `still`, and are ranges there.
+    """
+
+    still: list[Node]
+    effects: list[list[Node]]
+    ranged: list[Node]
+
+
+def moved(
+    make: Expressions,
+    rates: Sequence[Node],
+    middles: Mapping[Node, float],
+    controls: Sequence[Node],
+) -> Moved:
+    """How controls, and disturbances, each with the middle of its range, move these rates.
+
+    `NoExpressionError` where a rate jumps.
+    """
+    zero, one = make.number(0.0), make.number(1.0)
+    ranged: dict[Node, None] = {}
+    while True:
+        known = {w: make.number(m) for w, m in middles.items() if w not in ranged}
+        still = [make.replaced(e, known) for e in rates]
+        effects, more = [], dict(ranged)
+        for movers, of in ((list(middles), rates), (controls, still)):
+            affine = set(movers) - set(ranged)
+            for x in movers:
+                row = [make.along(e, {x: one}, {}) for e in of]
+                if affine & set(in_order(row)):
+                    more[x] = None
+                effects.append([zero] * len(row) if x in ranged else row)
+        if more == ranged:
+            return Moved(still, effects, list(ranged))
+        ranged = more
+
+
 def in_order(roots: Sequence[Node]) -> list[Node]:
     """All nodes that the roots are made of, and the roots; each comes after its operands."""
     seen: dict[Node, None] = {}
@@ -385,6 +442,12 @@ def in_order(roots: Sequence[Node]) -> list[Node]:
 def middle(r: Interval) -> float:
     """The middle of a range, rounded."""
     return 0.5 * r.low + 0.5 * r.high
+
+
+def half_width(r: Interval) -> float:
+    """How far a range goes from its middle, rounded up."""
+    m = Fraction(middle(r))
+    return rounded_up(max(Fraction(r.high) - m, m - Fraction(r.low)))
 
 
 def below(e: Node, kind: str) -> bool:

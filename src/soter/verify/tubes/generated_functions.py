@@ -11,6 +11,7 @@ text holds (`tube_check.py`).
 from __future__ import annotations
 
 from collections import Counter
+from importlib.resources import files
 from math import isinf
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from soter.language.model.tree_walk import cost_of
 from soter.verify.tubes.expression_graph import CONDITIONS, Node, in_order
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from typing import TypeAlias
 
     from soter.language.model.typed import FunSymbol
@@ -230,3 +231,29 @@ def number(x: float) -> str:
         return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)
     return text if any(c in text for c in ".en") else text + ".0"
+
+
+def exact_form_text(value: float) -> str:
+    """The text of a form that is one number without error."""
+    return form_text(value, 0.0, value, value)
+
+
+def form_text(c: float, r: float, low: float, high: float) -> str:
+    """The text of a form without symbols."""
+    ends = f"lo: {number(low)}, hi: {number(high)}"
+    return f"{{ c: {number(c)}, r: {number(r)}, {ends}, g: NONE }}"
+
+
+def numbers_text(values: Iterable[float]) -> str:
+    """The text of an array of numbers."""
+    return array_text([number(float(v)) for v in values])
+
+
+def array_text(items: Sequence[str]) -> str:
+    """The text of an array."""
+    return f"[{', '.join(items)}]"
+
+
+def shared_text(name: str) -> str:
+    """The file `name` of this package, a text that is the same for all modules."""
+    return (files(__package__) / name).read_text(encoding="utf-8")

@@ -69,7 +69,13 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "not negative": lambda x: x >= 0.0,
     "wrap_angle": lambda x: np.arctan2(np.sin(x), np.cos(x)),
     "atan": np.arctan,
-    **{name: getattr(np, name) for name in ("abs", "sin", "cos", "exp", "sqrt", "tan", "tanh")},
+    "atan2": np.arctan2,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    **{
+        name: getattr(np, name)
+        for name in ("abs", "sin", "cos", "exp", "log", "sqrt", "tan", "tanh")
+    },
 }
 
 

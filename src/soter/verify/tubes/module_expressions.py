@@ -34,12 +34,14 @@ from soter.verify.tubes.expression_graph import (
     CONDITIONS,
     LARGEST,
     Expressions,
+    Moved,
     Node,
     NoExpressionError,
     Value,
     below,
     in_order,
     middle,
+    moved,
 )
 
 if TYPE_CHECKING:
@@ -54,11 +56,11 @@ if TYPE_CHECKING:
     Maps = Mapping[tuple[int, int], Node]
 
 
-FUNCTIONS = frozenset({"sin", "cos", "exp", "tan", "atan", "tanh", "wrap_angle"})
-"""Functions of the prelude that `forms.soter` encloses as a whole."""
-NO_FUNCTIONS = frozenset({"asin", "acos", "atan2", "log", "pow"})
-"""Functions of the prelude that are refused: their bodies look at how floats round, so they are not
-the real function that is meant. The bodies of all others are executed."""
+FUNCTIONS = frozenset(
+    "sin cos exp tan atan tanh wrap_angle asin acos atan2 log".split()  # noqa: SIM905 - words
+)
+"""Functions of the prelude that `forms.soter` encloses as a whole. Of `pow` the real function that
+is meant is read, as its body looks at how floats round; the bodies of all others are executed."""
 COMPARED = {"<", "<=", ">", ">="}
 
 
@@ -159,14 +161,14 @@ class ExpressionReading(Execution["Value"]):
     def call(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
         """The result of a function; `NoExpressionError` where it is extern, or has no form."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
-            return self._number(self.make.function(f.source_name, arguments[0]))
+            return self._number(self.make.function(f.source_name, *arguments))
         if is_prelude(f) and f.source_name == "clamp":
             return self._number(self.make.clamp(*arguments))
         if is_prelude(f) and f.source_name == "hypot":
             x, y = (self.make.mul(a, a) for a in arguments)
             return self._number(self.make.function("sqrt", self.make.add(x, y)))
-        if is_prelude(f) and f.source_name in NO_FUNCTIONS:
-            raise NoExpressionError(f"`{f.source_name}`, of which no form is known")
+        if is_prelude(f) and f.source_name == "pow":
+            return self._number(self.make.power(*arguments))
         if f.result is None:
             raise NoExpressionError(f"`{f.source_name}` is extern")
         return super().call(f, arguments)
@@ -296,30 +298,11 @@ class ModuleExpressions:
         zero = self.make.number(0.0)
         return [rates.get(leaf_key(s), zero) for s in self.problem.quantities.states]
 
-    def still(self, rates: list[Node]) -> list[Node]:
-        """These rates with every disturbance in the middle of its range."""
-        make, every = self.make, enumerate(self.problem.disturbances)
-        known = {make.input("w", k): make.number(middle(d)) for k, d in every}
-        return [make.replaced(e, known) for e in rates]
-
-    def effects(self, rates: list[Node], still: list[Node]) -> list[list[Node]]:
-        """For each disturbance, then each control: its factor in every rate.
-
-        The factor of a disturbance may depend on commands (a brake that grips more or less); that
-        of a command is taken with disturbances in the middle (`still`). `NoExpressionError` where a
-        rate is not affine in disturbances, or not in commands.
-        """
-        q, make, all_effects = self.problem.quantities, self.make, []
-        moved = [("w", i, rates) for i in range(len(q.disturbances))]
-        moved += [("u", i, still) for i in range(len(q.controls))]
-        for kind, i, of in moved:
-            direction = {make.input(kind, i): make.number(1.0)}
-            known: dict[Node, Node] = {}
-            row = [make.along(e, direction, known) for e in of]
-            if any(below(e, "w") or (kind == "u" and below(e, "u")) for e in row):
-                raise NoExpressionError("a rate is not affine in commands and disturbances")
-            all_effects.append(row)
-        return all_effects
+    def moved(self, rates: list[Node]) -> Moved:
+        """What moves these rates."""
+        q, make = self.problem.quantities, self.make
+        winds = {make.input("w", k): middle(d) for k, d in enumerate(self.problem.disturbances)}
+        return moved(make, rates, winds, [make.input("u", k) for k, _ in enumerate(q.controls)])
 
     def bends(self, rates: list[Node]) -> list[Node]:
         """The derivatives of these rates along a direction "v" of states."""

@@ -8,7 +8,8 @@ Non-goals: the check in flight (`tube_check.py`), what is shown offline (`rest_c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
+from fractions import Fraction
+from math import inf, nextafter
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
@@ -133,6 +134,17 @@ def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) 
         drifts=drifts,
         map_leaves=tuple(numbers),
     )
+
+
+def nearest_seconds(ns: int, parts: int = 1) -> float:
+    """The double nearest to `ns / parts`, in seconds: `flow` allows for that rounding."""
+    return float(Fraction(ns, 10**9 * parts))
+
+
+def rounded_up(x: Fraction) -> float:
+    """The least double that is at least `x`."""
+    value = float(x)
+    return value if Fraction(value) >= x else nextafter(value, inf)
 
 
 def cut_to_farthest(r: Interval) -> Interval:

@@ -25,10 +25,10 @@ from soter.language.model.tree_walk import MAX_OPERATIONS
 from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order
-from soter.verify.tubes.generated_functions import Caller, TooLongError, function
+from soter.verify.tubes.generated_functions import Caller, TooLongError, function, shared_text
 from soter.verify.tubes.leading_back import box_in_words, leads_back, region_of
-from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused
-from soter.verify.tubes.tube_check import PLAIN, rounded_up, shared_text
+from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused, rounded_up
+from soter.verify.tubes.tube_check import PLAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

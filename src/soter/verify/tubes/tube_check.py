@@ -11,12 +11,12 @@ Non-goals: asking it (`rest_claims.py`), putting predicates into a module
 
 from __future__ import annotations
 
+import re
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from importlib.resources import files
-from math import inf, nextafter
+from math import inf
 from typing import TYPE_CHECKING
 
 from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
@@ -26,17 +26,37 @@ from soter.language.model.types import FLOAT, INT, ArrayType, leaves
 from soter.verify.deploy.level_tables import LevelTable, estimate
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expression_graph import PARTIAL, NoExpressionError, in_order, middle
+from soter.verify.tubes.expression_graph import (
+    PARTIAL,
+    NoExpressionError,
+    half_width,
+    in_order,
+    middle,
+)
 from soter.verify.tubes.generated_functions import (
+    FORMS,
     MAP,
     RANGES,
+    array_text,
     certain,
+    exact_form_text,
+    form_text,
     function,
     functions_of,
     number,
+    numbers_text,
+    shared_text,
 )
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.problem import FARTHEST, TubeProblem, TubeTimes, read_by, refused
+from soter.verify.tubes.problem import (
+    FARTHEST,
+    TubeProblem,
+    TubeTimes,
+    nearest_seconds,
+    read_by,
+    refused,
+    rounded_up,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -113,9 +133,12 @@ class TubeCheck:
         endless = Interval(-inf, inf)
         self.read_sets = {s: Interval(b.low, b.high) if b else endless for s, b in bounds.items()}
         rates = [every[s] for s in self.states]
-        self._still = module.still(rates)
-        every_effect = enumerate(module.effects(rates, self._still))
-        zero = self.make.number(0.0)
+        moved, zero = module.moved(rates), self.make.number(0.0)
+        self._still, self._ranged, every_effect = (
+            moved.still,
+            moved.ranged,
+            enumerate(moved.effects),
+        )
         self._effects = [
             (k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero
         ] or [(0, 0, zero)]  # no array is empty
@@ -188,8 +211,13 @@ class TubeCheck:
         return self._with_map_constants([*self._flying(ways), *texts])
 
     def _with_map_constants(self, parts: Sequence[str]) -> str:
-        """The joined text; in that of a module without maps no function has a map parameter."""
+        """The joined text; in that of a module without maps no function has a map parameter.
+
+        Where commands stand in no rate as ranges nothing asks how far they may be off.
+        """
         text, first = "\n".join(parts), self.problem.first_map
+        if {x.of[0] for x in self._ranged} <= {"w"}:
+            text = re.sub(r"spread\((\w+), \w+\)", r"\1", text)
         if not first:
             for given in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
                 text = text.replace(given, "")
@@ -197,7 +225,7 @@ class TubeCheck:
         lines = [
             f"const MAPS: int = {len(first)};",
             "type Map = float[MAPS];",
-            f"const FIRST_MAP: Map = {_numbers_text(first)};",
+            f"const FIRST_MAP: Map = {numbers_text(first)};",
         ]
         return "\n".join([*lines, text])
 
@@ -209,37 +237,39 @@ class TubeCheck:
         command_ns = times.latest - times.any_command
         numbers = len(self.problem.system.topics[shield.topic].default)
         edges = (command_edges(r.low, r.high, shield.cells) for r in self.problem.controls)
-        cells = [_numbers_text(e) for e in edges]
+        cells = [numbers_text(e) for e in edges]
         lines = [
             f"const CELLS: int = {shield.cells};",
             f"const HELD: int = {numbers};",
-            f"const EDGES: float[CELLS + 1][{len(cells)}] = {_array_text(cells)};",
+            f"const EDGES: float[CELLS + 1][{len(cells)}] = {array_text(cells)};",
             f"const ENDINGS: int = {ENDINGS};",
             f"const ENDING: float = {number(nearest_seconds(command_ns, ENDINGS))};",
             f"const ANY_FOR: float = {number(nearest_seconds(times.any_command))};",
         ]
         return "\n".join([*lines, shared_text("judged.soter")])
 
-    def _input_texts(self) -> Inputs:
+    def _input_texts(self, of: str = FORMS) -> Inputs:
         """The text for each input; a state is indexed by its place in `states`."""
         places = [(s, k) for k, s in enumerate(self.states)]
         found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
-        controls = range(len(self.problem.quantities.controls))
-        return found | {("u", k): f"u[{k}]" for k in controls}
+        q = self.problem.quantities
+        found |= {("w", k): f"WIND_{of}[{k}]" for k in range(len(q.disturbances))}
+        return found | {("u", k): f"u[{k}]" for k in range(len(q.controls))}
 
     def _tube_functions(self, ways: Mapping[int, Interval]) -> list[str]:
         """The constants, and the functions of the tube, that both programs have."""
-        inputs = self._input_texts()
+        inputs, ranges = self._input_texts(), self._input_texts(RANGES)
         settles = "answer.soter" if self.read_by_law else "constant.soter"
         return [
             self._constants(),
             shared_text("forms.soter"),
             shared_text("tube.soter"),
+            self._ranged_movers(),
             function("rates", "x: Forms, u: Controls", self._still, inputs, "Forms"),
-            function("speeds", RANGED, self._still, inputs, "Ranges", RANGES),
-            function("effects", RANGED, [e for *_, e in self._effects], inputs, "Effects", RANGES),
+            function("speeds", RANGED, self._still, ranges, "Ranges", RANGES),
+            function("effects", RANGED, [e for *_, e in self._effects], ranges, "Effects", RANGES),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, inputs, "Forms"),
-            self._rates_by_number(inputs),
+            self._rates_by_number(ranges),
             function("law", "y: Forms", self.law, inputs, "Controls"),
             certain("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
             certain("rests", "x: Forms", self._rest, inputs),
@@ -252,6 +282,20 @@ class TubeCheck:
         """The first lines of `safe`: false for a map with a NaN or a number beyond `FARTHEST`."""
         asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
+
+    def _ranged_movers(self) -> str:
+        """What stands in rates as a range: disturbances, and commands by what they may be off."""
+        lines, winds = [], self.problem.disturbances
+        if any(x.of[0] == "w" for x in self._ranged):
+            forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]
+            lines.append(f"const WIND_{FORMS}: Form[{len(winds)}] = {array_text(forms)};")
+            ranges = [f"{{ lo: {number(d.low)}, hi: {number(d.high)} }}" for d in winds]
+            lines.append(f"const WIND_{RANGES}: Range[{len(winds)}] = {array_text(ranges)};")
+        if own := [x.of[1] for x in self._ranged if x.of[0] == "u"]:
+            lines += ["fun spread(u: Controls, wide: Wide): Controls {", "  var v = u;"]
+            lines += [f"  v[{k}] = widened(u[{k}], wide[DISTURBANCES + {k}]);" for k in own]
+            lines += ["  return v;", "}"]
+        return "\n".join(lines)
 
     def _rates_by_number(self, inputs: Inputs) -> str:
         """`fun faced`, which `tube.soter` calls for the rate of one state by its number."""
@@ -358,48 +402,26 @@ class TubeCheck:
         effects = [f"{{ state: {k}, mover: {mover} }}" for k, mover, _ in self._effects]
         halves = [0.5 if k in self._faced else 1.0 for k in range(n)]
         middles = [exact_form_text(middle(c)) for c in self.problem.controls]
-        zero, low, high = (_numbers_text([x] * n) for x in (0.0, inf, -inf))
+        zero, low, high = (numbers_text([x] * n) for x in (0.0, inf, -inf))
         return [
-            f"const NONE: float[SYMBOLS] = {_numbers_text([0.0] * symbols)};",
+            f"const NONE: float[SYMBOLS] = {numbers_text([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {zero};",
-            f"const ERRORS: float[STATES] = {_numbers_text(self.errors().values())};",
-            f"const NOWHERE: Forms = {_array_text([exact_form_text(0.0)] * n)};",
-            f"const NO_RANGES: Ranges = {_array_text([NO_RANGE] * n)};",
-            f"const NO_ORDERS: Orders = {_array_text([NO_RANGE] * m)};",
-            f"const NO_FORMS: Forms[DEPTH] = {_array_text(['NOWHERE'] * self.times.depth)};",
+            f"const ERRORS: float[STATES] = {numbers_text(self.errors().values())};",
+            f"const NOWHERE: Forms = {array_text([exact_form_text(0.0)] * n)};",
+            f"const NO_RANGES: Ranges = {array_text([NO_RANGE] * n)};",
+            f"const NO_ORDERS: Orders = {array_text([NO_RANGE] * m)};",
+            f"const NO_FORMS: Forms[DEPTH] = {array_text(['NOWHERE'] * self.times.depth)};",
             "type Effect = { state: int, mover: int };",
-            f"const EFFECT: Effect[EFFECTS] = {_array_text(effects)};",
-            f"const FACED: int[{max(1, len(self._faced))}] = {_array_text(faced or ['0'])};",
-            f"const AT_FIRST: float[STATES] = {_numbers_text(halves)};",
-            f"const ANY_COMMAND: Controls = {_array_text(middles)};",
-            f"const ANY: Wide = {_numbers_text(wide + half)};",
-            f"const DISTURBED: Wide = {_numbers_text(wide + [0.0] * m)};",
+            f"const EFFECT: Effect[EFFECTS] = {array_text(effects)};",
+            f"const FACED: int[{max(1, len(self._faced))}] = {array_text(faced or ['0'])};",
+            f"const AT_FIRST: float[STATES] = {numbers_text(halves)};",
+            f"const ANY_COMMAND: Controls = {array_text(middles)};",
+            f"const ANY: Wide = {numbers_text(wide + half)};",
+            f"const DISTURBED: Wide = {numbers_text(wide + [0.0] * m)};",
             f"const NO_REGION: Region = {{ lo: {zero}, hi: {zero} }};",
             f"const NO_SPAN: Region = {{ lo: {low}, hi: {high} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
-
-
-def nearest_seconds(ns: int, parts: int = 1) -> float:
-    """The double nearest to `ns / parts`, in seconds: `flow` allows for that rounding."""
-    return float(Fraction(ns, 10**9 * parts))
-
-
-def rounded_up(x: Fraction) -> float:
-    """The least double that is at least `x`."""
-    value = float(x)
-    return value if Fraction(value) >= x else nextafter(value, inf)
-
-
-def half_width(r: Interval) -> float:
-    """How far a range goes from its middle, rounded up."""
-    m = Fraction(middle(r))
-    return rounded_up(max(Fraction(r.high) - m, m - Fraction(r.low)))
-
-
-def shared_text(name: str) -> str:
-    """The file `name` of this package, a text that is the same for all modules."""
-    return (files(__package__) / name).read_text(encoding="utf-8")
 
 
 def _states_read(roots: Iterable[Node]) -> set[int]:
@@ -415,20 +437,6 @@ def _states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[i
         found |= new
         new = _states_read([rates[s] for s in found])
     return sorted(found)
-
-
-def exact_form_text(value: float) -> str:
-    """The text of a form that is one number without error."""
-    v = number(value)
-    return f"{{ c: {v}, r: 0.0, lo: {v}, hi: {v}, g: NONE }}"
-
-
-def _numbers_text(values: Iterable[float]) -> str:
-    return _array_text([number(float(v)) for v in values])
-
-
-def _array_text(items: Sequence[str]) -> str:
-    return f"[{', '.join(items)}]"
 
 
 IN_S0 = 2

@@ -137,9 +137,18 @@ def test_a_check_that_says_too_much_is_seen(capsys: pytest.CaptureFixture[str]) 
     assert "not confirmed" in capsys.readouterr().out
 
 
-def test_what_the_check_of_a_lane_calls_good_is_confirmed() -> None:
+BENT = (
+    LANE.replace("clamp(-0.1 * pose.y", "clamp(atan2(-0.1 * pose.y, 1.0)")
+    .replace("psi = turn + wind", "psi = tan(turn) + 2500.0 * pow(wind, 3.0)")
+    .replace("sin(psi) + slide", "sin(psi) + clamp(slide * slide * 20.0, 0.01, 0.04)")
+)
+"""The lane with a command and disturbances in which its rates are not affine."""
+
+
+@pytest.mark.parametrize("text", [LANE, BENT], ids=["affine", "bent"])
+def test_what_the_check_of_a_lane_calls_good_is_confirmed(text: str) -> None:
     """Two states that are coupled, late commands, old reads; the last good ones on some lines."""
-    subject = Subject(LANE, WAYS)
+    subject = Subject(text, WAYS)
     for end in ([1.7, 0.0], [-0.9, -0.2]):
         estimate = subject.last_good([0.0, 0.0], end, halvings=4)
         assert subject.good(estimate)

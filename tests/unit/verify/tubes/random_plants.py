@@ -1,7 +1,8 @@
 """Plants, laws and real expressions drawn at random, as Soter text and as functions of Python.
 
-Purpose: `drawn_module`, a program whose plant is affine in its commands and disturbances, with what
-its rates and its law compute; `Real`, a drawn expression with its text and its value.
+Purpose: `drawn_module`, a program whose plant is affine in its commands and disturbances, or is not
+(`bent`), with what its rates and its law compute; `Real`, a drawn expression with its text and its
+value.
 Non-goals: what is to be true of their tubes.
 """
 
@@ -101,10 +102,12 @@ class DrawnModule:
     """Of the disturbance times the first command."""
     law: list[Real]
     disturbed: float
+    bent: list[Real]
+    """Of states, commands and the disturbance, in this order; none where it is affine."""
 
     @property
     def kinked(self) -> bool:
-        rows = [*self.by_control, self.drift, self.by_disturbance, self.grips]
+        rows = [*self.by_control, self.drift, self.by_disturbance, self.grips, self.bent]
         return any(e.kinked for row in rows for e in row)
 
     def rate(self, x: Sequence[float], u: Sequence[float], w: float) -> list[float]:
@@ -114,11 +117,12 @@ class DrawnModule:
             + sum(self.by_control[i][k].value(x, Floats) * u[k] for k in range(self.controls))
             + self.by_disturbance[i].value(x, Floats) * w
             + self.grips[i].value(x, Floats) * u[0] * w
+            + (self.bent[i].value([*x, *u, w], Floats) if self.bent else 0.0)
             for i in range(self.states)
         ]
 
 
-def drawn_module(rng: random.Random) -> DrawnModule:
+def drawn_module(rng: random.Random, *, bent: bool = False) -> DrawnModule:
     """A plant of two or three states with one or two commands and a disturbance."""
     n, m = rng.choice((2, 3)), rng.choice((1, 2))
     own, seen = [f"s{i}" for i in range(n)], [f"pose.s{i}" for i in range(n)]
@@ -128,6 +132,8 @@ def drawn_module(rng: random.Random) -> DrawnModule:
     grips = [real(rng, own, 1) for _ in range(n)]
     law = [real(rng, own, 2) for _ in range(m)]
     wide = rng.choice((0.01, 0.3))
+    inputs = [*own, *(f"order.u{k}" for k in range(m)), "w"]
+    bends = [real(rng, inputs) for _ in range(n)] if bent else []
     lines = [
         "soter 1;",
         f"type Pose = {{ {', '.join(f's{i}: float' for i in range(n))} }};",
@@ -144,6 +150,7 @@ def drawn_module(rng: random.Random) -> DrawnModule:
     for i in range(n):
         by = "".join(f" + {by_control[i][k].text} * order.u{k}" for k in range(m))
         by += f" + {by_disturbance[i].text} * w + {grips[i].text} * order.u0 * w"
+        by += f" + {bends[i].text}" if bent else ""
         lines.append(f"  der s{i} = {drift[i].text}{by};")
     measured = ", ".join(f"pose.s{i} within 0.01" for i in range(n))
     laws = [_renamed(law[k].text, own, seen) for k in range(m)]
@@ -159,7 +166,8 @@ def drawn_module(rng: random.Random) -> DrawnModule:
         "system S default { b: Body; module M; until 1s; }",
     ]
     held = [_held(e) for e in law]
-    return DrawnModule("\n".join(lines), n, m, drift, by_control, by_disturbance, grips, held, wide)
+    parts = drift, by_control, by_disturbance, grips, held, wide, bends
+    return DrawnModule("\n".join(lines), n, m, *parts)
 
 
 def _held(e: Real) -> Real:

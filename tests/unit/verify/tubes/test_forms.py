@@ -45,6 +45,8 @@ CALLS = {
     "widened": "widened(a[0], k[0])", "range": "f_range(k[0], k[1])",
     "select": "f_select(a[2].lo > 0.0, a[2].hi <= 0.0, a[0], a[1])",
     "share": "f_share(a[0])", "neg": "f_neg(a[0])", "friction": "f_friction(a[0], k[0])",
+    "log": "f_log(a[0])", "asin": "f_asin(a[0])", "acos": "f_acos(a[0])",
+    "atan2": "f_atan2(a[0], a[1])",
 }  # fmt: skip
 NUMBERS = {name: i for i, name in enumerate(CALLS)}
 
@@ -75,7 +77,8 @@ def exact(name: str, x: list[Fraction], k: list[float]) -> tuple[Fraction, Fract
             "max": lambda: a[0].max(a[1]), "min": lambda: a[0].min(a[1]),
             "square": lambda: a[0] * a[0], "sin": a[0].sin, "cos": a[0].cos,
             "inverse": lambda: 1 / a[0], "sqrt": a[0].sqrt, "tan": a[0].tan,
-            "atan": a[0].atan, "tanh": a[0].tanh, "exp": a[0].exp,
+            "atan": a[0].atan, "tanh": a[0].tanh, "exp": a[0].exp, "log": a[0].log,
+            "asin": a[0].asin, "acos": a[0].acos, "atan2": lambda: arb.atan2(a[0], a[1]),
             "plus": lambda: a[0] + n[0], "times": lambda: a[0] * n[0], "over": lambda: a[0] / n[0],
             "clamp": lambda: a[0].max(n[0]).min(n[1]),
             "limit": lambda: a[0].max(a[1]).min(a[2]),
@@ -93,11 +96,13 @@ def _fraction(x: Any) -> Fraction:
     return Fraction(int(man)) * Fraction(2) ** int(exp)
 
 
-ULPS = {n: BOUNDS[n].ulps for n in ("sin", "cos", "tan", "atan", "tanh", "exp")}
+WHOLE = "sin cos tan atan tanh exp log asin acos atan2".split()  # noqa: SIM905 - a list of words
+ULPS = {n: BOUNDS[n].ulps for n in WHOLE}
 ROUNDED = frozenset(("add", "sub", "mul", "square", "inverse", "sqrt", "plus", "times", "over"))
 DOMAIN = {
     "inverse": (1e-9, 1e30), "sqrt": (0.0, 1e30), "tan": (-1.45, 1.45), "exp": (-700.0, 600.0),
-    "sin": (-9e4, 9e4), "cos": (-9e4, 9e4), "wrap_angle": (-9e4, 9e4),
+    "sin": (-9e4, 9e4), "cos": (-9e4, 9e4), "wrap_angle": (-9e4, 9e4), "log": (1e-9, 1e30),
+    "asin": (-1.0, 1.0), "acos": (-1.0, 1.0),
 }  # fmt: skip
 
 
@@ -148,7 +153,7 @@ def test_an_operation_holds_the_value_and_what_a_program_rounds_it_to(
                 kink = float(rng.choice(forms[0].values))
                 k = rng.choice(([kink - size, kink], [kink, kink + size]))
         if (got := library.call("forms", NUMBERS[name], [f.row for f in forms], k)) is None:
-            assert name in ("inverse", "sqrt", "limit", "tan")
+            assert name in ("inverse", "sqrt", "limit", "tan", "log", "asin", "acos")
             continue
         row = got[0]
         for i, eps in enumerate(all_eps):

@@ -294,8 +294,8 @@ def test_an_sc_that_the_theorem_does_not_have_is_refused(tmp_path: Path) -> None
         "  publishes levers;\n  var n: int in [0, 9] = 0;\n  step { n = (n + 1) % 10; publish",
     )
     assert "keeps `n`" in refused(tmp_path, keeps)
-    bends = SENSED.replace("BRAKE * levers.brake * v;", "BRAKE * levers.brake * levers.brake * v;")
-    assert "affine" in refused(tmp_path, bends)
+    jumps = SENSED.replace("BRAKE * levers.brake * v;", "BRAKE * levers.brake * wrap_angle(v);")
+    assert "its rate jumps" in refused(tmp_path, jumps)
 
 
 def test_more_than_a_step_can_follow_is_refused(tmp_path: Path) -> None:
