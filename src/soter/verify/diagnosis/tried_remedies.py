@@ -215,6 +215,8 @@ WORDS = {
 }
 """The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
 SEARCHED = "in vain: other cells, in the search whose tries are listed"
+OTHERS_FOUND = "smaller cells or `rest`, which `soter verify` looks for without `--budget 0`"
+"""Where all that is suggested was tried in vain; a search in vain takes it back."""
 NOT_TRIED = "(not tried)"
 """Stands behind a suggestion with which the module was not proved."""
 
@@ -358,7 +360,7 @@ class _KeptChanges:
                 result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
         words = [w for w, of in WORDS.items() if any(r.startswith(of) for r in self.in_vain)]
         parts = [p for p in first.hint.split("; ") if self.said or not p.startswith(tuple(words))]
-        first.hint = told(parts)
+        first.hint = told(parts) or OTHERS_FOUND
         if self.in_vain:
             first.tried.append(f"in vain: {told(self.in_vain)}")
         if self.untried and left:

@@ -100,6 +100,15 @@ def test_what_was_in_vain_alone_is_not_told_as_untried(monkeypatch: pytest.Monke
     assert (list(helped.in_vain), list(helped.untried)) == (["A"], [])
 
 
+def test_where_all_that_is_suggested_was_in_vain_the_search_is_named() -> None:
+    result = explained(TANK)
+    result.findings["P2a"].hint = "smaller errors"
+    kept = tried_remedies._KeptChanges(NotProved(problem_of(TANK), ("P2a",), (), None))
+    kept.in_vain[tried_remedies.CALMEST] = None
+    kept.enter(result, ("P2a",))
+    assert result.findings["P2a"].hint == tried_remedies.OTHERS_FOUND
+
+
 def test_a_refutation_is_told_before_anything_is_tried() -> None:
     """And what is told of the trials is what is tried, not the claims of the changed problem."""
     told: list[str] = []
