@@ -258,7 +258,7 @@ class CaseModel:
                 topics[symbol] = value_of_leaves(symbol.type, parts)
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
             reader = SymbolicReader(terms, around, rounded=rounded)
-            reader.operations.everywhere = wanted is self.facts.left_out
+            reader.operations.everywhere = not rounded
             self._with_let_values(reader, c, variables)
             moves = c.plant.der if flow else c.plant.next
             for variable, expr in moves.items():

@@ -122,7 +122,12 @@ def _product(atom: Atom, slopes: list[arb]) -> arb:
     return a * slopes[1] + b * slopes[0]
 
 
-def _extreme(_: Atom, slopes: list[arb]) -> arb:
+def _extreme(atom: Atom, slopes: list[arb]) -> arb:
+    """The rule of min and max: the slope of the one that it certainly is, else of both."""
+    one, _, other = atom.arguments
+    if one.high <= other.low or other.high <= one.low:
+        is_first = (one.high <= other.low) == (atom.kind == "min")
+        return slopes[0] if is_first else slopes[2]
     return slopes[0].union(slopes[2])
 
 

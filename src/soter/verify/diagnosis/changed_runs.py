@@ -9,6 +9,7 @@ some changes `tried_remedies.py` asks the proof, too); two changes together.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.diagnosis.model_runs import NS, PointModel, run
+from soter.verify.diagnosis.model_runs import NS, PointModel, StepFaultError, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -44,6 +45,8 @@ OLD = (
 )
 MARGIN = 1.25
 """A strength, or a width, has to help by so much less than what is told, too."""
+LOOKS, SAME = 50, 1e-9
+"""At how many states of a run SC is asked, and how much its answers may vary to be one value."""
 MOST = 2
 """The most changes that are told."""
 KEEPS = "(tried in runs of the model: none leaves C within {:.4g} s)"
@@ -79,18 +82,31 @@ class Change:
     worlds: tuple[tuple[PointModel, Callable[[Pattern], Pattern]], ...]
 
 
-def changes(model: PointModel) -> Iterator[list[Change]]:
-    """The changes, those of one thing together, the least first."""
+def all_along(model: PointModel, trace: ModelTrace) -> Floats | None:
+    """What SC publishes in every state of a run, (controls,); None: it varies."""
+    still = np.zeros(len(model.problem.errors)), np.zeros(len(model.problem.others))
+    chosen = np.linspace(0, len(trace.states) - 1, LOOKS).astype(int)
+    with suppress(StepFaultError):
+        sent = np.array([model.law(trace.states[k], *still) for k in chosen])
+        return sent[0] if np.ptp(sent, axis=0).max(initial=0.0) <= SAME else None
+    return None
+
+
+def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Change]]:
+    """The changes, those of one thing together, the least first.
+
+    `constant`: SC publishes one value, which has no sign that were wrong.
+    """
     q = model.problem.quantities
     old = OLD.format(show_ns(model.inputs.delay_ns))
     yield [Change(old, ((model, lambda p: replace(p, late=False)),))]
     ends = list(zip(q.controls, model.forms.whole[model.controls], strict=True))
-    for k, (leaf, (low, high)) in enumerate(ends):
+    for k, (leaf, (low, high)) in () if constant else enumerate(ends):
         about = _middle(low, high)
         turned = partial(_mapped, k, -1.0, about, low, high)
         world = _ChangedModel(model, sends=turned), _same
         yield [Change(f"an SC that publishes `{leaf.name}` {_turned(about)}", (world,))]
-    for k, leaf in enumerate(q.states):
+    for k, leaf in () if constant else enumerate(q.states):
         about = _middle(model.low[k], model.high[k])
         turned = partial(_mapped, k, -1.0, about, -np.inf, np.inf)
         world = _ChangedModel(model, reads=turned), _same
@@ -177,16 +193,21 @@ def what_keeps(
         trace = run(changed, left.states[0], pattern, until_s, go_on)
         return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
 
-    if not left.pattern.any:
-        return _said(_what_helps(model, left.pattern, stays, []), KEEPS_CALM.format(until_s))
-    return _said(_what_helps(model, left.pattern, stays, others), KEEPS.format(until_s))
+    calm, constant = not left.pattern.any, all_along(model, left) is not None
+    helps = _what_helps(model, left.pattern, stays, [] if calm else others, constant=constant)
+    return _said(helps, (KEEPS_CALM if calm else KEEPS).format(until_s))
 
 
 def _what_helps(
-    model: PointModel, first: Pattern, well: EndsWell, others: Sequence[Pattern]
+    model: PointModel,
+    first: Pattern,
+    well: EndsWell,
+    others: Sequence[Pattern],
+    *,
+    constant: bool = False,
 ) -> Iterator[str]:
     """The changes with which the first pattern and all others end well, in words."""
-    for steps in changes(model):
+    for steps in changes(model, constant=constant):
         for change in steps:
             if all(well(m, of(p)) for p in (first, *others) for m, of in change.worlds):
                 yield change.said

@@ -20,7 +20,7 @@ import numpy as np
 from soter.language.model.types import show_ns
 from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
-from soter.verify.diagnosis.changed_runs import OLD, what_brings_back, what_keeps
+from soter.verify.diagnosis.changed_runs import OLD, all_along, what_brings_back, what_keeps
 from soter.verify.diagnosis.habits_of_sc import (
     HOLDS,
     MOVED,
@@ -77,6 +77,9 @@ GIVEN_ALL_THE_SAME = (
 )
 SMALLER = "smaller errors, delays or disturbances"
 WIDER_GRID = "a wider grid; "
+REST = "`rest`, for an SC that stops, which `soter verify` looks for without `--budget 0`"
+ANSWERS = "an SC that answers what it reads"
+UNMOVED = ": it publishes {} all along such a run, whatever happens"
 NOT_ONE = (
     "another law in SC: with one sign or strength of this one changed, or one disturbance or error "
     "narrower, a run still leaves C (tried in runs of the model)"
@@ -156,6 +159,9 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
             moving = goes_on(model, model.start, _go_on_for(HABIT_S, go_on))
             cause = Cause(cause.kind, f"{cause.text}; {moving.text}") if moving else cause
             finding.hint = moving.hint if moving else changed
+            if search.trace and (sent := all_along(model, search.trace)) is not None:
+                hint = moving.hint if moving else ANSWERS
+                finding.hint = hint + UNMOVED.format(_published(model, sent))
         elif changed != NOT_ONE:
             finding.hint = changed or finding.hint
     if model.inputs.delay_ns > LATE * model.inputs.period_ns and "(tried" not in finding.hint:
@@ -191,6 +197,12 @@ def _changed_hint(
             return wider + kept
         all_asked &= in_time()
     return NOT_ONE if all_asked and not wider else ""
+
+
+def _published(model: PointModel, sent: Floats) -> str:
+    """What SC publishes, (controls,), in words."""
+    names = (c.name for c in model.problem.quantities.controls)
+    return ", ".join(f"`{n}` = {v:.4g}" for n, v in zip(names, sent, strict=True))
 
 
 def _moved_across(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
@@ -268,9 +280,10 @@ def _no_run_cause(
     ways = [n.name for k, n in enumerate(case.problem.quantities.states) if k in unread]
     if stop is not None and ways:
         text += f"; SC stops, and brings {', '.join(ways)} to no place: chains of cells go on there"
-    if stop is not None and (why_not := why_no_rest(case.problem)):
-        text += f"; `rest`, which is for an SC that stops, cannot follow it: {why_not}"
-        advice.insert(0, "rates and an SC that `rest` can follow")
+    if stop is not None and ways:
+        if why_not := why_no_rest(case.problem):
+            text += f"; `rest`, which is for an SC that stops, cannot follow it: {why_not}"
+        advice.insert(0, "rates and an SC that `rest` can follow" if why_not else REST)
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
     return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER))
 

@@ -44,7 +44,7 @@ from soter.verify.claims.results import (
 from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
 from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
-from soter.verify.diagnosis.open_claims import HABIT, explain
+from soter.verify.diagnosis.open_claims import HABIT, REST, explain
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.diagnosis.variations import CALMER, HALF, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
@@ -382,12 +382,12 @@ def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
 
 
 def take_back_cells(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Takes back the advice to try smaller cells, where a search has tried others in vain."""
+    """Takes back the advice to try what a search has tried in vain: smaller cells, `rest`."""
     in_vain = {s.module for s in searches if s.cells_in_vain}
     for finding in (f for r in results if r.name in in_vain for f in r.findings.values()):
         marked = f" {NOT_TRIED}" if finding.hint.endswith(NOT_TRIED) else ""
         parts = finding.hint.removesuffix(marked).split("; ")
-        left = [p for p in parts if not p.startswith("smaller cells")]
+        left = [p for p in parts if not p.startswith(("smaller cells", REST))]
         if left != parts:
             finding.tried.append(SEARCHED)
             finding.hint = "; ".join(left) + marked * bool(left)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from soter.verify.tubes.problem import FARTHEST, rounded_up
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from soter.verify.problem.problem import Interval
 
@@ -27,6 +27,7 @@ LARGEST = 1e300
 PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit", "log", "asin", "acos"})
 """Functions that are not defined everywhere."""
 POWERS = (2.0, 3.0, 4.0)
+MAY_FAULT = "a command or a disturbance may make a plant fault"
 CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
 
 
@@ -274,8 +275,10 @@ class Expressions:
             return {"add": self.add, "sub": self.sub}.get(e.op, self.mul)(below[0], below[-1])
         if e.op in ("and", "or"):
             return self.join(e.op, *below)
-        if e.op == "select":
-            return self.select(*below)
+        if e.op in ("min", "max"):
+            return self.extreme(e.op, *below)
+        if e.op in ("limit", "select"):
+            return self.clamp(*below) if e.op == "limit" else self.select(*below)
         if e.op in ("positive", "not negative") and below[0].op == "number":
             return self.compare(">" if e.op == "positive" else ">=", below[0], self.number(0.0))
         return self._node(e.op, *below)
@@ -338,10 +341,10 @@ class Expressions:
             k = e.of[1]
             size = self.add(self.function("abs", a), k)
             return self.mul(self._node("square", self._node("inverse", size)), k)
-        if e.op == "sin":
-            return self.function("cos", a)
-        if e.op == "cos":
-            return self.neg(self.function("sin", a))
+        if e.op in ("sin", "real_sin"):
+            return self.function(e.op.replace("sin", "cos"), a)
+        if e.op in ("cos", "real_cos"):
+            return self.neg(self.function(e.op.replace("cos", "sin"), a))
         if e.op == "exp":
             return e
         if e.op == "sqrt":
@@ -380,6 +383,32 @@ def _most(e: Node, of: Sequence[float]) -> float:
     if e.op in ("mul", "square"):
         return of[0] * of[-1]
     return of[0] / abs(e.of[1].of[0]) if e.op == "over" else max(1e9, *of)
+
+
+def domain(make: Expressions, slopes: Sequence[Node]) -> list[Node]:
+    """Conditions of states under which rates are defined whose parts (`moved`) do not say so.
+
+    Something of a rate may cancel in its parts, or be 0 with a disturbance in its middle, that is
+    no number, or so steep there that a flow has several solutions. `slopes`: derivatives of the
+    effects along directions "v" of states. `NoExpressionError` where one hangs on what moves.
+    """
+    steep = [
+        x
+        for x in in_order([*slopes, *(c for c in make.hidden if below(c, "v"))])
+        if x.op in PARTIAL and not _is_inverse_of_positive(x)
+    ]
+    found = [*make.hidden, *(make.inside(x, -LARGEST, LARGEST) for x in steep)]
+    found = [c for c in found if not (below(c, "y") or below(c, "v"))]
+    if any(below(c, kind) for c in found for kind in "uw"):
+        raise NoExpressionError(MAY_FAULT)
+    return found
+
+
+def _is_inverse_of_positive(e: Node) -> bool:
+    """Whether a node is 1 / (|x| + k), or 1 / (x^2 + k), with a k above 0."""
+    of = e.of[0]
+    of_sum = e.op == "inverse" and of.op == "add" and of.of[0].op in ("abs", "square")
+    return of_sum and of.of[1].op == "number" and of.of[1].of[0] > 0.0
 
 
 @dataclass(frozen=True)
@@ -453,3 +482,8 @@ def half_width(r: Interval) -> float:
 def below(e: Node, kind: str) -> bool:
     """Whether an input of this kind occurs in `e`."""
     return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))
+
+
+def states_read(roots: Iterable[Node]) -> set[int]:
+    """The numbers of the states that some expressions read, as they are (x) or as SC reads (y)."""
+    return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}

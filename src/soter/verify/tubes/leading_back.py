@@ -68,6 +68,8 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "positive": lambda x: x > 0.0,
     "not negative": lambda x: x >= 0.0,
     "wrap_angle": lambda x: np.arctan2(np.sin(x), np.cos(x)),
+    "real_sin": np.sin,
+    "real_cos": np.cos,
     "atan": np.arctan,
     "atan2": np.arctan2,
     "asin": np.arcsin,

@@ -33,6 +33,7 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     CONDITIONS,
     LARGEST,
+    MAY_FAULT,
     Expressions,
     Moved,
     Node,
@@ -76,6 +77,8 @@ class ExpressionReading(Execution["Value"]):
         super().__init__(functions)
         self.make, self.cell = make, cell
         self.where = None
+        self.real = False
+        """Whether it is of a rate: what no program computes has no angle that is too large."""
         self.guards: list[Node] = []
         """Conditions that all have to hold so that nothing faults."""
         self.computed: dict[Node, None] = {}
@@ -161,7 +164,8 @@ class ExpressionReading(Execution["Value"]):
     def call(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
         """The result of a function; `NoExpressionError` where it is extern, or has no form."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
-            return self._number(self.make.function(f.source_name, *arguments))
+            real = "real_" if self.real and f.source_name in ("sin", "cos") else ""
+            return self._number(self.make.function(real + f.source_name, *arguments))
         if is_prelude(f) and f.source_name == "clamp":
             return self._number(self.make.clamp(*arguments))
         if is_prelude(f) and f.source_name == "hypot":
@@ -286,6 +290,7 @@ class ModuleExpressions:
             if call is None:
                 continue
             body = self._plant_reading(component, step)
+            body.real = True
             function = self.functions[call.function]
             record = function.parameters[0].type
             assert isinstance(record, RecordType)
@@ -405,6 +410,9 @@ class ModuleExpressions:
                         continue
                     if not isinstance(t, FloatType):
                         raise NoExpressionError(f"`{topic.name}` has a set, and is no float")
+                    if below(v, "u") or below(v, "w"):
+                        why = f"`{topic.name}` has a set, and hangs on a command or a disturbance"
+                        raise NoExpressionError(why)
                     low, high = room_of(bound, errors.get(k, 0.0))
                     held = make.join("and", held, make.inside(v, low, high))
                     if v.op == "input" and v.of[0] == "x":
@@ -413,7 +421,7 @@ class ModuleExpressions:
             self._guards += body.guards
         for guard in self._guards:
             if below(guard, "u") or below(guard, "w"):
-                raise NoExpressionError("a command or a disturbance may make a plant fault")
+                raise NoExpressionError(MAY_FAULT)
             held = make.join("and", held, guard)
         return held
 

@@ -29,9 +29,11 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     PARTIAL,
     NoExpressionError,
+    domain,
     half_width,
     in_order,
     middle,
+    states_read,
 )
 from soter.verify.tubes.generated_functions import (
     FORMS,
@@ -117,14 +119,23 @@ class TubeCheck:
         self._rest = module.predicate(self.problem.rest)
         asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = _states_read_through(asked, every)
-        self.read_by_law = _states_read([*self.law, self._defined])
+        rates, zero = [every[s] for s in self.states], self.make.number(0.0)
+        moved = module.moved(rates)
+        self._still, self._ranged, of_movers = moved.still, moved.ranged, enumerate(moved.effects)
+        effects = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
+        self._effects = effects or [(0, 0, zero)]  # no array is empty
+        self._bends = module.bends(self._still)
+        slopes = module.bends([e for row in moved.effects for e in row])
+        for condition in domain(self.make, slopes):  # SC's are asked of its step
+            self._safe = self.make.join("and", self._safe, condition)
+        self._faced = [k for k, s in enumerate(self.states) if s in states_read([self._still[k]])]
+        self.read_by_law = states_read([*self.law, self._defined])
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
-        self.read_by_rates = _states_read([every[s] for s in self.states])
-        self.read_by_rest, self.read_by_safe = map(_states_read, ([self._rest], [self._safe]))
+        self.read_by_rates = states_read(rates)
+        self.read_by_rest, self.read_by_safe = map(states_read, ([self._rest], [self._safe]))
         movers = in_order([every[s] for s in _states_read_through([self._rest], every)])
         self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in movers)
-        every_input = in_order([*asked, *(every[s] for s in self.states)])
-        if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
+        if any(e.op == "input" and e.of[0] not in "xyuwm" for e in in_order([*asked, *rates])):
             raise NoExpressionError("something reads a time, an age or a mode")
         self._refuse_unbounded_states()
         self._refuse_other_views(module.seen)
@@ -132,18 +143,6 @@ class TubeCheck:
         bounds = {s: topics[t].bounds[k] for s, (t, k) in module.seen.items()}
         endless = Interval(-inf, inf)
         self.read_sets = {s: Interval(b.low, b.high) if b else endless for s, b in bounds.items()}
-        rates = [every[s] for s in self.states]
-        moved, zero = module.moved(rates), self.make.number(0.0)
-        self._still, self._ranged, every_effect = (
-            moved.still,
-            moved.ranged,
-            enumerate(moved.effects),
-        )
-        self._effects = [
-            (k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero
-        ] or [(0, 0, zero)]  # no array is empty
-        self._bends = module.bends(self._still)
-        self._faced = [k for k, s in enumerate(self.states) if s in _states_read([self._still[k]])]
 
     def _refuse_unbounded_states(self) -> None:
         """Refuses a state that is not followed and may grow without end in finite time.
@@ -155,9 +154,9 @@ class TubeCheck:
         for s in left:
             rate = self.rates[s]
             partial = any(e.op in PARTIAL for e in in_order([rate]))
-            along = [self.make.input("x", k) for k in _states_read([rate]) & left]
+            along = [self.make.input("x", k) for k in states_read([rate]) & left]
             slopes = [self.make.along(rate, {x: self.make.number(1.0)}, {}) for x in along]
-            if partial or _states_read(slopes) & left:
+            if partial or states_read(slopes) & left:
                 raise NoExpressionError(
                     f"nothing bounds `{names[s].name}`, which may end (a set of its topic would)"
                 )
@@ -424,18 +423,13 @@ class TubeCheck:
         ]
 
 
-def _states_read(roots: Iterable[Node]) -> set[int]:
-    """The numbers of the states that some expressions read, as they are (x) or as SC reads (y)."""
-    return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
-
-
 def _states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
     """The states that `asked` reads, those that their rates read, and so on, in order."""
     found: set[int] = set()
-    new = _states_read(asked)
+    new = states_read(asked)
     while new - found:
         found |= new
-        new = _states_read([rates[s] for s in found])
+        new = states_read([rates[s] for s in found])
     return sorted(found)
 
 

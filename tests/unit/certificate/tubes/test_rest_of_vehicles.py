@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.api.program import load
+from soter.certificate.rechecker import recheck
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact, greatest_below
 from soter.certificate.tubes import tube_chains
@@ -18,6 +20,8 @@ from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.certificate.tubes.test_forged_rest import DRIFTS, KEEPS, LEADS, changed, without
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from soter.language.model.system import System
 
 ROVER = """soter 1;
@@ -117,3 +121,46 @@ def test_a_start_needs_the_ends_that_no_run_crosses(monkeypatch: pytest.MonkeyPa
     none = [(False, False)] * 4
     monkeypatch.setattr(tube_chains, "uncrossed_ends", lambda *_: none)
     assert "out of C" in (tube_of_entry(flat, made).why_starts_not_good() or "")
+
+
+TWO_WHEELS = """soter 1;
+type P = { x: float, h: float, v: float };
+type Cmd = { v: float, w: float };
+topic p: P max_age 50ms;
+topic cmd: Cmd in { v in [0.0, 1.5], w in [-1.5, 1.5] };
+plant Jackal period 10ms { reads cmd; drives p = { x: x, h: h, v: v };
+  state x: float = 0.0; state h: float = 0.0; state v: float = 0.0;
+  disturbance slip: float in [-0.05, 0.05];
+  der x = v * cos(h); der h = cmd.w + slip;
+  der v = clamp(8.0 * (cmd.v - v), -1.5, 1.5);
+  measured p.x within 0.03, p.h within 0.02, p.v within 0.03; }
+node Go period 20ms { publishes cmd; step { publish cmd = { v: 1.5, w: 0.2 }; } }
+node Stop period 20ms { publishes cmd; step { publish cmd = { v: 0.0, w: 0.0 }; } }
+rta Walls { ac Go; sc Stop; period 40ms; safe abs(p.x) < 5.0;
+  rest abs(p.v) < 0.1 moves p.x by 0.013 within 2s; }
+system S default { j: Jackal; module Walls; until 1s; }
+"""
+"""A servo that saturates, and a heading that slips for ever and is read by a cosine alone."""
+
+
+@pytest.mark.parametrize(
+    ("change", "verdict"),
+    [
+        (None, "proved"),
+        (("by 0.013", "by 0.012"), "undecided"),
+        (("8.0 * (cmd.v - v)", "8.0 * (cmd.v + 0.05 - v)"), "undecided"),
+        (("8.0 * (cmd.v - v)", "8.0 * (v - cmd.v)"), "undecided"),
+        (("der x = v * cos(h)", "der x = v * (1.0 + cos(h))"), "undecided"),
+        (("der x = v * cos(h)", "der x = v * cos(h) + 0.001 * h"), "undecided"),
+    ],
+    ids=["as it is", "less far", "it creeps", "the servo drives", "it moves twice", "h moves it"],
+)
+def test_a_servo_that_saturates_stops_a_robot_that_turns_for_ever(
+    tmp_path: Path, change: tuple[str, str] | None, verdict: str
+) -> None:
+    text = TWO_WHEELS if change is None else changed(TWO_WHEELS, change)
+    (tmp_path / "robot.soter").write_text(text)
+    found = load(tmp_path / "robot.soter").verify(refute=False, cert=tmp_path / "cert")
+    assert found.modules[0].findings["P2a"].verdict == verdict
+    report = recheck(tmp_path / "cert")
+    assert ("P2a" in report.modules[0].confirmed) == (verdict == "proved")

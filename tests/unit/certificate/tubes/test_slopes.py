@@ -66,3 +66,22 @@ def test_what_jumps_has_none() -> None:
     jump = terms.choose(terms.below_zero(x), terms.constant(0.0), terms.constant(1.0))
     with pytest.raises(NoSlopeError):
         slope(terms, jump, x.atom)
+
+
+@all_rows("kind", ["minimum", "maximum"])
+def test_a_slope_of_an_extreme_is_that_of_what_it_is(kind: str) -> None:
+    draw = random.Random(kind)  # noqa: S311
+    for k in range(60):
+        terms, low = Terms(), draw.uniform(-2.0, 2.0)
+        x = terms.add_input("state", "x", exact(low), exact(low + 1.0))
+        level = terms.constant((low - 0.5, low + 0.5, low + 1.5)[k % 3])
+        other = terms.combine(((exact(draw.uniform(-3.0, 3.0)), x),))
+        pair = (x, level) if k % 2 else (level, other)
+        found = slope(terms, getattr(terms, kind)(*pair, tight=True), x.atom)
+        f = arb.min if kind == "minimum" else arb.max
+        factor, at = (ONE, level.const) if k % 2 else (other.terms.get(x.atom, ZERO), level.const)
+        for _ in range(5):
+            a, b = (exact(draw.uniform(low, low + 1.0)) for _ in range(2))
+            assert (found * (b - a)).overlaps(f(factor * b, at) - f(factor * a, at))
+        if k % 2 and k % 3 != 1:
+            assert found in (ZERO, ONE)

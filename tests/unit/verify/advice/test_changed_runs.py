@@ -82,7 +82,15 @@ def test_an_sc_that_never_stops_is_told_to() -> None:
     )
     (cause,) = idle.findings["P2a"].causes
     assert "does not stop: after 200 s t.h still moves by -0.025 a second" in cause.text
-    assert "an SC that stops, or that brings t.h back" in idle.findings["P2a"].hint
+    assert "an SC that stops, or that brings t.h back: it publishes `pump` = 0 all along" in (
+        idle.findings["P2a"].hint
+    )
+
+
+def test_an_sc_that_always_says_the_same_has_no_wrong_sign() -> None:
+    full = explained(changed((LAW, "0.08"), ("/ 320", "/ 32"))).findings["P2a"].hint
+    assert "sign" not in full
+    assert "mirrored" not in full
 
 
 def test_an_sc_that_rests_outside_is_told_what_of_it_keeps_runs_inside() -> None:

@@ -13,7 +13,7 @@ from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.claims.claims import open_case
 from soter.verify.diagnosis import tried_remedies
 from soter.verify.diagnosis.model_runs import LeavingSearch, PointModel, patterns, run
-from soter.verify.diagnosis.open_claims import _no_run_cause
+from soter.verify.diagnosis.open_claims import REST, _no_run_cause
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.verify_module import verify_module
@@ -98,7 +98,8 @@ def test_an_sc_that_stops_in_the_last_cell_of_an_axis_is_told_so(axis: str, name
     case = case_of(changed(CART, ("[-0.6, 0.6] / 6", axis)))
     cause, hint = _no_run_cause(LeavingSearch(), case, np.array([2.0, 0.0]), ())
     assert ("in the last cell of the axis" in cause.text) == bool(named)
-    assert hint.startswith(f"a wider grid: an axis that goes on beyond {named}, " if named else "s")
+    assert hint.startswith(f"{REST}; ")
+    assert (f"a wider grid: an axis that goes on beyond {named}, " in hint) == bool(named)
     assert "c.x to no place" in cause.text
     assert "stronger SC" not in hint + _no_run_cause(LeavingSearch(), case, None, ())[1]
 

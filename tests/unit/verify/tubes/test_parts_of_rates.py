@@ -1,0 +1,90 @@
+"""Parts of a rate mean the rate: what cancels, or is 0 in the middle of a disturbance, is not lost.
+
+Non-goals: whether a step of such parts holds every run (`test_steps.py`).
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import Interval
+from soter.verify.tubes.generated_functions import Caller
+from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.tube_check import TubeCheck
+
+MODULE = """soter 1;
+type Pose = { s0: float, s1: float };
+topic pose: Pose max_age 20ms;
+topic acc: float ACC max_age 20ms;
+topic order: float in [-2.0, 2.0] = 0.0;
+plant Body period 10ms {
+  reads order;
+  drives pose = { s0: s0, s1: s1 };DRIVES
+  state s0: float = 0.0; state s1: float = 0.0;
+  disturbance w: float in [LOW, 1.0];
+  der s0 = order;
+  der s1 = RATE;
+}
+node Ac period 50ms { subscribes pose; publishes order; step { publish order = 1.0; } }
+node Sc period 50ms { subscribes pose; publishes order; step { publish order = 0.0; } }
+rta M { ac Ac; sc Sc; period 50ms; safe abs(pose.s0) < 50.0 && abs(pose.s1) < 50.0;
+  rest abs(pose.s0) < 40.0 within 2s; }
+system S default { b: Body; module M; until 1s; }
+"""
+
+
+def check_of(rate: str, low: float = -1.0, drives: str = "", acc: str = "") -> TubeCheck:
+    text = MODULE.replace("RATE", rate).replace("LOW", str(low)).replace("ACC", acc)
+    text = text.replace("DRIVES", f" drives acc = {drives};" if drives else "")
+    flat = system_to_prove(check_file("parts.soter", text), None)
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    return TubeCheck(problem)
+
+
+def good(check: TubeCheck, *estimate: float) -> bool:
+    ways = dict.fromkeys(check.states, Interval(-1.0, 1.0))
+    return Caller(check.in_flight(ways)).holds("good", list(estimate))
+
+
+def test_a_limit_whose_ends_come_out_the_wrong_way_round_is_its_last_end() -> None:
+    check = check_of("min(max(s1 + w, 2.0 + w), 1.0 + w)")
+    assert check._still[1] is check.make.number(1.0)
+    text = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
+    caller = Caller(text)
+    for ends in ((-3.0, -2.0), (-3.0, 3.0), (1.2, 1.8), (3.0, 4.0)):
+        form = caller.value("f_clamp", caller.value("f_range", *ends), 2.0, 1.0)
+        assert form[2:4] == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("low", [-1.0, -0.5])
+@pytest.mark.parametrize(
+    "rate", ["(w + sqrt(s0)) - sqrt(s0) - s1", "w * sqrt(s0) - sqrt(s0) * w - s1"]
+)
+def test_a_root_that_cancels_in_the_parts_is_asked_of_c(rate: str, low: float) -> None:
+    check = check_of(rate, low)
+    assert not good(check, -5.0, 0.0)
+    assert any(e.op == "sqrt" for e in check.make.hidden for e in e.of if hasattr(e, "op"))
+
+
+@pytest.mark.parametrize("rate", ["w * atan2(s1, s0)", "w * wrap_angle(s1)"])
+def test_a_jump_beside_a_disturbance_is_refused_wherever_its_middle_is(rate: str) -> None:
+    for low in (-1.0, 0.0):
+        with pytest.raises(SoterError, match="its rate jumps"):
+            check_of(rate, low)
+
+
+def test_a_slope_without_end_beside_a_disturbance_is_not_good() -> None:
+    """From 0 on s1' = sqrt(s1) has the solutions 0 and t^2 / 4."""
+    check = check_of("w * sqrt(max(s1, 0.0)) - s1")
+    assert good(check_of("w * sqrt(max(s1, 0.5)) - s1"), 1.0, 0.0)
+    assert not good(check, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("drives", ["s1 * w", "s1 * order"])
+def test_a_set_of_what_a_disturbance_or_a_command_moves_at_once_is_refused(drives: str) -> None:
+    with pytest.raises(SoterError, match="has a set, and hangs on"):
+        check_of("w - s1", drives=drives, acc="in [-5.0, 5.0]")
