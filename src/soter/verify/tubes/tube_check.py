@@ -111,8 +111,7 @@ class TubeCheck:
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
         self.make = module.make
-        self.rates = every = module.rates()
-        self.law = module.law()
+        self.rates, self.law = every, _ = module.rates(), module.law()
         self._defined = module.law_defined(self.law)
         self._safe = module.constraint()
         self.rooms = module.rooms

@@ -122,7 +122,8 @@ def bent_subjects(tmp_path_factory: pytest.TempPathFactory) -> tuple[Library, li
 
 def drawn_subjects(folder: Path, *, bent: bool) -> tuple[Library, list[Subject]]:
     """The first modules that are not refused: what no number stands for may be hidden in a rate."""
-    found, programs, drawn_from = [], {}, iter(range(3 * MODULES))
+    found: list[Subject] = []
+    programs, drawn_from = {}, iter(range(3 * MODULES))
     while len(found) < MODULES:
         number = next(drawn_from)
         module = drawn_module(random.Random(number), bent=bent)  # noqa: S311 - drawn examples
