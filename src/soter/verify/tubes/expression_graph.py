@@ -392,13 +392,11 @@ def domain(make: Expressions, slopes: Sequence[Node]) -> list[Node]:
     no number, or so steep there that a flow has several solutions. `slopes`: derivatives of the
     effects along directions "v" of states. `NoExpressionError` where one hangs on what moves.
     """
-    steep = [
-        x
-        for x in in_order([*slopes, *(c for c in make.hidden if below(c, "v"))])
-        if x.op in PARTIAL and not _is_inverse_of_positive(x)
+    found = [
+        make.inside(x, -LARGEST, LARGEST)
+        for x in in_order([*slopes, *make.hidden])
+        if x.op in PARTIAL and not (_is_inverse_of_positive(x) or below(x, "y"))
     ]
-    found = [*make.hidden, *(make.inside(x, -LARGEST, LARGEST) for x in steep)]
-    found = [c for c in found if not (below(c, "y") or below(c, "v"))]
     if any(below(c, kind) for c in found for kind in "uw"):
         raise NoExpressionError(MAY_FAULT)
     return found
