@@ -39,6 +39,8 @@ FOLLOWS = 0.95
 AROUND, LATER = 1.3, (1.3, 2.2)
 """By these factors a box is larger than where runs end, and a time longer than they took: first by
 the one, then, where SC is shown to keep the box and not to lead there in time, by the other."""
+LEAST = 1e-3
+"""The least width of what runs of a state passed through: a bound of 0 leaves no room to round."""
 FARTHER = 1.5, 6.0
 """By these factors states move farther than runs do, tried in the same way."""
 
@@ -77,7 +79,8 @@ def _held_and_moving(
 ) -> tuple[list[int], list[int]]:
     """The states that stand in the condition, and those in `moves`; adds runs that began elsewhere.
 
-    A state that goes on for ever on a way on which a bound would be said stands in neither.
+    A state that goes on for ever on a way on which a bound would be said stands in neither, nor
+    does one that rates or SC read and no set bounds: a bound of it is not followed.
     """
     quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
     hangs = np.ptp(quiet, axis=0) > HANGS * width
@@ -90,8 +93,15 @@ def _held_and_moving(
     bounded = hangs & ~((down & (below | ~above)) | (up & (above | ~below)))
     return (
         [int(s) for s in np.flatnonzero(~hangs & found.needed)],
-        [int(s) for s in np.flatnonzero(bounded & found.needed)],
+        [int(s) for s in np.flatnonzero(bounded & found.needed) if _may_move(found, int(s))],
     )
+
+
+def _may_move(found: ModelStates, s: int) -> bool:
+    """Whether `moves` may name a state: only `safe` reads it, or a set of its topic bounds it."""
+    at = found.problem.topic_leaf_of_state.get(s)
+    has_set = at is not None and found.problem.system.topics[at[0]].bounds[at[1]] is not None
+    return has_set or not np.delete(found.reads, s, axis=0)[:, s].any()
 
 
 def _moved_starts(found: ModelStates, width: Floats) -> dict[int, list[ModelTrace]]:
@@ -147,7 +157,7 @@ def _moved(found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, fa
     after = [np.array(t.states)[k:, s] - t.states[k][s] for t, k in entered]
     ways = [-min(x.min() for x in after), max(x.max() for x in after)]
     width = found.far[1][s] - found.far[0][s]
-    down, up = (rounded(factor * float(w) + width / 1000, up=True) for w in ways)
+    down, up = (rounded(factor * float(w) + max(width, LEAST) / 1000, up=True) for w in ways)
     name, (below, above) = found.names[s], found.limited[s]
     if below == above:
         return f"{name} by {max(down, up)!r}"

@@ -14,7 +14,7 @@ from soter.language.model.types import write_ns
 def rounded(value: float, *, up: bool, digits: int = 2) -> float:
     """A number rounded up or down to so many digits."""
     if value == 0.0 or not isfinite(value):
-        return value
+        return float(value)
     unit = 10.0 ** (floor(log10(abs(value))) - digits + 1)
     count = value / unit
     return float(f"{(ceil(count - 1e-9) if up else floor(count + 1e-9)) * unit:.12g}")
