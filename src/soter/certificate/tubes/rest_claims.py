@@ -131,8 +131,18 @@ def _extreme(atom: Atom, slopes: list[arb]) -> arb:
     return slopes[0].union(slopes[2])
 
 
+def _power(atom: Atom, slopes: list[arb]) -> arb:
+    """The rule of x^y: y x^(y - 1) by x, and x^y log x by y, where that is asked for."""
+    x, y = map(_hull_of, atom.arguments)
+    by_x: arb = y * x ** (y - 1) * slopes[0]
+    return by_x if slopes[1].is_zero() else by_x + x**y * x.log() * slopes[1]
+
+
 _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
     "product": _product,
+    "pow": _power,
+    "asin": _slope_rule(lambda x: 1 / (1 - x * x).sqrt()),
+    "acos": _slope_rule(lambda x: -1 / (1 - x * x).sqrt()),
     "min": _extreme,
     "max": _extreme,
     "max0": _kink_rule(ZERO, hull(ZERO, ONE)),

@@ -26,8 +26,11 @@ LARGEST = 1e300
 """Above it no form computes (`forms.soter`)."""
 PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit", "log", "asin", "acos"})
 """Functions that are not defined everywhere."""
-POWERS = (2.0, 3.0, 4.0)
-MAY_FAULT = "a command or a disturbance may make a plant fault"
+POWER_MAX = 16
+MAY_FAULT = (
+    "a command or a disturbance may make a plant fault: a divisor be 0, or a function beyond its "
+    "domain, as far as is seen (`max(x, 0.1)` and `1.0 + x * x` are never 0)"
+)
 CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
 
 
@@ -207,10 +210,12 @@ class Expressions:
         return self._node(name, *of)
 
     def power(self, a: Node, by: Node) -> Node:
-        """The power a^by: of a small whole number a product, else of an a above 0 alone."""
-        if by.op == "number" and by.of[0] in POWERS:
-            square = self.mul(a, a)
-            return {2.0: square, 3.0: self.mul(square, a), 4.0: self.mul(square, square)}[by.of[0]]
+        """The power a^by: of a small whole number products, else of an a above 0 alone."""
+        if by.op == "number" and by.of[0].is_integer() and 2 <= abs(by.of[0]) <= POWER_MAX:
+            made = self.number(1.0)
+            for bit in f"{int(abs(by.of[0])):b}":
+                made = self.mul(self.mul(made, made), a if bit == "1" else self.number(1.0))
+            return made if by.of[0] > 0.0 else self.function("inverse", made)
         return self.function("exp", self.mul(by, self.function("log", a)))
 
     # ------------------------------------------------------------ conditions
@@ -224,7 +229,10 @@ class Expressions:
             equal = a is b or a.of[0] == b.of[0]
             known = self.true if above or (equal and op in ("<=", ">=")) else self.false
             return self._stands_for(known, a)
-        return self._node("positive" if op in ("<", ">") else "not negative", self.sub(a, b))
+        ahead = self.sub(a, b)
+        if is_positive(ahead) or is_positive(self.neg(ahead)):
+            return self._stands_for(self.true if is_positive(ahead) else self.false, ahead)
+        return self._node("positive" if op in ("<", ">") else "not negative", ahead)
 
     def inside(self, a: Node, low: float, high: float) -> Node:
         """`low <= a <= high`."""
@@ -302,13 +310,13 @@ class Expressions:
         if e.op == "input":
             return direction.get(e, zero)
         if e.op == "select":
-            msg = "its rate jumps or has branches"
+            msg = "its rate jumps or has branches (`c ? a : b`)"
             raise NoExpressionError(msg)
         parts = [self.along(x, direction, known) for x in e.of]
         if all(x is zero for x in parts):
             return zero
         if e.op in ("wrap_angle", "atan2"):
-            raise NoExpressionError("its rate jumps")
+            raise NoExpressionError(f"its rate jumps (`{e.op}`)")
         d, *rest = parts
         a = e.of[0]
         if e.op in ("add", "sub"):
@@ -385,28 +393,30 @@ def _most(e: Node, of: Sequence[float]) -> float:
     return of[0] / abs(e.of[1].of[0]) if e.op == "over" else max(1e9, *of)
 
 
-def domain(make: Expressions, slopes: Sequence[Node]) -> list[Node]:
-    """Conditions of states under which rates are defined whose parts (`moved`) do not say so.
+def domain(make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]) -> list[Node]:
+    """Conditions of states under which rates are defined whose parts do not say so.
 
-    Something of a rate may cancel in its parts, or be 0 with a disturbance in its middle, that is
+    Something of a rate may cancel in its `parts`, or be 0 with a disturbance in its middle, that is
     no number, or so steep there that a flow has several solutions. `slopes`: derivatives of the
     effects along directions "v" of states. `NoExpressionError` where one hangs on what moves.
     """
-    found = [
-        make.inside(x, -LARGEST, LARGEST)
-        for x in in_order([*slopes, *make.hidden])
-        if x.op in PARTIAL and not (_is_inverse_of_positive(x) or below(x, "y"))
-    ]
-    if any(below(c, kind) for c in found for kind in "uw"):
-        raise NoExpressionError(MAY_FAULT)
-    return found
+    known = {*in_order(parts)}
+    partial = [x for x in in_order([*slopes, *make.hidden]) if x.op in PARTIAL and x not in known]
+    asked = [x for x in partial if not (x.op == "inverse" and is_positive(x.of[0]))]
+    found = [make.inside(x, -LARGEST, LARGEST) for x in asked if not below(x, "y")]
+    if not any(below(c, kind) for c in found for kind in "uw"):
+        return found
+    raise NoExpressionError(MAY_FAULT)
 
 
-def _is_inverse_of_positive(e: Node) -> bool:
-    """Whether a node is 1 / (|x| + k), or 1 / (x^2 + k), with a k above 0."""
-    of = e.of[0]
-    of_sum = e.op == "inverse" and of.op == "add" and of.of[0].op in ("abs", "square")
-    return of_sum and of.of[1].op == "number" and of.of[1].of[0] > 0.0
+def is_positive(e: Node) -> bool:
+    """Whether an expression is above 0 as it is written: 1 + x^2, |x| + 0.1, max(x, 0.1)."""
+    if e.op == "number":
+        return bool(e.of[0] > 0.0)
+    if e.op in ("min", "max"):
+        return (all if e.op == "min" else any)(map(is_positive, e.of))
+    of_sum = e.op == "add" and is_positive(e.of[1])
+    return e.op == "exp" or (of_sum and (e.of[0].op in ("abs", "square") or is_positive(e.of[0])))
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ class Caller:
     def __init__(self, text: str) -> None:
         self._functions = functions_of(text)
         self._evaluator = Evaluator({})
+        self.fault = ""
+        """What the last call that faulted says of it; "" where the last one did not."""
 
     def operations(self, name: str) -> int:
         """How many operations one call of function `name` takes, at worst."""
@@ -65,9 +67,11 @@ class Caller:
 
     def value(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
         """What function `name` returns; None where it faults."""
+        self.fault = ""
         try:
             return self._evaluator.function(self._functions[name])(Environment(), arguments)
-        except StepFault:
+        except StepFault as fault:
+            self.fault = fault.detail
             return None
 
 

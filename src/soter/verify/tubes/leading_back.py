@@ -391,6 +391,8 @@ class _LeadBackSearch:
         winds = self._check.problem.quantities.disturbances
         start = ", ".join(f"{states[s].name} = {x:.3g}" for s, x in run.start.items())
         under = ", ".join(f"{winds[k].name} = {x:.3g}" for k, x in run.disturbed.items())
+        if run.value != run.value:
+            return f"on a run from {start} a rate is no number, as of a function beyond its domain"
         where = f"{states[run.state].name} = {run.value:.4g} after {run.after_s:.4g} s"
         far = "; without disturbances it goes as far: perhaps a sign of SC is wrong" * run.calm
         return f"a run from {start}{f' under {under}' if under else ''} is at {where}{far}"
@@ -403,6 +405,7 @@ class _LeadBackSearch:
         if not own:
             return what
         where = f"not from {box_in_words(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
+        where += f"; on the way there is {self._caller.fault}" if self._caller.fault else ""
         return f"{what}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
 
     def _larger_box_in_words(self, reached: Box) -> str:

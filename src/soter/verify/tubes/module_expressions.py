@@ -43,10 +43,11 @@ from soter.verify.tubes.expression_graph import (
     in_order,
     middle,
     moved,
+    states_read,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from soter.core.core_walks import Join
     from soter.language.model.system import Component
@@ -487,3 +488,13 @@ def leaf_values(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type
             yield from leaf_values(f, x, (*path, n))
     else:
         yield path, t, v
+
+
+def states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
+    """The states that `asked` reads, those that their rates read, and so on, in order."""
+    found: set[int] = set()
+    new = states_read(asked)
+    while new - found:
+        found |= new
+        new = states_read([rates[s] for s in found])
+    return sorted(found)

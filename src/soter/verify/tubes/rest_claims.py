@@ -347,7 +347,10 @@ def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
     sets = {s: cut_to_farthest(check.read_sets[s]) for s in check.read_by_law}
     if caller.holds("answers", region_of(check, sets)):
         return ""
-    return "on something in the sets of what it reads SC may fault, or publish what is outside"
+    fault = f": {caller.fault}" if caller.fault else ""
+    return (
+        f"on something in the sets of what it reads SC may fault, or publish what is outside{fault}"
+    )
 
 
 def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from math import inf
@@ -29,6 +29,7 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     PARTIAL,
     NoExpressionError,
+    below,
     domain,
     half_width,
     in_order,
@@ -49,7 +50,7 @@ from soter.verify.tubes.generated_functions import (
     numbers_text,
     shared_text,
 )
-from soter.verify.tubes.module_expressions import ModuleExpressions
+from soter.verify.tubes.module_expressions import ModuleExpressions, states_read_through
 from soter.verify.tubes.problem import (
     FARTHEST,
     TubeProblem,
@@ -61,14 +62,13 @@ from soter.verify.tubes.problem import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from soter.language.model.system import Shield
     from soter.language.model.typed import Cost, FunSymbol
     from soter.verify.deploy.level_tables import Writer
     from soter.verify.deploy.shield_tables import ShieldWriter
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tubes.expression_graph import Node
     from soter.verify.tubes.generated_functions import Inputs
 
 
@@ -117,23 +117,24 @@ class TubeCheck:
         self.rooms = module.rooms
         self._rest = module.predicate(self.problem.rest)
         asked = [*self.law, self._defined, self._safe, self._rest]
-        self.states = _states_read_through(asked, every)
+        self.states = states_read_through(asked, every)
         rates, zero = [every[s] for s in self.states], self.make.number(0.0)
         moved = module.moved(rates)
         self._still, self._ranged, of_movers = moved.still, moved.ranged, enumerate(moved.effects)
-        effects = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
-        self._effects = effects or [(0, 0, zero)]  # no array is empty
+        found = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
+        self._effects = found or [(0, 0, zero)]  # no array is empty
         self._bends = module.bends(self._still)
-        slopes = module.bends([e for row in moved.effects for e in row])
-        for condition in domain(self.make, slopes):  # SC's are asked of its step
+        effects = [e for row in moved.effects for e in row]
+        parts, slopes = [*self._still, *effects], module.bends(effects)
+        for condition in domain(self.make, parts, slopes):  # SC's are asked of its step
             self._safe = self.make.join("and", self._safe, condition)
         self._faced = [k for k, s in enumerate(self.states) if s in states_read([self._still[k]])]
         self.read_by_law = states_read([*self.law, self._defined])
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = states_read(rates)
         self.read_by_rest, self.read_by_safe = map(states_read, ([self._rest], [self._safe]))
-        movers = in_order([every[s] for s in _states_read_through([self._rest], every)])
-        self.commands_move_rest = any(e.op == "input" and e.of[0] == "u" for e in movers)
+        moving = states_read_through([self._rest], every)
+        self.commands_move_rest = any(below(every[s], "u") for s in moving)
         if any(e.op == "input" and e.of[0] not in "xyuwm" for e in in_order([*asked, *rates])):
             raise NoExpressionError("something reads a time, an age or a mode")
         self._refuse_unbounded_states()
@@ -187,9 +188,8 @@ class TubeCheck:
         look = cost_of(functions["good"])
         if self.problem.module.shield is None:
             return look
-        judged = cost_of(functions["judged"])
-        most = max(look.bytes, judged.bytes)
-        return look._replace(operations=look.operations + judged.operations, bytes=most)
+        more, most = cost_of(functions["judged"]).operations, cost_of(functions["judged"]).bytes
+        return look._replace(operations=look.operations + more, bytes=max(look.bytes, most))
 
     def operations(self, switches: int) -> int:
         """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
@@ -214,7 +214,7 @@ class TubeCheck:
         Where commands stand in no rate as ranges nothing asks how far they may be off.
         """
         text, first = "\n".join(parts), self.problem.first_map
-        if {x.of[0] for x in self._ranged} <= {"w"}:
+        if not any(x.of[0] == "u" for x in self._ranged):
             text = re.sub(r"spread\((\w+), \w+\)", r"\1", text)
         if not first:
             for given in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
@@ -286,12 +286,14 @@ class TubeCheck:
         lines, winds = [], self.problem.disturbances
         if any(x.of[0] == "w" for x in self._ranged):
             forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]
-            lines.append(f"const WIND_{FORMS}: Form[{len(winds)}] = {array_text(forms)};")
             ranges = [f"{{ lo: {number(d.low)}, hi: {number(d.high)} }}" for d in winds]
-            lines.append(f"const WIND_{RANGES}: Range[{len(winds)}] = {array_text(ranges)};")
+            pairs = (f"{FORMS}: Form", forms), (f"{RANGES}: Range", ranges)
+            lines += [f"const WIND_{of}[{len(winds)}] = {array_text(x)};" for of, x in pairs]
         if own := [x.of[1] for x in self._ranged if x.of[0] == "u"]:
             lines += ["fun spread(u: Controls, wide: Wide): Controls {", "  var v = u;"]
-            lines += [f"  v[{k}] = widened(u[{k}], wide[DISTURBANCES + {k}]);" for k in own]
+            for k in own:
+                ends = ", ".join(map(number, astuple(self.problem.controls[k])))
+                lines.append(f"  v[{k}] = cut(widened(u[{k}], wide[DISTURBANCES + {k}]), {ends});")
             lines += ["  return v;", "}"]
         return "\n".join(lines)
 
@@ -420,16 +422,6 @@ class TubeCheck:
             f"const NO_SPAN: Region = {{ lo: {low}, hi: {high} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
-
-
-def _states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
-    """The states that `asked` reads, those that their rates read, and so on, in order."""
-    found: set[int] = set()
-    new = states_read(asked)
-    while new - found:
-        found |= new
-        new = states_read([rates[s] for s in found])
-    return sorted(found)
 
 
 IN_S0 = 2

@@ -90,3 +90,29 @@ def test_a_slope_without_end_beside_a_disturbance_is_asked_of_c() -> None:
 def test_a_set_of_what_a_disturbance_or_a_command_moves_at_once_is_refused(drives: str) -> None:
     with pytest.raises(SoterError, match="has a set, and hangs on"):
         check_of("w - s1", drives=drives, acc="in [-5.0, 5.0]")
+
+
+@pytest.mark.parametrize(
+    "rate",
+    [
+        "asin(0.45 * order)", "sqrt(2.0 + order)", "order / (1.0 + order * order)",
+        "order / (abs(order) + 0.3)", "1.0 / max(order, 0.1)", "pow(order, 5.0)",
+        "pow(3.0 + order, -2.0)", "exp(order) * w",
+    ],
+)  # fmt: skip
+def test_functions_of_commands_are_followed_up_to_the_ends_of_their_sets(rate: str) -> None:
+    assert good(check_of(f"0.01 * {rate} - s1"), 30.0, 0.0)
+
+
+@pytest.mark.parametrize("rate", ["order / (3.0 + w)", "1.0 / order"])
+def test_a_divisor_that_may_be_zero_as_far_as_is_seen_is_refused(rate: str) -> None:
+    with pytest.raises(SoterError, match="a divisor be 0"):
+        check_of(f"{rate} - s1")
+
+
+def test_what_faults_is_said() -> None:
+    check = check_of("0.01 * log(1.0 + order) - s1")
+    ways = dict.fromkeys(check.states, Interval(10.0, 39.0))
+    caller = Caller(check.in_flight(ways))
+    assert caller.value("good", [30.0, 0.0]) is None
+    assert caller.fault == "a logarithm of what may not be above 0"
