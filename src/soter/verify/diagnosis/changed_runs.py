@@ -46,7 +46,9 @@ OLD = (
 MARGIN = 1.25
 """A strength, or a width, has to help by so much less than what is told, too."""
 LOOKS, SAME = 50, 1e-9
-"""At how many states of a run SC is asked, and how much its answers may vary to be one value."""
+"""At how many states SC is asked, and how much its answers may vary to be one value."""
+FAR = 1e6
+"""How far beside a run states are drawn where the grid has no end."""
 MOST = 2
 """The most changes that are told."""
 KEEPS = "(tried in runs of the model: none leaves C within {:.4g} s)"
@@ -82,12 +84,17 @@ class Change:
     worlds: tuple[tuple[PointModel, Callable[[Pattern], Pattern]], ...]
 
 
-def all_along(model: PointModel, trace: ModelTrace) -> Floats | None:
-    """What SC publishes in every state of a run, (controls,); None: it varies."""
+def same_answer(model: PointModel, trace: ModelTrace) -> Floats | None:
+    """What SC publishes whatever it reads, (controls,), as far as is seen; None: it varies.
+
+    It is asked in states of a run, and in others that are drawn from the grid.
+    """
     still = np.zeros(len(model.problem.errors)), np.zeros(len(model.problem.others))
-    chosen = np.linspace(0, len(trace.states) - 1, LOOKS).astype(int)
+    passed = np.array(trace.states)[np.linspace(0, len(trace.states) - 1, LOOKS).astype(int)]
+    ends = np.clip([model.low, model.high], passed.min(axis=0) - FAR, passed.max(axis=0) + FAR)
+    drawn = ends[0] + np.random.default_rng(0).random((LOOKS, len(ends[0]))) * (ends[1] - ends[0])
     with suppress(StepFaultError):
-        sent = np.array([model.law(trace.states[k], *still) for k in chosen])
+        sent = np.array([model.law(x, *still) for x in (*passed, *drawn)])
         return sent[0] if np.ptp(sent, axis=0).max(initial=0.0) <= SAME else None
     return None
 
@@ -193,7 +200,7 @@ def what_keeps(
         trace = run(changed, left.states[0], pattern, until_s, go_on)
         return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
 
-    calm, constant = not left.pattern.any, all_along(model, left) is not None
+    calm, constant = not left.pattern.any, same_answer(model, left) is not None
     helps = _what_helps(model, left.pattern, stays, [] if calm else others, constant=constant)
     return _said(helps, (KEEPS_CALM if calm else KEEPS).format(until_s))
 

@@ -20,7 +20,7 @@ import numpy as np
 from soter.language.model.types import show_ns
 from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
-from soter.verify.diagnosis.changed_runs import OLD, all_along, what_brings_back, what_keeps
+from soter.verify.diagnosis.changed_runs import OLD, same_answer, what_brings_back, what_keeps
 from soter.verify.diagnosis.habits_of_sc import (
     HOLDS,
     MOVED,
@@ -79,7 +79,7 @@ SMALLER = "smaller errors, delays or disturbances"
 WIDER_GRID = "a wider grid; "
 REST = "`rest`, for an SC that stops, which `soter verify` looks for without `--budget 0`"
 ANSWERS = "an SC that answers what it reads"
-UNMOVED = ": it publishes {} all along such a run, whatever happens"
+UNMOVED = ": it publishes {}, whatever it reads"
 NOT_ONE = (
     "another law in SC: with one sign or strength of this one changed, or one disturbance or error "
     "narrower, a run still leaves C (tried in runs of the model)"
@@ -159,7 +159,7 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
             moving = goes_on(model, model.start, _go_on_for(HABIT_S, go_on))
             cause = Cause(cause.kind, f"{cause.text}; {moving.text}") if moving else cause
             finding.hint = moving.hint if moving else changed
-            if search.trace and (sent := all_along(model, search.trace)) is not None:
+            if search.trace and (sent := same_answer(model, search.trace)) is not None:
                 hint = moving.hint if moving else ANSWERS
                 finding.hint = hint + UNMOVED.format(_published(model, sent))
         elif changed != NOT_ONE:

@@ -82,7 +82,7 @@ def test_an_sc_that_never_stops_is_told_to() -> None:
     )
     (cause,) = idle.findings["P2a"].causes
     assert "does not stop: after 200 s t.h still moves by -0.025 a second" in cause.text
-    assert "an SC that stops, or that brings t.h back: it publishes `pump` = 0 all along" in (
+    assert "an SC that stops, or that brings t.h back: it publishes `pump` = 0, whatever" in (
         idle.findings["P2a"].hint
     )
 
