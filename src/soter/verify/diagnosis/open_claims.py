@@ -156,12 +156,7 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
             finding.hint = found.hint
         changed = _changed_hint(model, search, found, go_on)
         if changed == NOT_ONE and found is None:
-            moving = goes_on(model, model.start, _go_on_for(HABIT_S, go_on))
-            cause = Cause(cause.kind, f"{cause.text}; {moving.text}") if moving else cause
-            finding.hint = moving.hint if moving else changed
-            if search.trace and (sent := same_answer(model, search.trace)) is not None:
-                hint = moving.hint if moving else ANSWERS
-                finding.hint = hint + UNMOVED.format(_published(model, sent))
+            cause, finding.hint = _unmended(model, search, cause, go_on)
         elif changed != NOT_ONE:
             finding.hint = changed or finding.hint
     if model.inputs.delay_ns > LATE * model.inputs.period_ns and "(tried" not in finding.hint:
@@ -197,6 +192,19 @@ def _changed_hint(
             return wider + kept
         all_asked &= in_time()
     return NOT_ONE if all_asked and not wider else ""
+
+
+def _unmended(
+    model: PointModel, search: LeavingSearch, cause: Cause, go_on: GoOn
+) -> tuple[Cause, str]:
+    """The cause and the advice where no single change of SC or the world keeps runs in C."""
+    hint, moving = NOT_ONE, goes_on(model, model.start, _go_on_for(HABIT_S, go_on))
+    if moving is not None:
+        cause, hint = Cause(cause.kind, f"{cause.text}; {moving.text}"), moving.hint
+    if search.trace and (sent := same_answer(model, search.trace)) is not None:
+        hint = ANSWERS if moving is None else hint
+        hint += UNMOVED.format(_published(model, sent))
+    return cause, hint
 
 
 def _published(model: PointModel, sent: Floats) -> str:

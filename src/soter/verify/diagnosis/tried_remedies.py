@@ -215,7 +215,10 @@ WORDS = {
 }
 """The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
 SEARCHED = "in vain: other cells, in the search whose tries are listed"
-OTHERS_FOUND = "smaller cells or `rest`, which `soter verify` looks for without `--budget 0`"
+OTHERS_FOUND = (
+    "none of what is tried here; `soter verify` without `--budget 0` looks for other grids, and "
+    "for `rest`"
+)
 """Where all that is suggested was tried in vain; a search in vain takes it back."""
 NOT_TRIED = "(not tried)"
 """Stands behind a suggestion with which the module was not proved."""
@@ -387,7 +390,7 @@ def take_back_cells(results: Sequence[ModuleResult], searches: Sequence[ProofSea
     for finding in (f for r in results if r.name in in_vain for f in r.findings.values()):
         marked = f" {NOT_TRIED}" if finding.hint.endswith(NOT_TRIED) else ""
         parts = finding.hint.removesuffix(marked).split("; ")
-        left = [p for p in parts if not p.startswith(("smaller cells", REST))]
+        left = [p for p in parts if not p.startswith(("smaller cells", REST, "none of", "`soter"))]
         if left != parts:
             finding.tried.append(SEARCHED)
             finding.hint = "; ".join(left) + marked * bool(left)

@@ -305,20 +305,16 @@ class Expressions:
 
     def _along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
         zero = self.number(0.0)
-        if e.op == "number":
-            return zero
-        if e.op == "input":
+        if e.op in ("number", "input"):
             return direction.get(e, zero)
         if e.op == "select":
-            msg = "its rate jumps or has branches (`c ? a : b`)"
-            raise NoExpressionError(msg)
+            raise NoExpressionError("its rate jumps or has branches (`c ? a : b`)")
         parts = [self.along(x, direction, known) for x in e.of]
         if all(x is zero for x in parts):
             return zero
         if e.op in ("wrap_angle", "atan2"):
             raise NoExpressionError(f"its rate jumps (`{e.op}`)")
-        d, *rest = parts
-        a = e.of[0]
+        (d, *rest), a = parts, e.of[0]
         if e.op in ("add", "sub"):
             return self.add(d, rest[0]) if e.op == "add" else self.sub(d, rest[0])
         if e.op == "neg":
@@ -332,8 +328,7 @@ class Expressions:
             return self.along(within, direction, known)
         if e.op in ("min", "max"):
             ahead = self.sub(a, e.of[1]) if e.op == "max" else self.sub(e.of[1], a)
-            first = self._node("share", ahead)
-            return self.add(rest[0], self.mul(first, self.sub(d, rest[0])))
+            return self.add(rest[0], self.mul(self._node("share", ahead), self.sub(d, rest[0])))
         return self.mul(self._slope(e, a), d)
 
     def _slope(self, e: Node, a: Node) -> Node:
@@ -403,10 +398,9 @@ def domain(make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]) -> 
     known = {*in_order(parts)}
     partial = [x for x in in_order([*slopes, *make.hidden]) if x.op in PARTIAL and x not in known]
     asked = [x for x in partial if not (x.op == "inverse" and is_positive(x.of[0]))]
-    found = [make.inside(x, -LARGEST, LARGEST) for x in asked if not below(x, "y")]
-    if not any(below(c, kind) for c in found for kind in "uw"):
-        return found
-    raise NoExpressionError(MAY_FAULT)
+    if any(below(x, kind) for x in asked for kind in "uw"):
+        raise NoExpressionError(MAY_FAULT)
+    return [make.inside(x, -LARGEST, LARGEST) for x in asked if not below(x, "y")]
 
 
 def is_positive(e: Node) -> bool:
@@ -415,8 +409,9 @@ def is_positive(e: Node) -> bool:
         return bool(e.of[0] > 0.0)
     if e.op in ("min", "max"):
         return (all if e.op == "min" else any)(map(is_positive, e.of))
-    of_sum = e.op == "add" and is_positive(e.of[1])
-    return e.op == "exp" or (of_sum and (e.of[0].op in ("abs", "square") or is_positive(e.of[0])))
+    if e.op == "add" and is_positive(e.of[1]):
+        return e.of[0].op in ("abs", "square") or is_positive(e.of[0])
+    return e.op == "exp"
 
 
 @dataclass(frozen=True)
@@ -425,8 +420,8 @@ class Moved:
 
     `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
     for each disturbance, then each control, its factor in every rate, 0 of those in `ranged`. A
-    factor may read x, what is in `ranged`, and that of a disturbance all controls (a brake that
-    grips more or less). `ranged`: the others, which stand in `still`, and are ranges there.
+    factor may read x and `ranged`, and that of a disturbance all controls (a brake that grips more
+    or less). `ranged`: the others, which stand in `still`, and are ranges there.
     """
 
     still: list[Node]
@@ -495,3 +490,11 @@ def below(e: Node, kind: str) -> bool:
 def states_read(roots: Iterable[Node]) -> set[int]:
     """The numbers of the states that some expressions read, as they are (x) or as SC reads (y)."""
     return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
+
+
+def states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
+    """The states that `asked` reads, those that their rates read, and so on, in order."""
+    asked, found = [*asked], set[int]()
+    while (new := states_read([*asked, *(rates[s] for s in found)])) - found:
+        found |= new
+    return sorted(found)

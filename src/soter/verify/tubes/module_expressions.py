@@ -43,11 +43,10 @@ from soter.verify.tubes.expression_graph import (
     in_order,
     middle,
     moved,
-    states_read,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     from soter.core.core_walks import Join
     from soter.language.model.system import Component
@@ -390,8 +389,8 @@ class ModuleExpressions:
     def constraint(self) -> Node:
         """C: `safe` holds, and plants neither fault nor publish, with errors, outside their sets.
 
-        To be called after `rates`, whose faults count, too. `NoExpressionError` where something
-        with a set is no float, or a command or disturbance may make a plant fault.
+        To be called after `rates`, whose faults count, too. `NoExpressionError` for a set that no
+        region bounds, and where a command or disturbance may make a plant fault.
         """
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
@@ -409,11 +408,7 @@ class ModuleExpressions:
                     bound = bounds.get(path)
                     if bound is None:
                         continue
-                    if not isinstance(t, FloatType):
-                        raise NoExpressionError(f"`{topic.name}` has a set, and is no float")
-                    if below(v, "u") or below(v, "w"):
-                        why = f"`{topic.name}` has a set, and hangs on a command or a disturbance"
-                        raise NoExpressionError(why)
+                    _refuse_set(topic.name, t, v)
                     low, high = room_of(bound, errors.get(k, 0.0))
                     held = make.join("and", held, make.inside(v, low, high))
                     if v.op == "input" and v.of[0] == "x":
@@ -481,6 +476,13 @@ class ModuleExpressions:
         return self._topic_value(cell.owner, t, "y")
 
 
+def _refuse_set(name: str, t: Type, published: Value) -> None:
+    """`NoExpressionError` for a topic with a set whose value no region of states can bound."""
+    if not isinstance(t, FloatType) or below(published, "u") or below(published, "w"):
+        why = "is no float, or hangs on a command or a disturbance"
+        raise NoExpressionError(f"`{name}` has a set, and {why}")
+
+
 def leaf_values(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
     """The path, type and value of each leaf of a value."""
     if isinstance(t, (RecordType, ArrayType)):
@@ -488,13 +490,3 @@ def leaf_values(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type
             yield from leaf_values(f, x, (*path, n))
     else:
         yield path, t, v
-
-
-def states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
-    """The states that `asked` reads, those that their rates read, and so on, in order."""
-    found: set[int] = set()
-    new = states_read(asked)
-    while new - found:
-        found |= new
-        new = states_read([rates[s] for s in found])
-    return sorted(found)

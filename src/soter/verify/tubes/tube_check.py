@@ -35,6 +35,7 @@ from soter.verify.tubes.expression_graph import (
     in_order,
     middle,
     states_read,
+    states_read_through,
 )
 from soter.verify.tubes.generated_functions import (
     FORMS,
@@ -50,7 +51,7 @@ from soter.verify.tubes.generated_functions import (
     numbers_text,
     shared_text,
 )
-from soter.verify.tubes.module_expressions import ModuleExpressions, states_read_through
+from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import (
     FARTHEST,
     TubeProblem,

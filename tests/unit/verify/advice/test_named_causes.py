@@ -108,7 +108,7 @@ def test_what_rest_cannot_follow_is_named() -> None:
     jumps = ("der x = -v + slope * v;", "der x = -v + (v > 0.5 ? 0.1 * speed : 0.0);")
     case = case_of(changed(CART, jumps))
     cause, hint = _no_run_cause(LeavingSearch(), case, np.array([2.0, 0.0]), ())
-    assert cause.text.endswith("cannot follow it: its rate jumps or has branches")
+    assert cause.text.endswith("its rate jumps or has branches (`c ? a : b`)")
     assert hint.startswith("rates and an SC that `rest` can follow")
 
 

@@ -5,134 +5,35 @@ one of the runs that their forms stand for does, they hold it.
 from __future__ import annotations
 
 import random
-from contextlib import suppress
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import mpmath
 import pytest
 
-from soter.diagnostics.diagnostic import SoterError
-from soter.language.front_end import check_file, system_to_prove
-from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller
-from soter.verify.tubes.problem import TubeProblem, TubeTimes
-from soter.verify.tubes.tube_check import CUTS, TubeCheck
-from unit.verify.tubes.random_plants import DrawnModule, drawn_module
+from soter.verify.tubes.tube_check import CUTS
+from unit.verify.tubes.random_plants import TIMES, drawn_subjects, source_of
 from unit.verify.tubes.soter_forms import Library, down, drawn, eps_of, off_by, up
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
+
+    from unit.verify.tubes.random_plants import DrawnModule, Subject
 
 MODULES = 5
 BOXES = 8
 PARTS = 12
-MS = 1_000_000
-TIMES = TubeTimes(40 * MS, 80 * MS, 80 * MS, 23 * MS, 5 * MS, 50 * MS, 20)
-TRIED = """
-fun tried(op: int, a: Form[64], k: float[64]): Form[64] {
-  var b = a;
-  var x: Forms = NOWHERE;
-  var v: Forms = NOWHERE;
-  var u: Controls = ANY_COMMAND;
-  var other: Controls = ANY_COMMAND;
-  for i in 0..STATES { x[i] = a[i]; v[i] = a[10 + i]; }
-  for i in 0..CONTROLS { u[i] = a[20 + i]; other[i] = a[30 + i]; }
-  if op == 0 {
-    var wide = DISTURBED;
-    for i in 0..MOVED { wide[i] = k[1 + i]; }
-    let s = flow(x, u, wide, k[0], MOVES);
-    for i in 0..STATES { b[i] = s.end[i]; b[10 + i] = s.way[i]; b[20 + i] = s.rate[i]; }
-    b[30] = f_number(s.found ? 1.0 : 0.0);
-  }
-  if op == 1 {
-    let y = reduced(x, u);
-    for i in 0..STATES { b[i] = y.x[i]; }
-    for i in 0..CONTROLS { b[20 + i] = y.u[i]; }
-  }
-  if op == 2 { let y = read(x, v); for i in 0..STATES { b[i] = y[i]; } }
-  if op == 3 { let y = hulled(x, v); for i in 0..STATES { b[i] = y[i]; } }
-  if op == 4 {
-    let y = between(u, other);
-    let w = apart(u, other);
-    for i in 0..CONTROLS { b[i] = y[i]; b[10 + i] = f_number(w[DISTURBANCES + i]); }
-  }
-  if op == 5 {
-    let y = rates(x, u);
-    let w = bends(x, u, v);
-    for i in 0..STATES { b[i] = y[i]; b[10 + i] = w[i]; }
-    let e = effects(bounds(x), orders(u));
-    let s = speeds(bounds(x), orders(u));
-    for i in 0..STATES * MOVED { b[20 + i] = f_number(0.0); }
-    for i in 0..EFFECTS {
-      b[20 + STATES * EFFECT[i].mover + EFFECT[i].state] = f_range(e[i].lo, e[i].hi);
-    }
-    for i in 0..STATES {
-      b[i].lo = max(b[i].lo, s[i].lo);
-      b[i].hi = min(b[i].hi, s[i].hi);
-    }
-  }
-  if op == 6 { let y = law(x); for i in 0..CONTROLS { b[i] = y[i]; } }
-  if op == 7 {
-    var y: float[STATES] = NO_RATES;
-    for i in 0..STATES { y[i] = k[i]; }
-    let z = estimated(y);
-    for i in 0..STATES { b[i] = z[i]; }
-    b[10] = f_number(good(y) ? 1.0 : 0.0);
-  }
-  return b;
-}
-"""
-
-
-@dataclass
-class Subject:
-    """A drawn module and the sizes of its forms."""
-
-    name: str
-    module: DrawnModule
-    symbols: int
-    moves: int
-
-
-def source_of(text: str, times: TubeTimes) -> tuple[str, int, int]:
-    """The check of a program's module, `tried` behind it; its SYMBOLS, its MOVES."""
-    flat = system_to_prove(check_file("drawn.soter", text), None)
-    problem = extract(flat, flat.modules[0])
-    assert isinstance(problem, TubeProblem)
-    check = TubeCheck(problem)
-    check.times = times
-    made = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
-    sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in ("SYMBOLS", "MOVES")]
-    return made + TRIED, sizes[0], sizes[1]
 
 
 @pytest.fixture(scope="module")
 def subjects(tmp_path_factory: pytest.TempPathFactory) -> tuple[Library, list[Subject]]:
-    return drawn_subjects(tmp_path_factory.mktemp("steps"), bent=False)
+    return drawn_subjects(tmp_path_factory.mktemp("steps"), MODULES, bent=False)
 
 
 @pytest.fixture(scope="module")
 def bent_subjects(tmp_path_factory: pytest.TempPathFactory) -> tuple[Library, list[Subject]]:
-    return drawn_subjects(tmp_path_factory.mktemp("bent"), bent=True)
-
-
-def drawn_subjects(folder: Path, *, bent: bool) -> tuple[Library, list[Subject]]:
-    """The first modules that are not refused: what no number stands for may be hidden in a rate."""
-    found: list[Subject] = []
-    programs, drawn_from = {}, iter(range(3 * MODULES))
-    while len(found) < MODULES:
-        number = next(drawn_from)
-        module = drawn_module(random.Random(number), bent=bent)  # noqa: S311 - drawn examples
-        with suppress(SoterError):
-            text, symbols, moves = source_of(module.text, TIMES)
-            name = f"drawn_{number}"
-            programs[name] = text, symbols
-            found.append(Subject(name, module, symbols, moves))
-    return Library(folder, programs), found
+    return drawn_subjects(tmp_path_factory.mktemp("bent"), MODULES, bent=True)
 
 
 def each(subjects: tuple[Library, list[Subject]], seed: str) -> Any:
