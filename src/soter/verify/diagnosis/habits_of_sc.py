@@ -133,7 +133,7 @@ def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bo
 
 
 def goes_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """The habit of moving a state on for ever, evenly, toward where `safe` ends; None: none."""
+    """The habit of moving on for ever, evenly, from a state, (states,), to where `safe` ends."""
     until_s = HOLDS * model.inputs.period_ns * NS
     trace = run(model, start, next(patterns(model)), until_s, going, beyond=True)
     times, states = np.array(trace.times), np.array(trace.states)
