@@ -88,7 +88,9 @@ SMALL = {
     "Dives of an F-16 of JSBSim": Small(apart="needs JSBSim"),
     "A check of rest on a Cortex-M7": Small(apart=MINUTES),
     "Bad files and options": Small("--count 5 --jobs 1", flights=5),
-    "Hostile files": Small("--only data_csv,map_toml,policy_onnx", part=True),
+    "Hostile files": Small(
+        "--only data_csv,map_toml,policy_onnx", machine="fewer kinds of files", part=True
+    ),
     "Damaged logs": Small("--flips 20", flights=20),
     "The mountain car: four drivers, alone and with RTA": Small(
         "--episodes 40 --jobs 1", flights=40
