@@ -564,6 +564,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("surveillance.md", "| assumed"): DEFINED,
     ("surveillance.md", "**Hand-over.**"): "times of a proof",
     ("testing.md", "| what is promised"): f"{MEASURED_ONCE}: attacks by hand",
+    ("testing.md", "When things were taken out"): f"{MEASURED_ONCE}: beside the tree before",
     ("testing.md", "| the report says"): DEFINED,
     ("testing.md", "an aircraft that nobody here wrote"): DEFINED,
     ("testing.md", "`bench/tubes/identify_f16.py` fits"): ELSEWHERE,
