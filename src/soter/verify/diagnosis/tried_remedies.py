@@ -215,10 +215,7 @@ WORDS = {
 }
 """The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
 SEARCHED = "in vain: other cells, in the search whose tries are listed"
-OTHERS_FOUND = (
-    "none of what is tried here; `soter verify` without `--budget 0` looks for other grids, and "
-    "for `rest`"
-)
+OTHERS_FOUND = "other grids, or `rest`: `soter verify` without `--budget 0` looks for them"
 """Where all that is suggested was tried in vain; a search in vain takes it back."""
 NOT_TRIED = "(not tried)"
 """Stands behind a suggestion with which the module was not proved."""
@@ -385,12 +382,13 @@ def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
 
 
 def take_back_cells(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Takes back the advice to try what a search has tried in vain: smaller cells, `rest`."""
-    in_vain = {s.module for s in searches if s.cells_in_vain}
-    for finding in (f for r in results if r.name in in_vain for f in r.findings.values()):
+    """Takes back the advice to try what a search has tried in vain: smaller cells, a search."""
+    in_vain = {s.module: s.cells_in_vain for s in searches if not s.proved}
+    for name, finding in ((r.name, f) for r in results for f in r.findings.values()):
+        words = (REST, OTHERS_FOUND, *["smaller cells"] * in_vain.get(name, False))
         marked = f" {NOT_TRIED}" if finding.hint.endswith(NOT_TRIED) else ""
         parts = finding.hint.removesuffix(marked).split("; ")
-        left = [p for p in parts if not p.startswith(("smaller cells", REST, "none of", "`soter"))]
+        left = [p for p in parts if name not in in_vain or not p.startswith(words)]
         if left != parts:
             finding.tried.append(SEARCHED)
             finding.hint = "; ".join(left) + marked * bool(left)

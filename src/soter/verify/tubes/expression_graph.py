@@ -404,14 +404,14 @@ def domain(make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]) -> 
 
 
 def is_positive(e: Node) -> bool:
-    """Whether an expression is above 0 as it is written: 1 + x^2, |x| + 0.1, max(x, 0.1)."""
+    """Whether it is above 0 as it is written, for a machine, too (exp(x) may be 0): 1 + x^2."""
     if e.op == "number":
         return bool(e.of[0] > 0.0)
     if e.op in ("min", "max"):
         return (all if e.op == "min" else any)(map(is_positive, e.of))
     if e.op == "add" and is_positive(e.of[1]):
         return e.of[0].op in ("abs", "square") or is_positive(e.of[0])
-    return e.op == "exp"
+    return False
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,8 @@ class TubeCheck:
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
         self.make = module.make
-        self.rates, self.law = every, _ = module.rates(), module.law()
+        self.rates = every = module.rates()
+        self.law = module.law()
         self._defined = module.law_defined(self.law)
         self._safe = module.constraint()
         self.rooms = module.rooms
@@ -177,7 +178,7 @@ class TubeCheck:
 
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """The text that flies; `ways`: Y of each state that `moves` does not name, as was shown."""
-        return self._with_map_constants(self._flying(ways))
+        return self._joined(self._flying(ways))
 
     def _flying(self, ways: Mapping[int, Interval]) -> list[str]:
         shield = self.problem.module.shield
@@ -189,8 +190,9 @@ class TubeCheck:
         look = cost_of(functions["good"])
         if self.problem.module.shield is None:
             return look
-        more, most = cost_of(functions["judged"]).operations, cost_of(functions["judged"]).bytes
-        return look._replace(operations=look.operations + more, bytes=max(look.bytes, most))
+        judged = cost_of(functions["judged"])
+        most = max(look.bytes, judged.bytes)
+        return look._replace(operations=look.operations + judged.operations, bytes=most)
 
     def operations(self, switches: int) -> int:
         """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
@@ -207,9 +209,9 @@ class TubeCheck:
             certain("surely_not_at_rest", "x: Forms", self._rest, inputs, truth=False),
             shared_text("rest.soter"),
         ]
-        return self._with_map_constants([*self._flying(ways), *texts])
+        return self._joined([*self._flying(ways), *texts])
 
-    def _with_map_constants(self, parts: Sequence[str]) -> str:
+    def _joined(self, parts: Sequence[str]) -> str:
         """The joined text; in that of a module without maps no function has a map parameter.
 
         Where commands stand in no rate as ranges nothing asks how far they may be off.

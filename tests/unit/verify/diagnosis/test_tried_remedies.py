@@ -14,7 +14,7 @@ from soter.cli.main import main
 from soter.verify.claims import choice
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.claims.results import ProofSearch, Try
-from soter.verify.diagnosis import tried_remedies, variations
+from soter.verify.diagnosis import open_claims, tried_remedies, variations
 from soter.verify.diagnosis.tried_remedies import in_order
 from soter.verify.diagnosis.variations import NotProved, lines_of, remedies
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
@@ -279,6 +279,16 @@ def test_cells_that_a_search_tried_in_vain_are_not_advised(hint: str, left: str)
     tried_remedies.take_back_cells([result], [search])
     assert finding.hint == left
     assert (tried_remedies.SEARCHED in finding.tried) == (hint != left)
+
+
+def test_a_search_in_vain_is_not_advised_after_it_was_made() -> None:
+    result = explained(TANK)
+    finding = result.findings["P2a"]
+    for hint in (open_claims.REST, tried_remedies.OTHERS_FOUND):
+        finding.hint = f"{hint}; smaller errors (not tried)"
+        rests = ProofSearch(result.name, True, [Try("rest v < 1.0;", "undecided", 1.0)])
+        tried_remedies.take_back_cells([result], [rests])
+        assert finding.hint == "smaller errors (not tried)"
 
 
 def test_a_module_with_a_shield_is_read_again_without_what_that_permitted(tmp_path: Path) -> None:

@@ -110,6 +110,14 @@ def test_a_divisor_that_may_be_zero_as_far_as_is_seen_is_refused(rate: str) -> N
         check_of(f"{rate} - s1")
 
 
+def test_what_a_machine_may_round_to_zero_is_not_known_to_be_above_it() -> None:
+    make = check_of("w - s1").make
+    x, zero = make.input("x", 0), make.number(0.0)
+    assert make.compare(">", make.add(make.mul(x, x), make.number(0.1)), zero) is make.true
+    for small in (make.function("exp", x), make.mul(x, x), make.function("abs", x)):
+        assert make.compare(">", small, zero).op == "positive"
+
+
 def test_what_faults_is_said() -> None:
     check = check_of("0.01 * log(1.0 + order) - s1")
     ways = dict.fromkeys(check.states, Interval(10.0, 39.0))
