@@ -524,7 +524,8 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("stability.md", "| figure"): "the same, once; and rows of benchmarks of that day",
     ("newcomers.md", "| who, robot"): "people, each once",
     ("newcomers.md", "- **25 robots"): "robots, each once; the page says how they are asked",
-    ("newcomers.md", "- **The same 25"): "robots, each once; the page says how they are asked",
+    ("newcomers.md", "- **The same 25 as"): "robots, each once; the page says how they are asked",
+    ("newcomers.md", "- **The same 25 with"): "robots, each once; the page says how they are asked",
     ("newcomers.md", "- **78 wrong"): "programs, each once; the page says how they are asked",
     ("newcomers.md", "- **Twelve kinds"): "a row of benchmarks, and one sentence about its rows",
     (

@@ -1,7 +1,7 @@
 """Honest robots as they stand: what `soter verify` says, what it advises then, and `recheck`.
 
     .venv/bin/python bench/newcomers/first_attempt.py [--folder ../shared/robots]
-        [--without-hints] [--recheck-below S] [--kept .soter/newcomers] [NAME ...]
+        [--without-hints] [--rests FILE] [--recheck-below S] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a row a program: proved in full or what is not, CPU seconds of both commands, and whether
 the certificate is accepted. Where it is not proved, what `help` says that was tried is done, as it
@@ -9,7 +9,8 @@ is written there, and it is asked again, four times at most. `--recheck-below`: 
 proofs that took more CPU seconds are not re-checked, and the table says so. `--without-hints`: what
 hints at a proof is taken out first, and nothing is followed: the search alone has to find it.
 *Proved*: every claim, or *decided in flight* with P2a and the start proved. Answers are kept, by
-program and the tool's sources: the next call goes on.
+program and the tool's sources: the next call goes on. `--rests`: hints are taken out, too, and what
+the file has of a program is written into it: a `rest`, and sets of topics.
 Non-goals: advice that was not tried, or that no edit of the printed words carries out; wrong
 variants (`wrong_robots.py`).
 """
@@ -132,12 +133,25 @@ def without_hints(text: str) -> str:
     return head + "".join(modules)
 
 
-def answered(name: str, text: str, recheck_below_s: float) -> dict[str, Any]:
+def with_rest(name: str, text: str, lines: list[str]) -> str:
+    """The program without hints, with the `rest` and the sets of topics that the lines give it."""
+    text = without_hints(text)
+    for line in lines:
+        of, _, given = line.partition(": ")
+        if of == name:
+            text = re.sub(r"(\n\s*safe [^;]*;)", rf"\1\n  {given}", text, count=1)
+        elif of.startswith(f"{name} topic "):
+            topic = of.split()[-1]
+            text = re.sub(rf"(topic {topic}:.*?) max_age", rf"\1 in {{ {given} }} max_age", text)
+    return text
+
+
+def answered(name: str, text: str, recheck_below_s: float, budget: str) -> dict[str, Any]:
     """What `verify` says of a program, and `recheck` of its certificate: an `Answer`."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / f"{name}.soter").write_text(text)
-        command = ("verify", f"{name}.soter", "--cert", "proof", "--budget", BUDGET)
+        command = ("verify", f"{name}.soter", "--cert", "proof", "--budget", budget)
         document, cpu_s = run(*command, folder=folder)
         verdict, again, again_s = said(document), "-", 0.0
         if verdict in HELD and cpu_s > recheck_below_s:
@@ -177,6 +191,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
     parser.add_argument("--without-hints", action="store_true")
+    parser.add_argument("--rests", type=Path)
     parser.add_argument("--recheck-below", type=float, default=LONGEST_S)
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
     parser.add_argument("names", nargs="*")
@@ -184,18 +199,21 @@ def main(argv: list[str]) -> int:
     programs = sorted(options.folder.glob("*.soter"))
     paths = [p for p in programs if not options.names or p.stem in options.names]
     below, sources = options.recheck_below, tool()
+    rests = options.rests.read_text().splitlines() if options.rests else []
+    budget, alone = "0s" if rests else BUDGET, bool(rests or options.without_hints)
     firsts, lasts, steps = [], [], []
     print(f"{HEAD}\n|{'---|' * (HEAD.count('|') - 1)}")
     for path in paths:
         text, done = path.read_text(), list[str]()
         text = without_hints(text) if options.without_hints else text
+        text = with_rest(path.stem, text, rests) if rests else text
         while True:
-            about = (path.stem, text, str(below), sources)
-            made = kept(options.kept, about, partial(answered, path.stem, text, below))
+            about = (path.stem, text, str(below), budget, sources)
+            made = kept(options.kept, about, partial(answered, path.stem, text, below, budget))
             answer = Answer(**made)
             firsts += [] if done else [answer]
             again = followed(text, answer.advice)
-            held = answer.verdict in HELD or options.without_hints
+            held = answer.verdict in HELD or alone
             if held or again == text or len(done) == ATTEMPTS:
                 break
             text = again

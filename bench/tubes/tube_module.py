@@ -29,7 +29,8 @@ from soter.verify.tubes.expression_graph import Node, in_order
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims
-from soter.verify.tubes.tube_check import TubeCheck, TubeLevels
+from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_levels import TubeLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -30,7 +30,8 @@ from soter.verify.deploy.proof_transfer import what_differs
 from soter.verify.problem.problem import Leaf, Problem
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, rest_entry
-from soter.verify.tubes.tube_check import TubeCheck, TubeLevels
+from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_levels import TubeLevels
 from unit.certificate import small_proofs
 from unit.certificate.tubes.test_forged_rest import PLAIN
 

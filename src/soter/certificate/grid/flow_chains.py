@@ -281,10 +281,11 @@ class FlowChain:
         ):
             whole = apply_operation("magnitude", dot(factors, held) + c)
             sizes.append(apply_operation("min", whole, absolute_sum(row)))
-        integral = flow.integral(local, begin, end)
+        integral = self._integral_to_reads(local, begin, end)
         noise = flow.noise(local, begin, end, acting.radii)
+        any_time = flow.integral(local, begin, end) if others else []
         pushes = (
-            product(plus_scaled(unit_rows(n), product(local.a, integral)), local.b)
+            product(plus_scaled(unit_rows(n), product(local.a, any_time)), local.b)
             if others
             else local.b
         )
@@ -294,6 +295,7 @@ class FlowChain:
             size = noise[i] + wide + sum_of_sizes(pushes[i], others)
             rest.append(apply_operation("magnitude", size))
         rows = plus_scaled(way.rows, product([[x.mid() for x in row] for row in integral], rate))
+        self._share_ages(start, rows, values, (begin, end))
         placed = self._with_ranges(start, StateRows(rows, rest, way.box), local)
         if self.times.anew:  # rows are about the middle of the span, with the noise of all of it
             placed.box = [
@@ -301,6 +303,15 @@ class FlowChain:
                 for (a, b), (low, high) in zip(placed.box, local.box, strict=True)
             ]
         return placed
+
+    def _integral_to_reads(self, local: Enclosure, begin: Fraction, end: Fraction) -> Rows:
+        """The integral of e^{As} from now to instants of a span, less what `_share_ages` adds."""
+        return self.flow.integral(local, begin, end)
+
+    def _share_ages(
+        self, start: OpenedForm, rows: Rows, rates: Rows, span: tuple[Fraction, Fraction]
+    ) -> None:
+        """Enter what states of one instant of a span share, where something is known of that."""
 
     def _gap_sums(self, start: OpenedForm) -> list[Any]:
         """For each command the integral, back to the sample, of what older ones differ from it."""

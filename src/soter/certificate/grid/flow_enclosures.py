@@ -341,7 +341,7 @@ class LocalFlow(KeptEnds):
         """A box further out than `moved`: by a tenth of its way from `box`, and by a hair."""
         intervals = []
         for (low, high), (least, most), (first, last) in zip(box, moved, self.grid, strict=True):
-            more = (last - first) * hair
+            more = (last - first).min(ONE + abs(low) + abs(high)) * hair  # a set may be endless
             intervals.append(
                 (low + (least - low) * LOOSE - more, high + (most - high) * LOOSE + more)
             )
@@ -408,12 +408,19 @@ class LocalFlow(KeptEnds):
         return times_column(integral_of(major, exact(max(-start, end))), sizes)
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
-        """The integral of e^{As} over [0, t], for all t in [start, end].
+        """The integral of e^{As} over [0, t], for all t in [start, end]."""
+        rows = self.integral_beyond_time(enclosure, start, end)
+        for i, row in enumerate(rows):
+            row[i] += exact(start).union(exact(end))
+        return rows
 
-        It is t + A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row of scaled
-        states, and exactly t in the rows of states whose rate depends on none.
+    def integral_beyond_time(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
+        """The integral of e^{As} over [0, t] less t, for all t in [start, end].
+
+        It is A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row of scaled
+        states, and exactly 0 in the rows of states whose rate depends on none.
         """
-        time, far = exact(start).union(exact(end)), exact(max(-start, end))
+        far = exact(max(-start, end))
         least = ZERO if start <= 0 <= end else exact(min(abs(start), abs(end)))
         square = (least * least).union(far * far) * HALF
         theta, scales = scaled_row_sum(enclosure.a, far)
@@ -422,7 +429,6 @@ class LocalFlow(KeptEnds):
         for i, row in enumerate(enclosure.a):
             more = ZERO if all(x.is_zero() for x in row) else rest * scales[i]
             rows.append([x * square + more / d for x, d in zip(row, scales, strict=True)])
-            rows[i][i] += time
         return rows
 
 

@@ -55,8 +55,13 @@ from soter.certificate.terms.linear_enclosures import (
 )
 from soter.certificate.terms.straight_line import NotCertainError
 from soter.certificate.terms.terms import Terms, atoms_under, inputs_of
-from soter.certificate.tubes.rest_problem import LARGEST, NANOSECOND, RestModel
-from soter.certificate.tubes.tube_chains import ConditionOnBoxes, StateSet, TubeChain, TubeFlow
+from soter.certificate.tubes.rest_problem import LARGEST, NANOSECOND, RestModel, cut_point
+from soter.certificate.tubes.tube_chains import (
+    ConditionOnBoxes,
+    StateSet,
+    TubeChain,
+    TubeFlow,
+)
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
@@ -210,7 +215,8 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     model = RestModel(problem.facts, (), problem.facts.extents)
     times = problem.times
     for group in _state_groups(model, own):
-        chain = TubeChain(model, group, TubeFlow(model, group), times.holds)
+        flow = TubeFlow(model, group)
+        chain = TubeChain(model, group, flow, times.holds, problem.messages(group))
         way, end = _ends(ways, group), _ends(box, group)
         if not _box_returns(chain, end, way, end, times.switches, 0):
             raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
@@ -315,20 +321,9 @@ def _false_on_slab(
     if cut == HALVINGS:
         return False
     low, high = at[s]
-    middle = _cut_point(low, high)
+    middle = cut_point(low, high)
     halves = ((low, middle), (middle, high))
     return all(_false_on_slab(rest, problem, {**at, s: h}, s, cut + 1) for h in halves)
-
-
-def _cut_point(low: arb, high: arb) -> arb:
-    """The middle; of a slab without an end a number between the magnitudes of its ends."""
-    far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
-    if far < LARGEST / 2**60 and far < near * 2**20:
-        return ((low + high) * HALF).mid()
-    if low < 0 < high:
-        return ZERO
-    root = (far * near).sqrt().mid()
-    return -root if high <= 0 else root
 
 
 # ---------------------------------------------------------------- rule 2

@@ -43,7 +43,7 @@ from soter.certificate.reading.problem import read_facts, state_published
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.symbolic_values import value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.linear_enclosures import above, below, exact
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, above, below, exact
 from soter.certificate.terms.terms import Terms, both, inputs_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves
@@ -129,6 +129,13 @@ class RestProblem:
     def moving(self) -> tuple[int, ...]:
         """Followed states that `moves` names."""
         return tuple(s for s in self.followed if s in self.drifts)
+
+    def messages(self, states: Iterable[int]) -> list[int]:
+        """For each state the topic of a plant by which SC sees it: one message is of one instant.
+
+        Where SC does not read a state, any will do.
+        """
+        return [self.leaves[s][0] for s in states]
 
     @property
     def times(self) -> RestTimes:
@@ -355,6 +362,17 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
+def cut_point(low: arb, high: arb) -> arb:
+    """The middle; of a range without an end a number between the magnitudes of its ends."""
+    far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
+    if far < LARGEST / 2**60 and far < near * 2**20:
+        return ((low + high) * HALF).mid()
+    if low < 0 < high:
+        return ZERO
+    root = (far * near).sqrt().mid()
+    return -root if high <= 0 else root
+
+
 def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
     """Whether `rest` reads none of these states, nor one of their rates, so that none may end.
 
@@ -390,8 +408,15 @@ def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
 
 
 def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
-    """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2."""
+    """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2.
+
+    Also where two topics show SC one state, with an age and an error each.
+    """
     _, by_sc = topics_read(facts)
+    seen = [state for (topic, _), state in states_shown(facts).items() if topic in by_sc]
+    for state in seen:
+        if seen.count(state) > 1:
+            raise NotRecheckedError(f"SC sees `{facts.states[state].name}` twice")
     for topic in by_sc:
         if topic not in estimate:
             name = facts.system.topics[topic].name

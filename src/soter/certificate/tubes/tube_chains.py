@@ -44,10 +44,12 @@ from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
 from soter.certificate.tubes.rest_problem import (
+    LARGEST,
     NANOSECOND,
     UNKNOWN_END,
     RestModel,
     constraint,
+    cut_point,
 )
 
 if TYPE_CHECKING:
@@ -55,7 +57,8 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from soter.certificate.grid.chain_form_layout import CommandRows, StateRows
-    from soter.certificate.grid.flow_enclosures import Interval
+    from soter.certificate.grid.flow_chains import Times
+    from soter.certificate.grid.flow_enclosures import Enclosure, Interval
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.straight_line import Rows
     from soter.certificate.terms.terms import Linear, Proposition, Terms
@@ -105,7 +108,23 @@ class StateSet:
 
 
 class TubeChain(FlowChain):
-    """Makes the bodies of one tube; `NotCertainError` where a step finds no enclosure."""
+    """Makes the bodies of one tube; `NotCertainError` where a step finds no enclosure.
+
+    `messages`: for each state the topic by which SC sees it.
+    """
+
+    def __init__(
+        self,
+        model: CaseModel,
+        members: Sequence[int],
+        flow: TubeFlow,
+        holds: Times,
+        messages: Sequence[int],
+    ) -> None:
+        super().__init__(model, members, flow, holds)
+        self._messages = list(messages)
+        self._known = 0
+        self._reading = False
 
     # ------------------------------------------------------------ steps
 
@@ -134,6 +153,47 @@ class TubeChain(FlowChain):
             start, (NOW, span), self._any_commands(start), self.flow.ranges, []
         )
         return self._closed_body(start, way, None)
+
+    # ------------------------------------------------------------ what SC reads
+
+    def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
+        """As of a chain, but what states of one message are off is known to be of one instant.
+
+        A read of t + m + h e, |e| <= 1, m the middle of its span, has h e (c + sum g_k e_k) of a
+        rate c + sum g_k e_k. For each message e and the products e e_k are unknowns, each a number
+        in [-1, 1], and the rows of z before the last errors are these sums, one for each state.
+        """
+        self._known = len(start.z[0]) - self.q
+        own = len(set(self._messages)) * self._known
+        for row in start.z:
+            row[self._known : self._known] = [ZERO] * own
+        at = self.n + self.depth * self.q
+        start.z[at:at] = [[ZERO] * len(start.z[0]) for _ in range(self.n)]
+        self._reading = True
+        try:
+            return super()._answer_of_sc(start, fresh=fresh)
+        finally:
+            self._reading = False
+
+    def _integral_to_reads(self, local: Enclosure, begin: Fraction, end: Fraction) -> Rows:
+        if not self._reading:
+            return super()._integral_to_reads(local, begin, end)
+        rows = self.flow.integral_beyond_time(local, begin, end)  # type: ignore[union-attr]
+        for i, row in enumerate(rows):
+            row[i] += exact((begin + end) / 2)
+        return rows
+
+    def _share_ages(
+        self, start: OpenedForm, rows: Rows, rates: Rows, span: tuple[Fraction, Fraction]
+    ) -> None:
+        if not self._reading:
+            return
+        at, places = self.n + self.depth * self.q, list(dict.fromkeys(self._messages))
+        half, known = exact((span[1] - span[0]) / 2), self._known
+        for i, (message, rate) in enumerate(zip(self._messages, rates, strict=True)):
+            first = known * (1 + places.index(message))
+            start.z[at + i][first : first + known] = [half * x for x in rate[:known]]
+            rows[i][at + i] += ONE
 
     # ------------------------------------------------------------ bodies
 
@@ -258,11 +318,13 @@ class ConditionOnBoxes:
 
 CUTS = 4
 """How often a part of the window is halved."""
+FAR_CUTS, FAR = 8, arb(2) ** 64
+"""How often what M has beyond `FAR` is cut: a sum there rounds by more than the rest of it is."""
 PIECES = (1, 1, 2, 4, 8)
 """Into how many steps a hold is cut, by how often its part of the window was."""
 FREE_PIECES = 4
-BEYOND, FINE = arb(2) ** 1100, 1400
-"""More than any number that is published, and bits that tell it from its neighbours."""
+FINE = 1400
+"""Bits that tell a state beside `LARGEST`, which no state is beyond by assumption, from others."""
 
 
 class ModuleTube:
@@ -282,7 +344,7 @@ class ModuleTube:
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
         flow = TubeFlow(model, members, uncrossed_ends(model, members))
-        self.chain = TubeChain(model, members, flow, problem.times.holds)
+        self.chain = TubeChain(model, members, flow, problem.times.holds, problem.messages(members))
 
     @property
     def reads(self) -> list[str]:
@@ -407,19 +469,31 @@ class ModuleTube:
                 endless = endless or inf in drift
                 moved.append(
                     (
-                        -BEYOND if below == inf else low - exact(below),
-                        BEYOND if above == inf else high + exact(above),
+                        -exact(LARGEST) if below == inf else low - exact(below),
+                        exact(LARGEST) if above == inf else high + exact(above),
                     )
                 )
             elif way is not None:
                 moved.append((exact(way[0]), exact(way[1])))
             else:
                 endless = True
-                moved.append((-BEYOND, BEYOND))
+                moved.append((-exact(LARGEST), exact(LARGEST)))
         precision = flint.ctx.prec
         try:
             if endless:
                 flint.ctx.prec = FINE
-            return self.constraint.certain(moved)
+            return self._is_certain_far_out(moved, FAR_CUTS if endless else 0)
         finally:
             flint.ctx.prec = precision
+
+    def _is_certain_far_out(self, box: Box, cuts: int) -> bool:
+        """Whether C is certain of a box, or of all its parts, cut where it is far out."""
+        if self.constraint.certain(box):
+            return True
+        axis = max(range(len(box)), key=lambda i: (box[i][1] - box[i][0]).mid())
+        low, high = box[axis]
+        if not cuts or high - low < FAR:
+            return False
+        middle = cut_point(low, high)
+        halves = ([*box[:axis], h, *box[axis + 1 :]] for h in ((low, middle), (middle, high)))
+        return all(self._is_certain_far_out(half, cuts - 1) for half in halves)

@@ -170,7 +170,7 @@ def first_lets(
     return plant.lets[: last + 1]
 
 
-MAX_OPERATIONS = 100_000_000
+MAX_OPERATIONS = 400_000_000
 """Most operations of a step: a tenth of a second on the fastest possible machine."""
 BYTES = 8
 """Most bytes of a number in memory."""

@@ -40,7 +40,8 @@ from soter.verify.proof_methods import pairs_of, tables_of_groups
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long
-from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck, TubeLevels
+from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
+from soter.verify.tubes.tube_levels import TubeLevels
 from soter.version import VERSION
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ import numpy as np
 
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.problem.problem import FARTHEST, Interval
+from soter.verify.tubes.enclosures import Enclosures
 from soter.verify.tubes.expression_graph import NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.rest_claims import Enclosures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

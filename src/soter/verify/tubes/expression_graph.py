@@ -31,7 +31,10 @@ MAY_FAULT = (
     "a command or a disturbance may make a plant fault: a divisor be 0, or a function beyond its "
     "domain, as far as is seen (`max(x, 0.1)` and `1.0 + x * x` are never 0)"
 )
-CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
+CONDITIONS = frozenset(
+    {"known", "and", "or", "positive", "not negative", "inside", "sign", "branch"}
+)
+"""`sign`: of a number that is beside 0. `branch`: what a step decides, by its number."""
 
 
 class NoExpressionError(Exception):
@@ -234,6 +237,10 @@ class Expressions:
             return self._stands_for(self.true if is_positive(ahead) else self.false, ahead)
         return self._node("positive" if op in ("<", ">") else "not negative", ahead)
 
+    def sign(self, a: Node) -> Node:
+        """`a > 0`, which holds, or does not, only beside 0."""
+        return self._node("sign", a)
+
     def inside(self, a: Node, low: float, high: float) -> Node:
         """`low <= a <= high`."""
         return self._node("inside", a, low, high)
@@ -251,7 +258,7 @@ class Expressions:
             other = "or" if a.op == "and" else "and"
             return self._node(other, *[self.not_(x) for x in a.of])
         assert a.op != "inside"
-        other = "not negative" if a.op == "positive" else "positive"
+        other = {"sign": "sign", "positive": "not negative"}.get(a.op, "positive")
         return self._node(other, self.neg(a.of[0]))
 
     def join(self, op: str, a: Node, b: Node) -> Node:
@@ -291,13 +298,31 @@ class Expressions:
             return self.compare(">" if e.op == "positive" else ">=", below[0], self.number(0.0))
         return self._node(e.op, *below)
 
+    def branches(self, rates: Sequence[Node]) -> tuple[list[Node], list[Node], list[Node]]:
+        """The same rates, their conditions true or false only beside where these change; those.
+
+        Where a rate jumps a plant may go on with anything between both sides: nothing is decided
+        there. The second list: the rates with each condition as a `branch`, by its place.
+        `NoExpressionError` for a condition that is none of signs.
+        """
+        signs = {
+            c: self.sign(c.of[0]) for c in in_order(rates) if c.op in ("positive", "not negative")
+        }
+        if any(c.op == "inside" for c in in_order(rates)):
+            raise NoExpressionError("its rate hangs on a condition that is not one of signs")
+        rates = [self.replaced(e, signs) for e in rates]
+        conditions = list({e.of[0]: None for e in in_order(rates) if e.op == "select"})
+        places = {c: self._node("branch", k) for k, c in enumerate(conditions)}
+        return rates, [self.replaced(e, places) for e in rates], conditions
+
     # ------------------------------------------------------------ derivatives
 
     def along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
         """The derivative of `e` when its inputs move as `direction` says; all others stand still.
 
         For `min` and `max` it is that of the operand taken; where both are equal, anything between.
-        `NoExpressionError` for a `select` and for what jumps. `known` remembers results.
+        That of a `select` is the one of what is taken: what a jump adds is its user's to see to.
+        `NoExpressionError` for what jumps otherwise. `known` remembers results.
         """
         if e not in known:
             known[e] = self._along(e, direction, known)
@@ -308,7 +333,8 @@ class Expressions:
         if e.op in ("number", "input"):
             return direction.get(e, zero)
         if e.op == "select":
-            raise NoExpressionError("its rate jumps or has branches (`c ? a : b`)")
+            taken = (self.along(x, direction, known) for x in e.of[1:])
+            return self.select(e.of[0], *taken)
         parts = [self.along(x, direction, known) for x in e.of]
         if all(x is zero for x in parts):
             return zero
@@ -316,7 +342,7 @@ class Expressions:
             raise NoExpressionError(f"its rate jumps (`{e.op}`)")
         (d, *rest), a = parts, e.of[0]
         if e.op in ("add", "sub"):
-            return self.add(d, rest[0]) if e.op == "add" else self.sub(d, rest[0])
+            return {"add": self.add, "sub": self.sub}[e.op](d, rest[0])
         if e.op == "neg":
             return self.neg(d)
         if e.op == "mul":
@@ -388,21 +414,6 @@ def _most(e: Node, of: Sequence[float]) -> float:
     return of[0] / abs(e.of[1].of[0]) if e.op == "over" else max(1e9, *of)
 
 
-def domain(make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]) -> list[Node]:
-    """Conditions of states under which rates are defined whose parts do not say so.
-
-    Something of a rate may cancel in its `parts`, or be 0 with a disturbance in its middle, that is
-    no number, or so steep there that a flow has several solutions. `slopes`: derivatives of the
-    effects along directions "v" of states. `NoExpressionError` where one hangs on what moves.
-    """
-    known = {*in_order(parts)}
-    partial = [x for x in in_order([*slopes, *make.hidden]) if x.op in PARTIAL and x not in known]
-    asked = [x for x in partial if not (x.op == "inverse" and is_positive(x.of[0]))]
-    if any(below(x, kind) for x in asked for kind in "uw"):
-        raise NoExpressionError(MAY_FAULT)
-    return [make.inside(x, -LARGEST, LARGEST) for x in asked if not below(x, "y")]
-
-
 def is_positive(e: Node) -> bool:
     """Whether it is above 0 as it is written, for a machine, too (exp(x) may be 0): 1 + x^2."""
     if e.op == "number":
@@ -412,49 +423,6 @@ def is_positive(e: Node) -> bool:
     if e.op == "add" and is_positive(e.of[1]):
         return e.of[0].op in ("abs", "square") or is_positive(e.of[0])
     return False
-
-
-@dataclass(frozen=True)
-class Moved:
-    """Rates f(x, u, w) as a sum of what moves them.
-
-    `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
-    for each disturbance, then each control, its factor in every rate, 0 of those in `ranged`. A
-    factor may read x and `ranged`, and that of a disturbance all controls (a brake that grips more
-    or less). `ranged`: the others, which stand in `still`, and are ranges there.
-    """
-
-    still: list[Node]
-    effects: list[list[Node]]
-    ranged: list[Node]
-
-
-def moved(
-    make: Expressions,
-    rates: Sequence[Node],
-    middles: Mapping[Node, float],
-    controls: Sequence[Node],
-) -> Moved:
-    """How controls, and disturbances, each with the middle of its range, move these rates.
-
-    `NoExpressionError` where a rate jumps.
-    """
-    zero, one = make.number(0.0), make.number(1.0)
-    ranged: dict[Node, None] = {}
-    while True:
-        known = {w: make.number(m) for w, m in middles.items() if w not in ranged}
-        still = [make.replaced(e, known) for e in rates]
-        effects, more = [], dict(ranged)
-        for movers, of in ((list(middles), rates), (controls, still)):
-            affine = set(movers) - set(ranged)
-            for x in movers:
-                row = [make.along(e, {x: one}, {}) for e in of]
-                if affine & set(in_order(row)):
-                    more[x] = None
-                effects.append([zero] * len(row) if x in ranged else row)
-        if more == ranged:
-            return Moved(still, effects, list(ranged))
-        ranged = more
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:
@@ -485,6 +453,11 @@ def half_width(r: Interval) -> float:
 def below(e: Node, kind: str) -> bool:
     """Whether an input of this kind occurs in `e`."""
     return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))
+
+
+def deciding(roots: Iterable[Node]) -> set[Node]:
+    """The nodes on which it hangs which branch is taken somewhere in some expressions."""
+    return {*in_order([e.of[0] for e in in_order(list(roots)) if e.op == "select"])}
 
 
 def states_read(roots: Iterable[Node]) -> set[int]:

@@ -118,6 +118,15 @@ def certain(
     return f"fun {name}({parameters}): bool {{\n{first}{body}{lines}  return true;\n}}\n"
 
 
+def decided(name: str, parameters: str, conditions: Sequence[Node], inputs: Inputs) -> str:
+    """The text of a function of ranges: whether each condition certainly holds, or does not."""
+    body, names = _statements_for_nodes(conditions, inputs, RANGES)
+    said = [of(c, names) for c in conditions for of in (_surely_true, _surely_false)]
+    return (
+        f"fun {name}({parameters}): bool[{len(said)}] {{\n{body}  return {array_text(said)};\n}}\n"
+    )
+
+
 def _shared_conditions(condition: Node) -> dict[Node, str]:
     """Names for conditions that are used more than once, so that each is written out only once."""
     order = [c for c in in_order([condition]) if c.op in ("and", "or")]
@@ -211,7 +220,9 @@ def _surely_true(c: Node, names: Mapping[Node, str]) -> str:
     if c.op == "inside":
         a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
         return f"({a}.lo >= {low} && {a}.hi <= {high})"
-    return f"{names[c.of[0]]}.lo {'>' if c.op == 'positive' else '>='} 0.0"
+    if c.op == "branch":
+        return f"on[{2 * c.of[0]}]"
+    return f"{names[c.of[0]]}.lo {'>=' if c.op == 'not negative' else '>'} 0.0"
 
 
 def _surely_false(c: Node, names: Mapping[Node, str]) -> str:
@@ -226,6 +237,8 @@ def _surely_false(c: Node, names: Mapping[Node, str]) -> str:
     if c.op == "inside":
         a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
         return f"({a}.hi < {low} || {a}.lo > {high})"
+    if c.op == "branch":
+        return f"on[{2 * c.of[0] + 1}]"
     return f"{names[c.of[0]]}.hi {'<=' if c.op == 'positive' else '<'} 0.0"
 
 

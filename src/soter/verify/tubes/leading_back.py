@@ -27,7 +27,7 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order, middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.problem import cut_to_farthest
-from soter.verify.tubes.tube_check import CUTS, PLAIN
+from soter.verify.tubes.tube_check import CUTS, MOST, PLAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -66,6 +66,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": np.logical_and,
     "or": np.logical_or,
     "positive": lambda x: x > 0.0,
+    "sign": lambda x: x > 0.0,
     "not negative": lambda x: x >= 0.0,
     "wrap_angle": lambda x: np.arctan2(np.sin(x), np.cos(x)),
     "real_sin": np.sin,
@@ -301,8 +302,7 @@ class _LeadBackSearch:
             announce(lambda: f"{self._name}: {why}")
             why += self._larger_box_in_words(runs.reached)
             return LeadBackResult({}, why, astray=runs.astray.state)
-        todo, shown, tried = [(self._box, 0, 1.0)], 0.0, 0
-        parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
+        todo, shown, tried, parts_max = [(self._box, 0, 1.0)], 0.0, 0, 1
         while todo:
             part, depth, share = todo.pop()
             tried += 1
@@ -310,13 +310,15 @@ class _LeadBackSearch:
             if way is not None:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
-            elif depth == SPLITS or not own or tried >= parts_max:
+            elif depth == SPLITS or not own or tried > parts_max:
                 return self._result_of_failure(part, into, shown, tried, runs)
             else:
                 todo += [(half, depth + 1, 0.5 * share) for half in self._halves(part)]
                 if not depth:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
+                    self._choose_cut_for_parts()
+                    parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
                     todo.append((self._smallest_last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             share_done(shown)
@@ -338,6 +340,15 @@ class _LeadBackSearch:
             part = self._halves(part)[-1]
         return part
 
+    def _choose_cut_for_parts(self) -> None:
+        """Take the most columns where they show of the smallest part what few do not."""
+        part, fits = self._smallest_last_part(), False
+        if self._check.read_by_law and self._way(part, self._box) is None:
+            with suppress(TooLongError, SoterError):
+                fits = self._way_with_cut(MOST, part) is not None
+            if not fits:
+                self._way_with_cut(PLAIN, part)
+
     def _way_from_whole_box(self) -> Box | None:
         """The way from all of the box, by the first of `CUTS` with which the start is shown, too.
 
@@ -346,19 +357,19 @@ class _LeadBackSearch:
         """
         for cut in range(len(CUTS)) if self._check.read_by_law else ():
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
-                way = self._way_with_cut(cut)
+                way = self._way_with_cut(cut, self._box)
                 if way is not None and self._start_leads_to_rest(way):
                     return way
                 self._rests = self._rests or (None if way is None else (cut, way))
-        return self._way_with_cut(PLAIN)
+        return self._way_with_cut(PLAIN, self._box)
 
-    def _way_with_cut(self, cut: int) -> Box | None:
+    def _way_with_cut(self, cut: int, part: Box) -> Box | None:
         check = self._check
         check.cut = cut
         if cut != PLAIN:
             check.cost()
         self._caller = Caller(check.offline({}))
-        return self._way(self._box, self._box)
+        return self._way(part, self._box)
 
     def _start_leads_to_rest(self, way: Box) -> bool:
         initial = {s: self._check.problem.initial[s] for s in self._check.states}

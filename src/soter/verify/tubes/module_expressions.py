@@ -35,15 +35,14 @@ from soter.verify.tubes.expression_graph import (
     LARGEST,
     MAY_FAULT,
     Expressions,
-    Moved,
     Node,
     NoExpressionError,
     Value,
     below,
     in_order,
     middle,
-    moved,
 )
+from soter.verify.tubes.moved_rates import moved
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
     from soter.verify.enclose.enclosure_inputs import Path
+    from soter.verify.tubes.moved_rates import Moved
     from soter.verify.tubes.problem import TubeProblem
 
     Maps = Mapping[tuple[int, int], Node]

@@ -87,8 +87,13 @@ class TubeTimes:
 
     @property
     def depth(self) -> int:
-        """How many periods of SC a read may reach back: those in d + j, at least 1."""
-        return max(1, -(-(self.delay + self.jitter) // self.period))
+        """How many commands may act while a read gets old: periods of SC in d + 2 j, at least 1."""
+        return max(1, -(-(self.delay + 2 * self.jitter) // self.period))
+
+    def earlier(self, p: int) -> int:
+        """How long the command p outputs before the last may have acted since a read was taken."""
+        since = self.delay + 2 * self.jitter - p * self.period
+        return max(0, min(self.period + 2 * self.jitter, since))
 
     @staticmethod
     def of(problem: TubeProblem) -> TubeTimes:

@@ -18,14 +18,15 @@ import random
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.language.model.tree_walk import MAX_OPERATIONS
 from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expression_graph import in_order
-from soter.verify.tubes.generated_functions import Caller, TooLongError, function, shared_text
+from soter.verify.tubes.enclosures import enclosed
+from soter.verify.tubes.expression_graph import deciding, in_order
+from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.leading_back import box_in_words, leads_back, region_of
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused, rounded_up
 from soter.verify.tubes.tube_check import PLAIN
@@ -40,10 +41,6 @@ if TYPE_CHECKING:
 
     Ranges = Mapping[tuple[str, int], Interval]
     Progress = Callable[[float], None]
-
-
-RANGES = "const SYMBOLS: int = 1;\nconst NONE: float[SYMBOLS] = [0.0];"
-"""Constants for forms with one symbol, so that no two of them share an error."""
 
 
 def drift_not_shown(
@@ -112,7 +109,13 @@ def _why_it_may_drift(
         p, rest = make.split(e, x)
         (own,) = _decide_extremes(check, [check.rates[state]], ranges)
         q = make.factor(own, x)
-        if q is None or p is make.number(0.0):
+        if p is make.number(0.0):
+            continue
+        if q is None:
+            least = _one_sided(make, own, x, p, ranges)
+            if least is not None:
+                most += least
+                e = rest
             continue
         of_p, of_q = enclosed([p, q], ranges)
         if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
@@ -129,9 +132,34 @@ def _why_it_may_drift(
     return ""
 
 
+def _one_sided(make: Expressions, own: Node, x: Node, p: Node, ranges: Ranges) -> Fraction | None:
+    """What x p adds at most, where it adds on one side of x = 0 alone, and x falls back there.
+
+    V = c max(x, 0), or its mirror image: where x > 0 and x' <= -m < 0, of x p no more than
+    c m = (the largest x) (the largest p) is lost. None: it is not so.
+    """
+    (of_p,) = enclosed([p], ranges)
+    for side in (1.0, -1.0):
+        if side * (of_p.low if side > 0.0 else of_p.high) < 0.0:
+            continue
+        far = ranges[x.of].high if side > 0.0 else -ranges[x.of].low
+        beside = {make.sign(x if side > 0.0 else make.neg(x)): make.true}
+        beside[make.sign(make.neg(x) if side > 0.0 else x)] = make.false
+        known = {**ranges, x.of: Interval(0.0, far) if side > 0.0 else Interval(-far, 0.0)}
+        (rate,) = enclosed([make.replaced(make.mul(own, make.number(side)), beside)], known)
+        if far > 0.0 and rate.high < 0.0 and isfinite(of_p.high - of_p.low):
+            size = max(abs(Fraction(of_p.low)), abs(Fraction(of_p.high)))
+            return Fraction(far) ** 2 * size / -Fraction(rate.high)
+    return None
+
+
 def _at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> Node:
-    """`e` with each disturbance that is only added set to the end at which it adds most."""
-    for w in [x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"]:
+    """`e` with each disturbance that is only added set to the end at which it adds most.
+
+    One on which a branch hangs does more than add.
+    """
+    winds = {x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"}
+    for w in winds - deciding([e]):
         slope = make.along(e, {w: make.number(1.0)}, {})
         if slope.op == "number":
             ends = ranges["w", w.of[1]]
@@ -157,36 +185,6 @@ def _decide_extremes(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) ->
             larger = b if smaller is a else a
             known[e] = smaller if e.op == "min" else larger
     return [make.replaced(e, known) for e in roots]
-
-
-def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
-    """A range that holds each expression, over `ranges`; endless where nothing is known."""
-    return Enclosures([nodes]).of(0, ranges)
-
-
-class Enclosures:
-    """Lists of expressions, written out once and enclosed over several ranges."""
-
-    def __init__(self, lists: Sequence[Sequence[Node]]) -> None:
-        self._count = [len(nodes) for nodes in lists]
-        self._used = [[e for e in in_order(nodes) if e.op == "input"] for nodes in lists]
-        text = [RANGES, shared_text("forms.soter")]
-        for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
-            over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
-            many = f"Form[{max(1, len(used))}]"
-            text.append(function(f"asked_{k}", f"a: {many}", nodes, over, f"Form[{len(nodes)}]"))
-        self._caller = Caller("\n".join(text))
-
-    def of(self, k: int, ranges: Ranges) -> list[Interval]:
-        """Ranges of the expressions of list `k`, over `ranges`; endless where nothing is known."""
-        value = self._caller.value
-        inputs: list[Any] = [
-            value("f_range", ranges[e.of].low, ranges[e.of].high) for e in self._used[k]
-        ] or [value("f_number", 0.0)]
-        found = value(f"asked_{k}", inputs)
-        if found is None:
-            return [Interval(-inf, inf)] * self._count[k]
-        return [Interval(f[2], f[3]) for f in found]
 
 
 HALVINGS, TRIED = 12, 500

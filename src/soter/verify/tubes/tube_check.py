@@ -3,34 +3,28 @@
 Purpose: `TubeCheck` reads a module's rates, law and predicates as expressions. Of them and of the
 parts that all modules share (`forms.soter`, `tube.soter`, `check.soter`) it writes two programs:
 `in_flight`, with `fun good(estimate: float[n]): bool`, and `offline`, with the functions of
-`rest.soter`, which are asked before anything flies. `TubeLevels` writes the DM's predicates:
-`safer` where an estimate is `good`, else `ttf`.
-Non-goals: asking it (`rest_claims.py`), putting predicates into a module
-(`deploy/missing_predicates.py`).
+`rest.soter`, which are asked before anything flies.
+Non-goals: asking it (`rest_claims.py`), the DM's predicates (`tube_levels.py`).
 """
 
 from __future__ import annotations
 
 import re
 from copy import copy
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from fractions import Fraction
-from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING
 
 from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
-from soter.language.model import typed as t
 from soter.language.model.tree_walk import cost_of
-from soter.language.model.types import FLOAT, INT, ArrayType, leaves
-from soter.verify.deploy.level_tables import LevelTable, estimate
+from soter.language.model.types import leaves
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     PARTIAL,
     NoExpressionError,
     below,
-    domain,
     half_width,
     in_order,
     middle,
@@ -43,6 +37,7 @@ from soter.verify.tubes.generated_functions import (
     RANGES,
     array_text,
     certain,
+    decided,
     exact_form_text,
     form_text,
     function,
@@ -52,6 +47,7 @@ from soter.verify.tubes.generated_functions import (
     shared_text,
 )
 from soter.verify.tubes.module_expressions import ModuleExpressions
+from soter.verify.tubes.moved_rates import domain
 from soter.verify.tubes.problem import (
     FARTHEST,
     TubeProblem,
@@ -66,14 +62,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.language.model.system import Shield
-    from soter.language.model.typed import Cost, FunSymbol
-    from soter.verify.deploy.level_tables import Writer
-    from soter.verify.deploy.shield_tables import ShieldWriter
-    from soter.verify.problem.problem import Group, Problem
+    from soter.language.model.typed import Cost
     from soter.verify.tubes.generated_functions import Inputs
 
 
 RANGED = "x: Ranges, u: Orders"
+ON = ", on: bool[BRANCHES]"
+"""The parameter of rates with branches: which of these a step takes."""
 SYMBOLS_MAX = 2000
 """How many symbols a form may have: the rounding bounds of `forms.soter` count on it."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
@@ -112,7 +107,7 @@ class TubeCheck:
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
         self.make = module.make
-        self.rates = every = module.rates()
+        self.rates = every = self.make.branches(module.rates())[0]
         self.law = module.law()
         self._defined = module.law_defined(self.law)
         self._safe = module.constraint()
@@ -125,7 +120,8 @@ class TubeCheck:
         self._still, self._ranged, of_movers = moved.still, moved.ranged, enumerate(moved.effects)
         found = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
         self._effects = found or [(0, 0, zero)]  # no array is empty
-        self._bends = module.bends(self._still)
+        _, self._decided, self._branches = self.make.branches(self._still)
+        self._bends = module.bends(self._decided)
         effects = [e for row in moved.effects for e in row]
         parts, slopes = [*self._still, *effects], module.bends(effects)
         for condition in domain(self.make, parts, slopes):  # SC's are asked of its step
@@ -142,6 +138,8 @@ class TubeCheck:
         self._refuse_unbounded_states()
         self._refuse_other_views(module.seen)
         topics = self.problem.system.topics
+        driven = {o.topic for step in self.problem.core.plants.values() for o in step.outputs}
+        self._sample = {s: (t, -1 if t in driven else s) for s, (t, _) in module.seen.items()}
         bounds = {s: topics[t].bounds[k] for s, (t, k) in module.seen.items()}
         endless = Interval(-inf, inf)
         self.read_sets = {s: Interval(b.low, b.high) if b else endless for s, b in bounds.items()}
@@ -219,6 +217,8 @@ class TubeCheck:
         text, first = "\n".join(parts), self.problem.first_map
         if not any(x.of[0] == "u" for x in self._ranged):
             text = re.sub(r"spread\((\w+), \w+\)", r"\1", text)
+        if not self._branches:
+            text = re.sub(r"  let on = .*\n", "", text).replace(ON, "").replace(", on)", ")")
         if not first:
             for given in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
                 text = text.replace(given, "")
@@ -266,10 +266,11 @@ class TubeCheck:
             shared_text("forms.soter"),
             shared_text("tube.soter"),
             self._ranged_movers(),
-            function("rates", "x: Forms, u: Controls", self._still, inputs, "Forms"),
+            function("rates", f"x: Forms, u: Controls{ON}", self._decided, inputs, "Forms"),
             function("speeds", RANGED, self._still, ranges, "Ranges", RANGES),
             function("effects", RANGED, [e for *_, e in self._effects], ranges, "Effects", RANGES),
-            function("bends", "x: Forms, u: Controls, v: Forms", self._bends, inputs, "Forms"),
+            function("bends", f"x: Forms, u: Controls, v: Forms{ON}", self._bends, inputs, "Forms"),
+            *([decided("branches", RANGED, self._branches, ranges)] if self._branches else []),
             self._rates_by_number(ranges),
             function("law", "y: Forms", self.law, inputs, "Controls"),
             certain("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
@@ -287,7 +288,7 @@ class TubeCheck:
     def _ranged_movers(self) -> str:
         """What stands in rates as a range: disturbances, and commands by what they may be off."""
         lines, winds = [], self.problem.disturbances
-        if any(x.of[0] == "w" for x in self._ranged):
+        if any(below(x, "w") for x in self._ranged):
             forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]
             ranges = [f"{{ lo: {number(d.low)}, hi: {number(d.high)} }}" for d in winds]
             pairs = (f"{FORMS}: Form", forms), (f"{RANGES}: Range", ranges)
@@ -307,15 +308,16 @@ class TubeCheck:
             rate = [self._still[k]]
             lines.append(function(f"rate_{k}", RANGED, rate, inputs, "Range[1]", RANGES))
             movers = [m for state, m, _ in self._effects if state == k]
+            body = [f"    return rate_{k}(x, u)[0];"]
             if movers:
                 effects = [e for state, _, e in self._effects if state == k]
                 result = f"Range[{len(movers)}]"
                 lines.append(function(f"effects_{k}", RANGED, effects, inputs, result, RANGES))
-                added = " + ".join(f"size(b[{p}]) * wide[{m}]" for p, m in enumerate(movers))
-                body = [f"    let b = effects_{k}(x, a);", f"    let d = {added};"]
-            else:
-                body = ["    let d = 0.0;"]
-            body.append(f"    return i_widened(rate_{k}(x, u)[0], d * GROW + TINY);")
+                sizes = [f"size(b[{p}])" for p, _ in enumerate(movers)]
+                added = " + ".join(f"{b} * wide[{m}]" for b, m in zip(sizes, movers, strict=True))
+                off = f"{' + '.join(sizes)} > 0.0 ? ({added}) * GROW + TINY : 0.0"
+                moved = f"i_widened(rate_{k}(x, u)[0], {off})"
+                body = [f"    let b = effects_{k}(x, a);", f"    return {moved};"]
             taken = "\n".join(body)
             calls = f"  if i == {k} {{\n{taken}\n  }} else {{\n{calls}\n  }}"
         head = "fun faced(i: int, x: Ranges, u: Orders, a: Orders, wide: Wide): Range"
@@ -365,19 +367,29 @@ class TubeCheck:
         moved = len(q.controls) + len(q.disturbances)
         keep, _ = CUTS[self.cut]
         read = 2 * n + keep
-        closed, moves = read + n, read + n + moved
+        commands = read + n
+        closed = commands + len(q.controls)
+        moves = closed + moved
         symbols, holds = moves + moved * STEPS + 1, times.switches + 1
+        depth = times.depth
         if not self.read_by_law:  # no command shares a symbol with a state, and none switches
             closed = moves = read
-            symbols, holds = read + max(moved, n) + 1, 2 * holds
+            symbols, holds, depth = read + max(moved, n) + 1, 2 * holds, 1
         return {
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": len(q.controls),
             "DISTURBANCES": len(q.disturbances), "MOVED": moved,
-            "EFFECTS": len(self._effects), "KEEP": keep, "READS": read, "CLOSED": closed,
+            "EFFECTS": len(self._effects), "KEEP": keep, "READS": read, "COMMANDS": commands,
+            "CLOSED": closed, "SAMPLES": len(self._samples()),
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
-            "HOLDS": holds, "DEPTH": times.depth, "FACES": len(self._faced),
+            "HOLDS": holds, "DEPTH": depth, "ACTED": depth * len(q.controls),
+            "FACES": len(self._faced),
             "TIME": symbols - 1, "LEVELS": LEVELS, "PARTS": PARTS,
+            "BRANCHES": 2 * len(self._branches),
         }  # fmt: skip
+
+    def _samples(self) -> list[tuple[int, int]]:
+        """What SC reads of one instant each: a topic of a plant, or a number that a node shows."""
+        return sorted({self._sample[s] for s in self.read_by_law}) or [(-1, -1)]
 
     def _seconds(self) -> dict[str, float]:
         """The times of the text, in s."""
@@ -405,6 +417,11 @@ class TubeCheck:
         effects = [f"{{ state: {k}, mover: {mover} }}" for k, mover, _ in self._effects]
         halves = [0.5 if k in self._faced else 1.0 for k in range(n)]
         middles = [exact_form_text(middle(c)) for c in self.problem.controls]
+        any_of = [form_text(middle(c), half_width(c), c.low, c.high) for c in self.problem.controls]
+        places = {sample: str(k) for k, sample in enumerate(self._samples())}
+        sample = [places.get(self._sample.get(s, (-1, -1)), "0") for s in self.states]
+        depth = self.times.depth if self.read_by_law else 1
+        earlier = [rounded_up(Fraction(self.times.earlier(p), 10**9)) for p in range(depth)]
         zero, low, high = (numbers_text([x] * n) for x in (0.0, inf, -inf))
         return [
             f"const NONE: float[SYMBOLS] = {numbers_text([0.0] * symbols)};",
@@ -413,7 +430,10 @@ class TubeCheck:
             f"const NOWHERE: Forms = {array_text([exact_form_text(0.0)] * n)};",
             f"const NO_RANGES: Ranges = {array_text([NO_RANGE] * n)};",
             f"const NO_ORDERS: Orders = {array_text([NO_RANGE] * m)};",
-            f"const NO_FORMS: Forms[DEPTH] = {array_text(['NOWHERE'] * self.times.depth)};",
+            f"const NO_PAST: Ranges[DEPTH] = {array_text(['NO_RANGES'] * depth)};",
+            f"const SAMPLE: int[STATES] = {array_text(sample)};",
+            f"const ANY_ACTED: Acted = {array_text(any_of * depth)};",
+            f"const EARLIER: float[DEPTH] = {numbers_text(earlier)};",
             "type Effect = { state: int, mover: int };",
             f"const EFFECT: Effect[EFFECTS] = {array_text(effects)};",
             f"const FACED: int[{max(1, len(self._faced))}] = {array_text(faced or ['0'])};",
@@ -425,71 +445,3 @@ class TubeCheck:
             f"const NO_SPAN: Region = {{ lo: {low}, hi: {high} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
-
-
-IN_S0 = 2
-
-
-@dataclass(frozen=True, eq=False)
-class TubeLevels(LevelTable):
-    """Level 2 of an estimate from which SC is followed to rest, level 0 of every other one."""
-
-    states: tuple[int, ...]
-    text: str
-    maps: int = 0
-    """How many numbers of maps the function takes, after those of the estimate."""
-    rest: object = None
-    """What it is made of, as a certificate has it (`rest_claims.py`)."""
-    two_levels = True
-    ends = ()
-    """Empty: there are no cells, so no breakpoints."""
-    full = None
-    samples = None
-
-    @classmethod
-    def of(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
-        """The predicates of one check; `ways`: Y, the range of each state as was shown offline."""
-        return cls(tuple(check.states), check.in_flight(ways), len(check.problem.map_leaves), rest)
-
-    @cached_property
-    def functions(self) -> Mapping[str, FunSymbol]:
-        """The functions of the check in flight, by name."""
-        return functions_of(self.text)
-
-    def share(self, group: Group) -> float:
-        """There is no group to have a share of."""
-        raise NotImplementedError
-
-    def function(self, w: Writer, name: str) -> FunSymbol:
-        """`fun level(x0: float, ...): int`."""
-        good = self.functions["good"]
-        given = (("x", len(self.states)), ("m", self.maps))
-        inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in given]
-        found = w.call(good, *(_numbers(w, [w.read(x) for x in of]) for of in inputs if of))
-        answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
-        return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
-
-    def more(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
-        """An expression for each number of the maps that `safe` reads."""
-        assert isinstance(problem, TubeProblem)
-        at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
-        paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
-        return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
-
-    def judged(self, w: ShieldWriter) -> t.TypedExpr:
-        """An expression: SC brings the plant to rest from every command that may act then."""
-        own = _numbers(w, [w.command(k) for k in range(len(w.problem.controls))])
-        at = _numbers(w, estimate(w, w.problem, self))
-        maps = self.more(w, w.problem)
-        given = [_numbers(w, maps)] if maps else []
-        return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
-
-    def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Its constants; the check itself is made from the program."""
-        del names, stem, files
-        return {"rest": self.rest}
-
-
-def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
-    """An expression: the array of these values."""
-    return t.Aggregate(ArrayType(FLOAT, len(values)), w.span, tuple(values))

@@ -211,8 +211,6 @@ PROGRAMS: dict[str, tuple[tuple[str, ...], str, tuple[str, str]]] = {
         ALL, TRAIN, ("  step { publish levers = { gas: 0.0",
                          "  step { assert sight.v < 39.99; publish levers = { gas: 0.0"),
     ),
-    "SC's topic has no set": (ALL, TRAIN, ("sight: Sight in { v in [-2.0, 40.0] }",
-                                                "sight: Sight")),
     "SC has the wrong sign": (KEEPS, HELD, ("-3.0 * seen", "3.0 * seen")),
     "SC does nothing about wind": (KEEPS, HELD, ("-3.0 * seen", "-0.0 * seen")),
     "SC looks elsewhere": (KEEPS, HELD, ("-3.0 * seen", "-3.0 * (seen - 0.35)")),
@@ -242,6 +240,15 @@ def test_rest_is_not_confirmed_of_programs_that_do_not_keep_it(
     without(parts, monkeypatch)
     _, report = recheck_rest(flat, made)
     assert "P2a" in report.confirmed
+
+
+def test_a_topic_of_sc_needs_no_set_if_its_state_stays_below_a_bound() -> None:
+    """The state may be anything up to that bound, and SC answers all of it."""
+    flat, made = train(changed(TRAIN, ("sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight")))
+    made["claims"]["start"] = "undecided"
+    _, report = recheck_rest(flat, made)
+    assert "P2a" in report.confirmed
+    assert any("r.v, whose topic has no smaller set" in a.text for a in report.assumptions)
 
 
 LANE = """soter 1;

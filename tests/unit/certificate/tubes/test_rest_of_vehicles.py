@@ -164,3 +164,109 @@ def test_a_servo_that_saturates_stops_a_robot_that_turns_for_ever(
     assert found.modules[0].findings["P2a"].verdict == verdict
     report = recheck(tmp_path / "cert")
     assert ("P2a" in report.modules[0].confirmed) == (verdict == "proved")
+
+
+STOPS = """soter 1;
+topic seen: { gap: float, v: float } max_age 60ms;
+topic accel: float in [-6.0, 2.0] = 0.0;
+plant Car period 10ms { reads accel; drives seen = { gap: gap, v: v };
+  state gap: float = 80.0; state v: float = 10.0;
+  disturbance grip: float in [-0.5, 0.5];
+  der gap = -v;
+  der v = v > 0.0 || accel > 0.0 ? accel + grip : 0.0;
+  measured seen.gap within 0.3, seen.v within 0.1; }
+node Drive period 20ms { subscribes seen; publishes accel; step { publish accel = 1.0; } }
+node Brake period 20ms { publishes accel; step { publish accel = -6.0; } }
+rta Aeb { ac Drive; sc Brake; period 40ms; safe seen.gap > 0.0;
+  rest abs(seen.v) < 0.1 moves seen.gap by 0.0019 down within 4s; }
+system S default { c: Car; module Aeb; until 30s; }
+"""
+"""0.1^2 / 5.5 is 0.00182: twice as far as it goes."""
+
+
+@pytest.mark.parametrize(
+    ("change", "verdict"),
+    [
+        (None, "proved"),
+        (("by 0.0019 down", "by 0.0017 down"), "undecided"),
+        (("by 0.0019 down", "by 0.0019"), "undecided"),
+        (("der gap = -v;", "der gap = -abs(v);"), "undecided"),
+        (("der gap = -v;", "der gap = -v - 0.001;"), "undecided"),
+        (("v > 0.0 || accel", "v > -0.05 || accel"), "proved"),
+        (("accel + grip : 0.0", "accel + grip : -0.01"), "undecided"),
+        (("accel + grip : 0.0", "accel + grip : 0.01"), "proved"),
+        (("publish accel = -6.0", "publish accel = 0.5"), "undecided"),
+    ],
+    ids=["as it is", "less far", "up, too", "backwards, too", "it is driven", "it rolls back",
+         "it rolls back slowly", "it creeps", "it drives on"],
+)  # fmt: skip
+def test_a_car_that_stops_by_a_branch_is_at_rest(
+    tmp_path: Path, change: tuple[str, str] | None, verdict: str
+) -> None:
+    (tmp_path / "car.soter").write_text(STOPS if change is None else changed(STOPS, change))
+    found = load(tmp_path / "car.soter").verify(refute=False, budget_s=0.0)
+    assert found.modules[0].findings["P2a"].verdict == verdict
+    if change is None:
+        assert found.modules[0].findings["start"].verdict == "proved"
+
+
+PUSHED = """soter 1;
+type S = { z: float, v: float };
+topic seen: S in { v in [-2.0, 2.0] } max_age 40ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms { reads push; drives seen = { z: z, v: v };
+  state z: float = 0.0; state v: float = 0.0;
+  disturbance w: float in [-1.0, 1.0];
+  der z = RATE;
+  der v = push - 4.0 * v; }
+node Go period 20ms { subscribes seen; publishes push; step { publish push = 1.0; } }
+node Stop period 20ms { subscribes seen; publishes push; step { publish push = 0.0; } }
+rta M { ac Go; sc Stop; period 40ms; safe seen.z < 100.0;
+  rest abs(seen.v) < 0.5 moves seen.z by 0.3 up within 2s; }
+system T default { c: Cart; module M; until 1s; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("rate", "verdict"),
+    [
+        ("v + w - 1.0", "proved"),
+        ("v + (w > 0.0 ? w - 5.0 : w - 1.0)", "proved"),
+        ("v + (w > 0.0 ? w - 5.0 : w + 3.0)", "undecided"),
+        ("v + w + (w > 0.5 ? -5.0 : 0.0)", "undecided"),
+        ("v + (abs(w) > 0.9 ? -2.0 * w - 3.0 : -2.0 * w)", "undecided"),
+        ("v + (w > v - 1.0 ? w - 5.0 : w + 1.5)", "undecided"),
+    ],
+)
+def test_a_disturbance_on_which_a_branch_hangs_is_not_put_to_one_end(
+    tmp_path: Path, rate: str, verdict: str
+) -> None:
+    """With w = 0 for ever z grows at 3, at 0 with w = 0.5, and so on: at the ends of w it falls."""
+    (tmp_path / "cart.soter").write_text(PUSHED.replace("RATE", rate))
+    found = load(tmp_path / "cart.soter").verify(refute=False, budget_s=0.0)
+    assert found.modules[0].findings["P2a"].verdict == verdict
+
+
+CHARGER = """soter 1;
+topic cell: { z: float, v: float } max_age 1s;
+topic amp: float in [0.0, 5.0] = 0.0;
+plant Cell period 500ms { reads amp; drives cell = { z: z, v: v };
+  state z: float = 0.2; state v: float = 0.0;
+  der z = amp / 9000.0; der v = (0.03 * amp - v) / 30.0;
+  measured cell.z within 0.01, cell.v within 0.005; }
+node Fast period 1s { publishes amp; step { publish amp = 5.0; } }
+node Cut period 1s { publishes amp; step { publish amp = 0.0; } }
+rta Charge { ac Fast; sc Cut; period 1s; safe 3.4 + 0.75 * cell.z + cell.v < MOST;
+  rest abs(cell.v) < 0.03 moves cell.z by 0.0001 up within 300s; }
+system S default { c: Cell; module Charge; until 3600s; }
+"""
+
+
+@pytest.mark.parametrize(("most", "accepted"), [(4.15, True), (3.58, False)])
+def test_a_sum_with_what_may_fall_without_end_is_asked_far_out_by_parts(
+    tmp_path: Path, most: float, accepted: bool
+) -> None:
+    """Of all z up to 0.2001 a sum rounds by more than 1 as far out as 1e100, and not near 0.2."""
+    (tmp_path / "cell.soter").write_text(CHARGER.replace("MOST", str(most)))
+    load(tmp_path / "cell.soter").verify(refute=False, cert=tmp_path / "cert", budget_s=0.0)
+    assert ("start" in recheck(tmp_path / "cert").modules[0].confirmed) == accepted

@@ -105,10 +105,10 @@ def test_an_sc_that_stops_in_the_last_cell_of_an_axis_is_told_so(axis: str, name
 
 
 def test_what_rest_cannot_follow_is_named() -> None:
-    jumps = ("der x = -v + slope * v;", "der x = -v + (v > 0.5 ? 0.1 * speed : 0.0);")
+    jumps = ("der x = -v + slope * v;", "der x = -v + wrap_angle(v);")
     case = case_of(changed(CART, jumps))
     cause, hint = _no_run_cause(LeavingSearch(), case, np.array([2.0, 0.0]), ())
-    assert cause.text.endswith("its rate jumps or has branches (`c ? a : b`)")
+    assert cause.text.endswith("its rate jumps (`wrap_angle`)")
     assert hint.startswith("rates and an SC that `rest` can follow")
 
 

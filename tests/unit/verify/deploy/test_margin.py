@@ -19,7 +19,7 @@ from soter.verify.deploy.level_tables import GroupTable
 from soter.verify.deploy.missing_predicates import looks_of
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import DiscreteParameter, texts
-from soter.verify.tubes.tube_check import TubeLevels
+from soter.verify.tubes.tube_levels import TubeLevels
 
 if TYPE_CHECKING:
     from pathlib import Path

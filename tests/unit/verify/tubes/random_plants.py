@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import random
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
@@ -195,6 +195,8 @@ def _renamed(text: str, own: list[str], seen: list[str]) -> str:
 
 MS = 1_000_000
 TIMES = TubeTimes(40 * MS, 80 * MS, 80 * MS, 23 * MS, 5 * MS, 50 * MS, 20)
+OLD_READS = replace(TIMES, delay=61 * MS)
+"""Two commands of SC, and any before them, may act while a read gets as old as this."""
 TRIED = """
 fun tried(op: int, a: Form[64], k: float[64]): Form[64] {
   var b = a;
@@ -208,16 +210,28 @@ fun tried(op: int, a: Form[64], k: float[64]): Form[64] {
     var wide = DISTURBED;
     for i in 0..MOVED { wide[i] = k[1 + i]; }
     let s = flow(x, u, wide, k[0], MOVES);
-    for i in 0..STATES { b[i] = s.end[i]; b[10 + i] = s.way[i]; b[20 + i] = s.rate[i]; }
+    for i in 0..STATES { b[i] = s.end[i]; b[10 + i] = s.way[i]; }
+    for i in 0..STATES { b[20 + i] = f_range(s.rate[i].lo, s.rate[i].hi); }
     b[30] = f_number(s.found ? 1.0 : 0.0);
   }
   if op == 1 {
-    let y = reduced(x, u);
+    var acted: Acted = ANY_ACTED;
+    for i in 0..ACTED { acted[i] = a[20 + i]; }
+    let y = reduced(x, acted);
     for i in 0..STATES { b[i] = y.x[i]; }
-    for i in 0..CONTROLS { b[20 + i] = y.u[i]; }
+    for i in 0..ACTED { b[20 + i] = y.u[i]; }
   }
-  if op == 2 { let y = read(x, v); for i in 0..STATES { b[i] = y[i]; } }
-  if op == 3 { let y = hulled(x, v); for i in 0..STATES { b[i] = y[i]; } }
+  if op == 2 {
+    var acted: Acted = ANY_ACTED;
+    for i in 0..ACTED { acted[i] = a[20 + i]; }
+    var rate = NO_RANGES;
+    for i in 0..STATES { rate[i] = ends(a[10 + i]); }
+    var rates_of: Ranges[DEPTH] = NO_PAST;
+    for p in 0..DEPTH { rates_of[p] = rate; }
+    let y = answered(x, acted, rates_of, int(k[0]));
+    for i in 0..CONTROLS { b[i] = y.u[i]; }
+    b[10] = f_number(y.found ? 1.0 : 0.0);
+  }
   if op == 4 {
     let y = between(u, other);
     let w = apart(u, other);
@@ -259,21 +273,27 @@ class Subject:
     module: DrawnModule
     symbols: int
     moves: int
+    depth: int
 
 
-def source_of(text: str, times: TubeTimes) -> tuple[str, int, int]:
-    """The check of a program's module, `tried` behind it; its SYMBOLS, its MOVES."""
+NUMBERS = "SYMBOLS", "MOVES", "DEPTH"
+
+
+def source_of(text: str, times: TubeTimes) -> tuple[str, int, int, int]:
+    """The check of a program's module, `tried` behind it; its SYMBOLS, MOVES and DEPTH."""
     flat = system_to_prove(check_file("drawn.soter", text), None)
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
     check.times = times
     made = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
-    sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in ("SYMBOLS", "MOVES")]
-    return made + TRIED, sizes[0], sizes[1]
+    sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in NUMBERS]
+    return made + TRIED, sizes[0], sizes[1], sizes[2]
 
 
-def drawn_subjects(folder: Path, count: int, *, bent: bool) -> tuple[Library, list[Subject]]:
+def drawn_subjects(
+    folder: Path, count: int, *, bent: bool, times: TubeTimes = TIMES
+) -> tuple[Library, list[Subject]]:
     """The first modules that are not refused: what no number stands for may be hidden in a rate."""
     found: list[Subject] = []
     programs, drawn_from = {}, iter(range(3 * count))
@@ -281,8 +301,8 @@ def drawn_subjects(folder: Path, count: int, *, bent: bool) -> tuple[Library, li
         number = next(drawn_from)
         module = drawn_module(random.Random(number), bent=bent)  # noqa: S311 - drawn examples
         with suppress(SoterError):
-            text, symbols, moves = source_of(module.text, TIMES)
+            text, symbols, moves, depth = source_of(module.text, times)
             name = f"drawn_{number}"
             programs[name] = text, symbols
-            found.append(Subject(name, module, symbols, moves))
+            found.append(Subject(name, module, symbols, moves, depth))
     return Library(folder, programs), found

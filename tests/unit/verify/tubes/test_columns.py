@@ -99,7 +99,7 @@ def test_as_many_columns_fly_as_rest_is_shown_with(
 @pytest.mark.long
 @pytest.mark.parametrize("why", ["they do not fit into a step", "they do not show it either"])
 def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch, why: str) -> None:
-    check = check_of(HOVER if "fit" in why else HOVER.replace("max_age 100us", "max_age 8ms"))
+    check = check_of(HOVER if "fit" in why else HOVER.replace("max_age 100us", "max_age 80ms"))
     monkeypatch.setattr(leading_back, "SPLITS", 0)
     if "fit" in why:
         most = Caller(check.offline({})).operations("follows")

@@ -144,11 +144,20 @@ def test_reads_go_back_no_further_than_the_holds_whose_rates_are_kept() -> None:
     for period in range(2, 12):
         for jitter in range(period // 2 + 1):
             for delay in range(4 * period):
-                depth = TubeTimes(0, 0, 0, delay, jitter, period, 9).depth
+                times = TubeTimes(0, 0, 0, delay, jitter, period, 9)
+                depth = times.depth
                 for n in range(depth, 9):  # before that the rates of any command are among them
                     begins = (n - depth) * period - (jitter if n > depth else 0)
                     assert begins <= n * period - jitter - delay
-                assert depth == 1 or (depth - 1) * period < jitter + delay
+                assert depth == 1 or (depth - 1) * period < 2 * jitter + delay
+                # output n reads what is so old; n - p - 1 acts until n - p does; before output 0,
+                # complete at 0, any command acts: that time is cut into periods
+                for n, p in product(range(1, 9), range(1, 9)):
+                    oldest = n * period - jitter - delay
+                    ends = (n - p) * period + jitter * (n > p)
+                    begins = (n - p - 1) * period - jitter * (n > p + 1)
+                    assert ends - max(begins, oldest) <= times.earlier(p)
+                    assert p < depth or ends <= oldest
 
 
 def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from soter.api import Program
 from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.tubes.tube_check import TubeLevels
+from soter.verify.tubes.tube_levels import TubeLevels
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult

@@ -1,0 +1,86 @@
+"""What moves the states in a step: rates as sums of what commands and disturbances do.
+
+Purpose: `moved` takes rates apart into what is left with disturbances in the middle of their ranges
+and the effect of each command and disturbance; `domain` says where that is defined.
+Non-goals: expressions (`expression_graph.py`), steps (`tube.soter`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.verify.tubes.expression_graph import (
+    LARGEST,
+    MAY_FAULT,
+    PARTIAL,
+    NoExpressionError,
+    below,
+    deciding,
+    in_order,
+    is_positive,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.verify.tubes.expression_graph import Expressions, Node
+
+
+def domain(make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]) -> list[Node]:
+    """Conditions of states under which rates are defined whose parts do not say so.
+
+    Something of a rate may cancel in its `parts`, or be 0 with a disturbance in its middle, that is
+    no number, or so steep there that a flow has several solutions. `slopes`: derivatives of the
+    effects along directions "v" of states. `NoExpressionError` where one hangs on what moves.
+    """
+    known = {*in_order(parts)}
+    partial = [x for x in in_order([*slopes, *make.hidden]) if x.op in PARTIAL and x not in known]
+    asked = [x for x in partial if not (x.op == "inverse" and is_positive(x.of[0]))]
+    if any(below(x, kind) for x in asked for kind in "uw"):
+        raise NoExpressionError(MAY_FAULT)
+    return [make.inside(x, -LARGEST, LARGEST) for x in asked if not below(x, "y")]
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Rates f(x, u, w) as a sum of what moves them.
+
+    `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
+    for each disturbance, then each control, its factor in every rate, 0 of those in `ranged`. A
+    factor may read x and `ranged`, and that of a disturbance all controls (a brake that grips more
+    or less). `ranged`: the others, which stand in `still`, and are ranges there.
+    """
+
+    still: list[Node]
+    effects: list[list[Node]]
+    ranged: list[Node]
+
+
+def moved(
+    make: Expressions,
+    rates: Sequence[Node],
+    middles: Mapping[Node, float],
+    controls: Sequence[Node],
+) -> Moved:
+    """How controls, and disturbances, each with the middle of its range, move these rates.
+
+    What a condition reads is ranged. `NoExpressionError` where a rate jumps without a condition.
+    """
+    zero, one = make.number(0.0), make.number(1.0)
+    of_branches = deciding(rates)
+    ranged = {x: None for x in (*middles, *controls) if x in of_branches}
+    while True:
+        known = {w: make.number(m) for w, m in middles.items() if w not in ranged}
+        still = [make.replaced(e, known) for e in rates]
+        effects, more = [], dict(ranged)
+        for movers, of in ((list(middles), rates), (controls, still)):
+            affine = set(movers) - set(ranged)
+            for x in movers:
+                row = [make.along(e, {x: one}, {}) for e in of]
+                if affine & set(in_order(row)):
+                    more[x] = None
+                effects.append([zero] * len(row) if x in ranged else row)
+        if more == ranged:
+            return Moved(still, effects, list(ranged))
+        ranged = more

@@ -1,0 +1,95 @@
+"""The predicates of a DM that decides by tubes, which call the check.
+
+Purpose: `TubeLevels` writes them: `safer` where an estimate is `good`, else `ttf`.
+Non-goals: the check (`tube_check.py`), putting predicates into a module
+(`deploy/missing_predicates.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed as t
+from soter.language.model.types import FLOAT, INT, ArrayType, leaves
+from soter.verify.deploy.level_tables import LevelTable, estimate
+from soter.verify.tubes.generated_functions import functions_of
+from soter.verify.tubes.problem import TubeProblem
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.language.model.typed import FunSymbol
+    from soter.verify.deploy.level_tables import Writer
+    from soter.verify.deploy.shield_tables import ShieldWriter
+    from soter.verify.problem.problem import Group, Interval, Problem
+    from soter.verify.tubes.tube_check import TubeCheck
+
+
+IN_S0 = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TubeLevels(LevelTable):
+    """Level 2 of an estimate from which SC is followed to rest, level 0 of every other one."""
+
+    states: tuple[int, ...]
+    text: str
+    maps: int = 0
+    """How many numbers of maps the function takes, after those of the estimate."""
+    rest: object = None
+    """What it is made of, as a certificate has it (`rest_claims.py`)."""
+    two_levels = True
+    ends = ()
+    """Empty: there are no cells, so no breakpoints."""
+    full = None
+    samples = None
+
+    @classmethod
+    def of(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
+        """The predicates of one check; `ways`: Y, the range of each state as was shown offline."""
+        return cls(tuple(check.states), check.in_flight(ways), len(check.problem.map_leaves), rest)
+
+    @cached_property
+    def functions(self) -> Mapping[str, FunSymbol]:
+        """The functions of the check in flight, by name."""
+        return functions_of(self.text)
+
+    def share(self, group: Group) -> float:
+        """There is no group to have a share of."""
+        raise NotImplementedError
+
+    def function(self, w: Writer, name: str) -> FunSymbol:
+        """`fun level(x0: float, ...): int`."""
+        good = self.functions["good"]
+        given = (("x", len(self.states)), ("m", self.maps))
+        inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in given]
+        found = w.call(good, *(_numbers(w, [w.read(x) for x in of]) for of in inputs if of))
+        answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
+        return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
+
+    def more(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
+        """An expression for each number of the maps that `safe` reads."""
+        assert isinstance(problem, TubeProblem)
+        at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
+        paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
+        return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
+
+    def judged(self, w: ShieldWriter) -> t.TypedExpr:
+        """An expression: SC brings the plant to rest from every command that may act then."""
+        own = _numbers(w, [w.command(k) for k in range(len(w.problem.controls))])
+        at = _numbers(w, estimate(w, w.problem, self))
+        maps = self.more(w, w.problem)
+        given = [_numbers(w, maps)] if maps else []
+        return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
+
+    def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """Its constants; the check itself is made from the program."""
+        del names, stem, files
+        return {"rest": self.rest}
+
+
+def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
+    """An expression: the array of these values."""
+    return t.Aggregate(ArrayType(FLOAT, len(values)), w.span, tuple(values))
