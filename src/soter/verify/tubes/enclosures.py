@@ -1,5 +1,6 @@
-"""Ranges of real expressions over ranges of their inputs, by the forms of `forms.soter`.
+"""Ranges of real expressions over ranges of their inputs.
 
+Purpose: `Enclosures` encloses lists of expressions by the forms of `forms.soter`.
 Non-goals: expressions that share errors over steps (`tube.soter`).
 """
 
