@@ -171,7 +171,7 @@ def first_lets(
 
 
 MAX_OPERATIONS = 400_000_000
-"""Most operations of a step: a tenth of a second on the fastest possible machine."""
+"""Most operations of a step: some tenths of a second on the fastest possible machine."""
 BYTES = 8
 """Most bytes of a number in memory."""
 ARGUMENT = 8
