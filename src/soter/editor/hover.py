@@ -344,6 +344,7 @@ WORDS: dict[str, str] = {
     "never": "A property: at no time; of `recover`: SC may keep control for ever; of `returns`: it"
     " does.",
     "dropout": "For how long a sensor may be silent beyond its period.",
+    "age": "How long ago a topic was published; of `verify`: how old SC reads it at most.",
     "induction": "Prove the module by induction over what nodes publish.",
     "lemma": "An invariant that the proof may use, and proves.",
     "progress": "What P2b takes for granted; nobody proves it.",

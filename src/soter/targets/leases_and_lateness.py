@@ -336,14 +336,18 @@ class AgeLimit:
 def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
     """The limits for topics with a `max_age` that SC and nodes between sensors and module read.
 
-    A sensor may be silent for `dropout` longer. What plants of the system drive is left out: it is
-    as old as they say.
+    A sensor may be silent for `dropout` longer; of SC `age` may say less. What plants of the system
+    drive is left out: it is as old as they say.
     """
     longer = declared_ns(module, module.symbol.verify.dropout)
+    age = module.symbol.verify.age
     ages = []
     for x in (system.components[module.sc], *on_the_way(system, module)):
+        most = declared_ns(module, age) if age is not None and x.index == module.sc else None
         ages += [
-            AgeLimit(x.index, t.index, t.max_age_ns + longer)
+            AgeLimit(
+                x.index, t.index, min(t.max_age_ns, t.max_age_ns if most is None else most) + longer
+            )
             for t in (system.topics[i] for i in x.reads)
             if t.max_age_ns is not None and not t.driver.startswith("plant")
         ]

@@ -127,6 +127,15 @@ def test_an_estimator_that_is_slower_than_max_age_is_refused() -> None:
     assert codes_of(seen("1s", "20ms")) == {"R011"}
 
 
+def test_only_what_sc_reads_is_as_young_as_age_says() -> None:
+    text = seen("10ms", "90ms")
+    aged = text.replace("verify {", "verify { age 20ms;")
+    schedules = [problem_of(t).times.schedule for t in (text, aged)]
+    assert {s.age_dm for s in schedules} == {schedules[0].age_sc}
+    assert schedules[0].age_sc - schedules[1].age_sc == 70 * ms
+    assert codes_of(text.replace("verify {", "verify { age 1ms;")) == {"R011"}
+
+
 def test_an_estimator_before_its_sensor_is_refused() -> None:
     text = seen("10ms", "40ms")
     text = text.replace(

@@ -143,7 +143,7 @@ def _check_max_ages(setting: TimingSetting, own: DerivedTimes) -> None:
         if oldest > read.max_age:
             raise DiffersError(
                 f"R011: what SC reads of `{read.name}` may be {show_ns(oldest)} old, "
-                f"and `max_age` says {show_ns(read.max_age)}"
+                f"and `max_age` or `age` says {show_ns(read.max_age)}"
             )
 
 
@@ -207,6 +207,9 @@ def _timing_setting(
         return tuple(found)
 
     found_dm, found_sc = reads(by_dm), reads(by_sc)  # before effects: they say what is vehicle
+    if facts.symbol.verify.age is not None:
+        most = number_of(facts, facts.symbol.verify.age)
+        found_sc = tuple(replace(r, max_age=min(r.max_age, most)) for r in found_sc)
     return TimingSetting(
         Clock("the DM", module.period_ns, dm.phase_ns, times["J_dm_ns"], times["R_dm_ns"]),
         Clock("SC", sc.period_ns, sc.phase_ns, times["J_sc_ns"], times["R_sc_ns"]),

@@ -71,8 +71,8 @@ DECLARATIONS: dict[type, str] = {
     t.RestSymbol: "condition moves within span",
     t.RestMove: "topic path by way span",
     t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
-    "response_sc acts_least acts recover stays late_of response_of dropout views induction lemmas "
-    "progress enters span",
+    "response_sc acts_least acts recover stays late_of response_of dropout age views induction "
+    "lemmas progress enters span",
     t.ViewSymbol: "name block span",
     t.AbstractionLink: "instance name plant value span",
     t.TypedAxisGroup: "axes span",

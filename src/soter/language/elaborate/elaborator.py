@@ -581,6 +581,7 @@ class Elaborator(Topics):
             least_time: verify.acts_least,
             "`acts within`": verify.acts,
             "`dropout`": verify.dropout,
+            "`age`": verify.age,
             **{f"`late {n}`": e for n, e in verify.late_of.items()},
             **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }

@@ -549,6 +549,8 @@ class TypedVerifyBlock(Shown):
     response_of: dict[str, TypedExpr] = field(default_factory=dict)
     dropout: TypedExpr | None = None
     """How long a sensor may be silent beyond its period."""
+    age: TypedExpr | None = None
+    """How old at most SC reads a topic whose sensor is not silent; None: as its `max_age` says."""
     views: tuple[ViewSymbol, ...] = ()
     """Views, each with groups and abstractions of its own; this block then has none."""
     induction: Span | None = None

@@ -580,6 +580,7 @@ class VerifyBlock(Node):
     stays: Span | None
     """`recover never;`: SC may keep control for ever."""
     dropout: SyntaxExpr | None
+    age: SyntaxExpr | None
     views: tuple[View, ...]
     induction: Span | None
     lemmas: tuple[SyntaxExpr, ...]

@@ -231,14 +231,14 @@ def _check_age(
             helps=(f"write `external topic {topic.name} every d`",),
         )
         return
-    oldest, allowed = _oldest_read(e, problem), topic.max_age_ns or 0
+    oldest, allowed = _oldest_read(e, problem), _greatest_age(topic, problem)
     if oldest <= allowed:
         return
     starts = show_ns(problem.times.schedule.start_of_sc)
     delay = show_ns(e.delay_ns or 0)
     notes = [
         f"every {show_ns(e.every_ns)}, {delay} on its way, and SC starts up to {starts} late",
-        f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`max_age`)",
+        f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`max_age`, `age`)",
     ]
     if problem.times.schedule.dropout:
         notes.append("`dropout` is for silences, not for what is always so")
@@ -249,6 +249,12 @@ def _check_age(
         notes=tuple(notes),
         helps=("let it come more often, or prove with a larger `max_age`",),
     )
+
+
+def _greatest_age(topic: Topic, problem: Problem) -> int:
+    """How old SC reads a topic at most, by the proof; its `max_age` where SC does not read it."""
+    read = (p.max_age for p in problem.times.schedule.read_by_sc if p.topic == topic.name)
+    return next(read, topic.max_age_ns) or 0
 
 
 def _oldest_read(e: External, problem: Problem) -> int:
@@ -319,7 +325,7 @@ def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
         )
         if isinstance(t, FloatType)
     ]
-    most = topic.max_age_ns or 0
+    most = _greatest_age(topic, problem)
     if problem.kind == "map":
         assert e.every_ns is not None
         assert most < e.every_ns, "R011: the DM finds a step that is missing"

@@ -15,7 +15,7 @@ what it publishes counts as SC's output, so it has to be there R_sc after the st
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import gcd
 from typing import TYPE_CHECKING
 
@@ -292,6 +292,8 @@ def times_of(
     except UnfollowedError as error:
         _refuse_unfollowed(place, error, diagnostics)
         chains = CauseEffectChains()
+    if verify.age is not None:
+        chains = _read_younger(chains, ns(verify.age))
     outputs = actuation_paths(chains, ns(verify.acts_least), delays["acts"])
     dm_component = place.system.components[module.dm]
     schedule = Schedule(
@@ -353,6 +355,15 @@ def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnosti
             notes=("a decision about a state that may be of any age is about no state",),
             helps=("declare it: `topic ... max_age 20ms;`",),
         )
+
+
+def _read_younger(chains: CauseEffectChains, most_ns: int) -> CauseEffectChains:
+    """The chains, where `age` says how old SC reads a topic at most."""
+    younger = [
+        replace(c, path=replace(c.path, max_age=min(c.path.max_age or most_ns, most_ns)))
+        for c in chains.by_sc
+    ]
+    return replace(chains, by_sc=younger)
 
 
 def _refuse_unfollowed(

@@ -177,7 +177,7 @@ def _check_known_nodes(
 
 
 def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
-    """R011 where, by the periods alone, SC may read what is older than its `max_age`."""
+    """R011 where, by the periods alone, SC may read what is older than its `max_age` or `age`."""
     topics_told = set()
     for chain in chains.by_sc:
         oldest = times.schedule.stamp_age_sc(chain.path)
@@ -185,6 +185,7 @@ def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagn
         if limit is None or oldest <= limit or chain.topic.index in topics_told:
             continue
         topics_told.add(chain.topic.index)
+        word = "max_age" if limit == chain.topic.max_age_ns else "age"
         also: tuple[tuple[Span, str], ...] = ()
         if publisher:
             last = publisher[-1]
@@ -192,11 +193,11 @@ def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagn
         diagnostics.error(
             "R011",
             f"SC may read `{chain.topic.name}` when it is {show_ns(oldest)} old, "
-            f"longer than its `max_age` of {show_ns(limit)}",
+            f"longer than its `{word}` of {show_ns(limit)}",
             chain.topic.symbol.span,
             also=also,
             notes=("no runtime enforces the age of what SC reads: it must hold by itself",),
-            helps=("a longer `max_age`, or somebody who publishes more often",),
+            helps=(f"a longer `{word}`, or somebody who publishes more often",),
         )
 
 

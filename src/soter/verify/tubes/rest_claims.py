@@ -318,7 +318,9 @@ def too_long(check: TubeCheck) -> SoterError:
     fewer = "a longer period of SC, of which there are fewer steps then"
     within = f"`within {longest}` at most, {fits} steps of SC"
     if times.depth > OLD:
-        fewer = f"younger reads (`max_age`, `dropout`): SC answers {times.depth} periods late"
+        fewer = (
+            f"younger reads (`age`, `max_age`, `dropout`): SC answers {times.depth} periods late"
+        )
     return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 

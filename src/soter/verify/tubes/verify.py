@@ -199,20 +199,22 @@ def _doubt_in_words(problem: TubeProblem) -> str:
 
 
 def _with_younger_reads(problem: TubeProblem) -> str:
-    """The younger `max_age` that was tried, and whether rest is shown with it; "": none to try."""
+    """The `age` that was tried, and whether rest is shown with it; "": there is none to try."""
     changed = younger_reads(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
     phase(f"{problem.name}: whether SC keeps where it rests with younger reads", anew=True)
     shown = not rest_claims(TubeCheck(changed[0])).kept
-    return f"{' and '.join(changed[1])} (tried: {'rest is shown' if shown else 'not enough'})"
+    return f"{changed[1]} (tried: {'rest is shown' if shown else 'not enough'})"
 
 
 def _what_delays_sc(check: TubeCheck, tried: str) -> Iterator[str]:
     """Advice on what makes SC late: the age of its reads, its delay, inner loops that are slow."""
     times = check.problem.times
     if tried or (check.read_by_law and times.age_sc > times.delta_sc):
-        yield tried or f"reads that are younger (`max_age`, now up to {show_ns(times.age_sc)})"
+        yield (
+            tried or f"reads that are younger (`age`, `max_age`, now up to {show_ns(times.age_sc)})"
+        )
     if times.acts:
         yield f"less delay (`acts within`, now {show_ns(times.acts)})"
     if len(check.read_by_law) >= CASCADE:

@@ -351,9 +351,9 @@ system S default { s: Sled; module Keep; until 2s; }
 def test_younger_reads_that_are_told_show_rest_when_they_are_written(tmp_path: Path) -> None:
     found = verified(tmp_path, SLED, explain=True).findings["P2a"]
     assert found.verdict == "undecided"
-    told = re.search(r"`(max_age \w+)` of `at` \(tried: rest is shown\)", found.hint)
+    told = re.search(r"`(verify { age \w+; })` \(tried: rest is shown\)", found.hint)
     assert told is not None
-    again = verified(tmp_path, SLED.replace("max_age 500ms", told[1]))
+    again = verified(tmp_path, SLED.replace("within 2s;", f"within 2s; {told[1]}"))
     assert again.findings["P2a"].verdict == "proved"
 
 

@@ -94,6 +94,7 @@ class VerifyChecker(CheckerPart):
         block.recover = time(verify.recover, "`recover within`")
         block.stays = verify.stays
         block.dropout = time(verify.dropout, "`dropout`")
+        block.age = time(verify.age, "`age`")
 
         def times(word: str, delays: tree.Delays | None) -> list[typed.TypedExpr | None]:
             nodes = {} if delays is None else self._by_node(word, delays)

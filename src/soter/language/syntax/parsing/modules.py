@@ -164,6 +164,7 @@ VERIFY_ITEMS: Items = {
     "acts": once({"acts_least": None, "acts": None}, _acts, "acts within"),
     "recover": once({"recover": None, "stays": None}, _recover, "recover within", "recover never"),
     "dropout": once("dropout", of_word("time_value")),
+    "age": once("age", of_word("time_value")),
     "induction": once("induction", spanned(semicolon("`induction`"))),
     "lemma": often("lemmas", only(expr("the lemma"), semicolon("the lemma"))),
     "progress": often(
