@@ -138,7 +138,7 @@ static void fall_back(const config *c, policy *p, double *x, const double *y, bo
   memset(&f, 0, sizeof f);
   f = (following){.c = c, .p = p, .o = o};
   int rests = trace.timed ? (int)(trace.rest / c->delta_sc) : trace.end;
-  int ends = tube ? rests + 12 : (int)(LOOK_AHEAD * 1e9 / (double)c->delta_sc) + 4;
+  int ends = tube ? rests + 12 : (int)(c->within / c->delta_sc) + 4;
   f.count = ends + 2 < OUTPUTS ? ends + 2 : OUTPUTS;
   for (int i = 0; i < NS; i++) {
     double e = c->error[FOLLOWED[i]];

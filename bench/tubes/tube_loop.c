@@ -21,7 +21,7 @@ enum { BY_TUBE, BY_POINT, ALWAYS_AC }; /* who decides */
 typedef struct {
   int64_t tick, delta_dm, phase_dm, late_dm, response_dm, age_dm;
   int64_t delta_sc, phase_sc, late_sc, response_sc, age_sc, least, most;
-  int64_t horizon, alpha, delay, jitter, switches, delta_ac, free, steps, any_for;
+  int64_t horizon, alpha, delay, jitter, switches, delta_ac, free, steps, any_for, within;
   double error[ROOM], u_low[ROOM], u_high[ROOM], w_low[ROOM], w_high[ROOM];
   double x_low[ROOM], x_high[ROOM], x_first[ROOM];
   double below[ROOM], above[ROOM], y_low[ROOM], y_high[ROOM];

@@ -341,6 +341,7 @@ class Config(ct.Structure):
             "free",
             "steps",
             "any_for",
+            "within",
         ),
     )
     _fields_ = (
@@ -402,6 +403,7 @@ def config_of(module: Module) -> Config:
     tick = max(d for d in _divisors(tick) if d <= t.delta_sc // STEPS_A_HOLD)
     c = Config(tick=tick, switches=tubes.switches, free=_constant(module, "FREE_STEPS"), **times)
     c.steps = _constant(module, "STEPS")
+    c.within = p.within_ns
     c.any_for = tubes.any_command if p.module.shield is not None else -1
     errors = check.errors()
     for i in range(len(p.quantities.states)):

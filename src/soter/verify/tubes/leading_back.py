@@ -292,6 +292,8 @@ class _LeadBackSearch:
         self._name = check.problem.name
         self._rooms = {s: cut_to_farthest(check.rooms[s]) for s in own}
         self._rests: tuple[int, Box] | None = None
+        self._span: Box = {}
+        """The ranges of all states on the way that was asked last, as far as it was followed."""
 
     def result(self) -> LeadBackResult:
         own, ways = self._own, {s: self._box[s] for s in self._own}
@@ -380,9 +382,12 @@ class _LeadBackSearch:
         moving = {s: Interval(-inf, inf) for s in self._check.states if s not in self._own}
         way, end = ({**moving, **{s: of[s] for s in self._own}} for of in (self._rooms, box))
         led = self._caller.value("keeps", *(region_of(self._check, b) for b in (part, way, end)))
-        if led is None or not led[0]:
-            return None
-        return {s: Interval(*r) for s, *r in zip(self._check.states, *led[1], strict=True)}
+        self._span = {}
+        if led is not None:
+            self._span = {
+                s: Interval(*r) for s, *r in zip(self._check.states, *led[1], strict=True)
+            }
+        return self._span if led is not None and led[0] else None
 
     def _halves(self, part: Box) -> list[Box]:
         """The two halves of a part, cut in the state whose side is longest against the box's."""
@@ -417,7 +422,20 @@ class _LeadBackSearch:
             return what
         where = f"not from {box_in_words(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
         where += f"; on the way there is {self._caller.fault}" if self._caller.fault else ""
+        where += self._widest_in_words(own)
         return f"{what}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
+
+    def _widest_in_words(self, own: Box) -> str:
+        """Words about the state that the tube leaves farthest, counted in widths of its `rest`."""
+        widths = {s: self._box[s].high - self._box[s].low for s in own if s in self._span}
+        times = {
+            s: (self._span[s].high - self._span[s].low) / w for s, w in widths.items() if w > 0.0
+        }
+        if not times or max(times.values()) <= 1.0:
+            return ""
+        widest = max(times, key=times.__getitem__)
+        farthest = box_in_words(self._check, {widest: self._span[widest]})
+        return f"; on the way there it may be {farthest}"
 
     def _larger_box_in_words(self, reached: Box) -> str:
         """Words about a larger box that SC leads back into; "" where no tried box is one."""

@@ -73,8 +73,9 @@ SOUND = Assumption(
 )
 ANSWERS = "an SC that limits what it publishes (`clamp`), to a little less than the set"
 KEPT = (
-    "what disturbances do at rest, and errors and ages of what SC reads, has to fit into `rest`: a "
-    "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
+    "what disturbances do at rest, errors and ages of what SC reads, and SC at the end of its "
+    "commands where all numbers of `rest` are at theirs at once, have to fit into `rest`: a larger "
+    "one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
 NOT_GIVEN = "at the start the check of the DM does not let AC have control"
 UNBOUNDED = (

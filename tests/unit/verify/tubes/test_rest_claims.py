@@ -368,6 +368,14 @@ def test_younger_reads_that_do_not_help_are_told_as_such(tmp_path: Path) -> None
         assert re.findall(r"\(tried: [^)]*\)", found.hint) == outcome
 
 
+def test_what_leads_out_of_rest_is_named_with_how_far(tmp_path: Path) -> None:
+    """A sled that coasts in the wind: the tube of each part grows, and that is said."""
+    found = verified(tmp_path, SLED, explain=False).findings["P2a"]
+    told = re.search(r"on the way there it may be s\.x in \[(\S+), (\S+)\]", found.text)
+    assert told is not None
+    assert float(told[1]) < -0.2 < 0.2 < float(told[2])
+
+
 def test_nothing_is_tried_where_nobody_asks_for_it(tmp_path: Path) -> None:
     found = verified(tmp_path, SLED, explain=False).findings["P2a"]
     assert found.verdict == "undecided"
