@@ -451,6 +451,12 @@ PAGES = (
     ),
     Made(
         "testing.md",
+        r"with three\splans AC loses control ([\d.]+) m before it, "
+        r"with braking alone ([\d.]+) m before it; (0) of ([\d,]+) adversarial",
+        "bench/tubes/swerve.py --runs 2000 --seeds 20",
+    ),
+    Made(
+        "testing.md",
         r"(\d+) of (\d+) are seen",
         "bench/tubes/smaller_constants.py",
         spread=True,

@@ -52,7 +52,7 @@ FUNCTIONS = {"sin", "cos", "exp", "tan", "atan", "tanh", "sqrt"}
 
 @dataclass
 class Module:
-    """A module of a system, and what was shown of it."""
+    """A module of a system, and what was shown of it; of several plans `check` is the first's."""
 
     problem: TubeProblem
     check: TubeCheck
@@ -76,17 +76,21 @@ def module_of(
     flat = system_to_prove(check_file(name, text), None)
     problem = extract(faultless(flat), flat.modules[0])
     assert isinstance(problem, TubeProblem)
-    check = TubeCheck(problem)
-    if claimed:
-        claims = rest_claims(check)
-    else:
-        inner = {s: Interval(0.5 * r.low, 0.5 * r.high) for s, r in enumerate(problem.states)}
-        claims = RestClaims(ways=inner, kept="not asked")
-    source = check.in_flight(claims.ways)
-    if changed is not None:
-        source = changed(source)
-    levels = TubeLevels(tuple(check.states), source, len(problem.map_leaves))
-    install(flat, flat.modules[0], problem, [levels])
+    every, levels = [], []
+    for of in problem.plans or (problem,):
+        check = TubeCheck(of)
+        if claimed:
+            claims = rest_claims(check)
+        else:
+            inner = {s: Interval(0.5 * r.low, 0.5 * r.high) for s, r in enumerate(of.states)}
+            claims = RestClaims(ways=inner, kept="not asked")
+        source = check.in_flight(claims.ways)
+        if changed is not None:
+            source = changed(source)
+        every.append((check, claims))
+        levels.append(TubeLevels(tuple(check.states), source, len(of.map_leaves)))
+    install(flat, flat.modules[0], problem, levels)
+    check, claims = every[0]
     return Module(problem, check, claims, generate(flat, prefix="m"))
 
 

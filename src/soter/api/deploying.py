@@ -210,8 +210,9 @@ class _CertifiedTables:
         if differing := what_differs(*asked):
             why = f"`{name}` is built with other {differing} than it has"
             raise _other_certificate(self.folder, why)
-        oldest = problem.times.delay_sc
-        if any(r.times.get("d_ns", oldest) < oldest for r in reports):
+        oldest, plan = problem.times.delay_sc, problem.module.symbol.sc.name
+        held = [r.plan_times.get(plan, r.times) for r in reports]
+        if any(times.get("d_ns", oldest) < oldest for times in held):
             why = (
                 f"`{name}` was checked again for reads that are no older than its plants make them"
             )

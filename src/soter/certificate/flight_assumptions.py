@@ -80,7 +80,8 @@ def _sensors(system: System) -> dict[str, _Sensor]:
 class _Outputs:
     """Releases of SC of one module that have not been answered for: `due` has (release, by when).
 
-    `since`: the release of its last verdict that is not "AC"; None while AC has control. `read`: of
+    `since`: the release of its last verdict that is not "AC"; None while AC has control. `plan`: of
+    several plans the number of the one that SC follows since the last verdict "AC". `read`: of
     each topic that SC reads the last messages, which a step that is just out may have read. SC
     starts `late` at most, or `waits` for the DM, and is out a `response` later.
     """
@@ -93,6 +94,7 @@ class _Outputs:
     waits: int
     response: int
     since: int | None = None
+    plan: int = 0
     next: int = 0
     published: dict[str, int] = field(default_factory=dict)
     read: dict[str, list[tuple[int, Value]]] = field(default_factory=dict)
@@ -218,8 +220,8 @@ class LoggedAssumptions:
 
     # ------------------------------------------------------------ verdicts
 
-    def verdict(self, time_ns: int, module: Module, *, is_ac: bool) -> None:
-        """Note that the DM said who has control."""
+    def verdict(self, time_ns: int, module: Module, *, is_ac: bool, plan: str = "") -> None:
+        """Note that the DM said who has control, and of several plans which one SC follows."""
         outputs = self._outputs[module.name]
         self._answer(outputs, time_ns - 1)
         asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
@@ -229,6 +231,8 @@ class LoggedAssumptions:
                 self._doubt(at, module, f"SC published {name} before the verdict of its release")
         if is_ac:
             outputs.since = None
+            names = [p.name for p in module.symbol.plans]
+            outputs.plan = names.index(plan) if plan in names else 0
         elif outputs.since is None:
             outputs.since = time_ns
             outputs.next = asked + (outputs.phase - asked) % outputs.period
@@ -268,6 +272,8 @@ class LoggedAssumptions:
         for values in product(*(reversed(of) for of in outputs.read.values())):
             for read, (_, value) in zip(outputs.read, values, strict=True):
                 topics[self._topics[read].index] = value
+            if outputs.module.plan is not None:
+                topics[outputs.module.plan] = outputs.plan
             env = Environment(topics=topics)
             try:
                 self._steps[outputs.module.name](env)

@@ -43,7 +43,7 @@ from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
 )
-from soter.certificate.tubes.check_rest import tube_of_entry
+from soter.certificate.tubes.check_rest import entries_of_plans, tube_of_entry
 from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.check.constants_and_types import declared_ns
@@ -71,11 +71,15 @@ AGAINST = ("ttf", "stale")
 
 @dataclass(frozen=True)
 class LoggedVerdict:
-    """A verdict "AC": when (ns), whose, and the leaves of all that it read, by `topic.leaf`."""
+    """A verdict "AC": when (ns), whose, and the leaves of all that it read, by `topic.leaf`.
+
+    `plan`: of several plans that which SC follows from then on; "" where the module has one.
+    """
 
     time_ns: int
     module: str
     estimate: dict[str, float]
+    plan: str = ""
 
 
 @dataclass
@@ -129,6 +133,8 @@ class _Verdicts:
         """Whether the verdict before it was "AC"; None: that one is missing, or there is none."""
         self.in_ac = False
         """Whether AC has control, as the log says."""
+        self.plan = module.symbol.plans[0].name if module.plan is not None else ""
+        """The plan that SC follows, which is another one after a verdict "AC" alone."""
 
     def doubts_of(self, time_ns: int, said: dict[str, Any]) -> Iterator[str]:
         """Doubts where a verdict contradicts those before it, the mode, or its own predicates."""
@@ -150,6 +156,10 @@ class _Verdicts:
         false += ["safer"] * (not before and not predicates["safer"])
         if after and false:
             yield f'it says "AC" against its own {", ".join(false)}'
+        plan = str(said.get("plan", ""))
+        if plan != self.plan and not after:
+            yield f'it has SC follow another plan, `{plan}`, and does not say "AC"'
+        self.plan = plan
         self.next, self.said = release + self.period, after
 
     def _late_doubts(self, began: int, ended: int) -> Iterator[str]:
@@ -241,7 +251,7 @@ class _Reader:
         why = list(module.doubts_of(time_ns, message))
         estimate: dict[str, float] = {}
         is_ac = message["mode_after"] == "AC"
-        self.assumed.verdict(time_ns, self.named[name], is_ac=is_ac)
+        self.assumed.verdict(time_ns, self.named[name], is_ac=is_ac, plan=module.plan)
         if is_ac:
             reads = message.get("reads", {})
             for topic, read in reads.items():
@@ -249,7 +259,7 @@ class _Reader:
             why += self.assumed.apart(
                 {t: r["age_ns"] for t, r in reads.items() if r["age_ns"] is not None}
             )
-            self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate))
+            self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate, module.plan))
         else:
             self.log.others += 1
         self.log.doubts += [Doubt(time_ns, name, CONTRADICTED, w, estimate) for w in why]
@@ -301,7 +311,7 @@ class _Reader:
         return from_json(of, given, channel)
 
 
-REST = "rest"
+REST, PLANS = "rest", "plans"
 OF_LOGS = ("D006", "D007", "D023")
 ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
 PARAMETER = "param "
@@ -335,7 +345,7 @@ class Flights:
         self._checked, self._overrides = program_of(certificate)
         assert self._checked.program is not None
         self._sha256 = self._checked.program.sha256
-        self._entries = [e for e in certificate.manifest["modules"] if REST in e]
+        self._entries = [e for e in certificate.manifest["modules"] if REST in e or PLANS in e]
         if not self._entries:
             where = visible(str(certificate.folder))
             text = f"no decision module of the certificate `{where}` follows SC: nothing to confirm"
@@ -343,7 +353,7 @@ class Flights:
         self._flats: dict[str, System] = {}
         self._proved: dict[str, str] = {}
         """System that flew -> the one of the certificate that it is, or that it deploys."""
-        self._followers: dict[tuple[str, str], ModuleTube | str] = {}
+        self._followers: dict[tuple[str, str], dict[str, ModuleTube] | str] = {}
         self._logs = [(log, self._system_of(log)) for log in logs]
 
     def add_to(self, report: Report) -> None:
@@ -397,7 +407,7 @@ class Flights:
     ) -> Generator[tuple[LoggedVerdict, str]]:
         """Each verdict, as it is done, and why its estimate is not known to be good; "": it is."""
         for name in {v.module for v in verdicts}:
-            self._tube_of(system, name)  # before processes are forked
+            self._tubes_of(system, name)  # before processes are forked
 
         def answer(k: int) -> str:
             return self._why_not(system, verdicts[k])
@@ -411,9 +421,11 @@ class Flights:
 
     def _why_not(self, system: str, verdict: LoggedVerdict) -> str:
         """Why a verdict is not confirmed; "": it is."""
-        known = self._tube_of(system, verdict.module)
-        if isinstance(known, str):
-            return known
+        tubes = self._tubes_of(system, verdict.module)
+        if isinstance(tubes, str):
+            return tubes
+        if (known := tubes.get(verdict.plan)) is None:
+            return f"the module has no plan `{verdict.plan}`"
         missing = [name for name in known.reads if name not in verdict.estimate]
         if missing:
             return f"the log does not say what it read of {', '.join(missing)}"
@@ -423,14 +435,15 @@ class Flights:
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
             return failure_reason(error)
 
-    def _tube_of(self, system: str, module: str) -> ModuleTube | str:
-        """The tube of a module, made once; or why there is none."""
+    def _tubes_of(self, system: str, module: str) -> dict[str, ModuleTube] | str:
+        """The tube of each plan of a module, made once; or why there is none."""
         key = system, module
         if key not in self._followers:
             proved = self._proved[system], module
             entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
             try:
-                self._followers[key] = tube_of_entry(self._flat_of(proved[0]), entry)
+                plans = entries_of_plans(self._flat_of(proved[0]), entry)
+                self._followers[key] = {name: tube_of_entry(*of) for name, of in plans.items()}
             except Exception as error:  # noqa: BLE001 - as above
                 self._followers[key] = failure_reason(error)
         return self._followers[key]

@@ -59,11 +59,21 @@ def _rest() -> ModuleMethod:
     return ModuleMethod(check_rest.recheck_rest, check_rest.read_entry)
 
 
+def _plans() -> ModuleMethod:
+    from soter.certificate.tubes import check_rest  # noqa: PLC0415 - see the head
+
+    return ModuleMethod(check_rest.recheck_plans, check_rest.read_plans)
+
+
 RESTS = {"R": FREE, "Q": RETURN, "Q_axes": RETURN, "W": RETURN, "W_N": RETURN}
 """Name of a part of a group -> the claims that rest on it."""
 OF_LEVELS = "S"
 """The part that is only there where predicates are computed, so that levels are deployed."""
-MODULES: dict[str, Callable[[], ModuleMethod]] = {"induction": _inductions, "rest": _rest}
+MODULES: dict[str, Callable[[], ModuleMethod]] = {
+    "induction": _inductions,
+    "rest": _rest,
+    "plans": _plans,
+}
 
 
 def unclaimed(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:

@@ -119,7 +119,8 @@ class RecheckedModule:
     what it rests on is confirmed; `safe`: as the program writes it. `parameters`: each of the
     program with the value that was checked; `otherwise`: those to which the program gives another
     value in that system, with that one; `contradicted`: a `set` does. `times`: in ns, by their
-    names in a manifest, what the claims were held to; `shown`: what was confirmed beside the
+    names in a manifest, what the claims were held to; of several plans the first's, and
+    `plan_times` has those of each; `shown`: what was confirmed beside the
     claims.
     """
 
@@ -138,6 +139,7 @@ class RecheckedModule:
     otherwise: dict[str, str] = field(default_factory=dict)
     contradicted: bool = False
     times: dict[str, int] = field(default_factory=dict)
+    plan_times: dict[str, dict[str, int]] = field(default_factory=dict)
     assumptions: list[RecheckAssumption] = field(default_factory=list)
     shown: list[RecheckAssumption] = field(default_factory=list)
 

@@ -44,7 +44,13 @@ def switch(frame: Frame) -> c.FunctionDef:
 def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.FunctionDef]:
     """The C functions of a module: its `ttf`, its `safer` and its `decide`."""
     module = frame.system.modules[decision.module]
-    made = [predicate(frame, decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True)]
+    made = [
+        predicate(frame, good, f"{name}_good_{k}", f"plan {k} of {module.name}", unsafe=False)
+        for k, good in enumerate(decision.goods)
+    ]
+    if not made:
+        doc = f"ttf of {module.name}"
+        made.append(predicate(frame, decision.ttf, f"{name}_ttf", doc, unsafe=True))
     if not _opposite(module):
         doc = f"safer of {module.name}"
         made.append(predicate(frame, decision.safer, f"{name}_safer", doc, unsafe=False))
@@ -63,7 +69,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         frame.state_pointer(),
         c.Declare("soter_module *const ", "m", c.Unary("&", own)),
         c.Declare("bool", "stale", _stale(frame.system, module), const=True),
-        *_predicates(decision, name, module),
+        *_predicates(frame, decision, name, module),
         *set_fact,
         c.Declare("bool", "gate_fault", gate_fault, const=True),
         c.Declare("bool", "clean", clean, const=True),
@@ -98,16 +104,23 @@ def _opposite(module: Module) -> bool:
     return isinstance(ttf, TypedUnary) and ttf.op == "!" and ttf.operand is safer
 
 
-def _predicates(decision: core.Decision, name: str, module: Module) -> list[c.CStmt]:
+def _predicates(frame: Frame, decision: core.Decision, name: str, module: Module) -> list[c.CStmt]:
     """Computes `ttf` and `safer`, and counts in `nan_looks` the steps in which they met a NaN."""
     opposite = _opposite(module)
-    parts = (("ttf", decision.ttf), ("safer", decision.safer))[: 1 if opposite else 2]
+    parts = [("ttf", decision.ttf), ("safer", decision.safer)][: 1 if opposite else 2]
+    if decision.goods:
+        parts = [(f"good_{k}", p) for k, p in enumerate(decision.goods)]
     nan = [n for n, p in parts if p.maybe_nan]
-    body: list[c.CStmt] = [c.Declare("bool", "nan_seen", c.Name("false"))] if nan else []
-    for n, _ in parts:
+
+    def asked(n: str) -> c.CExpr:
         more = (c.Unary("&", c.Name("nan_seen")),) if n in nan else ()
-        call = c.CallExpr(f"{name}_{n}", (c.Name("state"), *more))
-        body.append(c.Declare("bool", n, call, const=True))
+        return c.CallExpr(f"{name}_{n}", (c.Name("state"), *more))
+
+    body: list[c.CStmt] = [c.Declare("bool", "nan_seen", c.Name("false"))] if nan else []
+    if decision.goods:
+        body += _first_good(frame, module, [asked(n) for n, _ in parts])
+    else:
+        body += [c.Declare("bool", n, asked(n), const=True) for n, _ in parts]
     if opposite:
         body.append(c.Declare("bool", "safer", c.Unary("!", c.Name("ttf")), const=True))
     if nan:
@@ -118,15 +131,47 @@ def _predicates(decision: core.Decision, name: str, module: Module) -> list[c.CS
     return body
 
 
+def _first_good(frame: Frame, module: Module, asked: list[c.CExpr]) -> list[c.CStmt]:
+    """Looks for a plan for which the estimate is good, first the last one; else `ttf` is true."""
+    assert module.plan is not None
+    last, plan, ttf = c.Name("last"), c.Name("plan"), c.Name("ttf")
+    numbers = [int_number(k) for k in range(len(asked))]
+    body: list[c.CStmt] = [
+        c.Declare("int64_t", "last", frame.topic(module.plan), const=True),
+        c.Declare("int64_t", "plan", last),
+        c.Declare("bool", "ttf", c.Name("true")),
+    ]
+    for op, every in (("==", "the plan of the last verdict AC"), ("!=", "every other one")):
+        body.append(c.Comment(every))
+        for number, good in zip(numbers, asked, strict=True):
+            due = c.Binary("&&", ttf, c.Binary(op, last, number))
+            found = c.Assign(ttf, c.Unary("!", good)), c.Assign(plan, number)
+            body.append(c.IfStmt(due, found))
+    return body
+
+
+def _chosen(frame: Frame, module: Module) -> list[c.CStmt]:
+    """Stores the plan that was found good, with a verdict AC and only then."""
+    if module.plan is None or not module.goods or module.forced is not None:
+        return []
+    to_ac = c.Binary("==", c.Name("after"), c.Name("SOTER_AC"))
+    return [c.IfStmt(to_ac, (c.Assign(frame.topic(module.plan), c.Name("plan")),))]
+
+
 def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
     """Returns the mode after the step; a latch may keep SC in control, and is updated."""
     switch = f"{frame.prefix}_switch"
-    if module.latch is None:
+    chosen = _chosen(frame, module)
+    if module.latch is None and not chosen:
         return [c.Return(c.CallExpr(switch, facts))]
+    after = c.Name("after")
+    if module.latch is None:
+        decided = c.Declare("soter_mode", "after", c.CallExpr(switch, facts), const=True)
+        return [decided, *chosen, c.Return(after)]
     latch = frame.topic(module.latch)
     stamps = c.Arrow(S, "stamps")
     since = c.IndexExpr(stamps, c.Number(str(module.latch)))
-    before, after, zero = facts[0], c.Name("after"), c.Number("0")
+    before, zero = facts[0], c.Number("0")
     in_sc = c.Binary("==", before, c.Name("SOTER_SC"))
     if module.acknowledgement is None:
         lets: c.CExpr = c.Binary("==", latch, zero)
@@ -149,6 +194,7 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
         c.IfStmt(in_sc, (c.Assign(c.Name("returns"), lets),)),
         c.Declare("soter_mode", "after", c.CallExpr(switch, facts), const=True),
         c.IfStmt(c.Binary("!=", after, before), tuple(remembered)),
+        *chosen,
         c.Return(after),
     ]
 

@@ -128,7 +128,12 @@ class UnitBuilder:
         unique = FileNames(self.prefix, (*own_names(system), *self.names_of_more(system)))
         self.types = TypeTable(unique)
         self.names = {x.index: unique.family(x.name, COMPONENT_NAMES) for x in system.components}
-        self.module_names = {m.index: unique.family(m.name, MODULE_NAMES) for m in system.modules}
+        self.module_names = {
+            m.index: unique.family(
+                m.name, (*MODULE_NAMES, *(f"_good_{k}" for k, _ in enumerate(m.goods)))
+            )
+            for m in system.modules
+        }
         members = Unique(frozenset({"header", "components", "modules", "properties", "stamps"}))
         members("topics")
         self.groups = {g.owner: members(g.name) for g in self.layout.groups if g.owner >= 0}

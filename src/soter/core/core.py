@@ -426,6 +426,8 @@ class Decision(Shown):
     module: int
     ttf: Predicate
     safer: Predicate
+    goods: tuple[Predicate, ...] = ()
+    """With several plans of SC, in their place: for each whether the estimate is good."""
 
 
 @dataclass(eq=False, repr=False)

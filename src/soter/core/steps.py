@@ -247,6 +247,7 @@ def lower_decision(functions: FunctionTable, system: System, module: int) -> cor
         module,
         lower_deciding(functions, system, m, ttf),
         lower_deciding(functions, system, m, safer),
+        tuple(lower_deciding(functions, system, m, good) for good in m.goods),
     )
 
 

@@ -310,7 +310,7 @@ WORDS: dict[str, str] = {
     "duration": "A length of time in whole nanoseconds, of constants and parameters: `10ms`.",
     "rta": "A module: an advanced controller, a safe one, and a decision module that switches.",
     "ac": "The advanced controller: anything may stand here, nothing is believed of it.",
-    "sc": "The safe controller: the proof is about what it does.",
+    "sc": "The safe controller, or several plans of one: the proof is about what it does.",
     "synthesized": "A safe controller that `soter verify --synthesize` finds.",
     "safe": "What the module keeps true: φ_safe.",
     "safer": "Where AC may get control back: φ_safer, well inside `safe`.",

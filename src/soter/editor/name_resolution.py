@@ -357,7 +357,7 @@ class Members:
     def _controller(self, module: Definition, name: str) -> Definition | None:
         """The AC or SC of a module that has a name."""
         assert isinstance(module.node, tree.RtaDecl)
-        for ref in (module.node.ac, module.node.sc):
+        for ref in (module.node.ac, module.node.sc, *module.node.plans):
             if isinstance(ref, tree.Ref) and ref.name.text == name:
                 return self._ref(ref, module.file)
         return None
@@ -426,7 +426,7 @@ class Members:
             for name, (d, _) in self._inside_of(self._of(of)).items():
                 yield name, d.kind, "field"
         elif isinstance(of, typed.ModuleSymbol):
-            for node in (of.ac, of.sc):
+            for node in of.named:
                 yield node.name.rpartition(".")[2], "controller", "field"
 
 

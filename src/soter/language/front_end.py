@@ -192,7 +192,7 @@ def _check_file(
         everything = implicit_system(program)
         own = {everything.name: everything} if everything else {}
     _check_one_default(own, diagnostics)
-    controllers = {n for m in program.modules.values() for n in m.own}
+    controllers = {n for m in program.modules.values() for n in m.named}
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
         check_declaration(module, diagnostics, program.damaged, others)
@@ -300,7 +300,7 @@ def _placed(systems: list[SystemSymbol]) -> set[object]:
             todo += [i.what for i in what.instances]
             todo += [by for _, by, _ in what.replaces]
         elif isinstance(what, ModuleSymbol):
-            todo += what.own
+            todo += what.named
     return placed
 
 
@@ -314,7 +314,7 @@ def _unplaced(
         for n, s in table.items()
         if "." not in n and s not in placed
     ]
-    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in s.own}
+    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in s.named}
     return (s for s in rest if s not in used)
 
 

@@ -117,12 +117,14 @@ DECISIONS_SCHEMA = {
         **cast("JsonSchema", _DECISION["properties"]),
         # Of modules with `rest`: topic to value and age, null where nothing was ever published.
         "reads": {"type": "object", "properties": {}},
+        # Of modules with several plans: the node that SC follows from then on.
+        "plan": STRING,
         # Against the clock: how long after its release the step began, and ended.
         "late_ns": INTEGER,
         "done_ns": INTEGER,
     },
 }
-"""The schema of decisions; `reads`, `late_ns` and `done_ns` may be absent."""
+"""The schema of decisions; `reads`, `plan`, `late_ns` and `done_ns` may be absent."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,8 @@ class DecisionStep:
 
     `why`: the values that decided, one phrase each, if the decision differs from that of the step
     before; `margin_s`: how long AC surely keeps control. `reads`: for a module with `rest`, topic
-    -> `value` and `age_ns` as read (None: never published). `look`: in real time, how long after
+    -> `value` and `age_ns` as read (None: never published). `plan`: of several plans the node that
+    SC follows from then on. `look`: in real time, how long after
     its release the step began, and ended, in ns.
     """
 
@@ -167,6 +170,7 @@ class DecisionStep:
     why: Sequence[str] = ()
     margin_s: float = 0.0
     reads: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    plan: str = ""
     look: tuple[int, int] | None = None
 
 
@@ -408,6 +412,7 @@ def decision_message(step: DecisionStep) -> Message:
         "margin_s": step.margin_s,
         "predicates": step.predicates,
         **({"reads": step.reads} if step.reads else {}),
+        **({"plan": step.plan} if step.plan else {}),
         **(dict(zip(("late_ns", "done_ns"), step.look, strict=True)) if step.look else {}),
     }
 

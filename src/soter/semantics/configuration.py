@@ -278,6 +278,16 @@ def latch_switched(c: Configuration, module: Module, after: int) -> Configuratio
     return _remember_latch(c, module.latch, WAITS, NEVER if after == AC else c.ct)
 
 
+def plan_chosen(c: Configuration, module: Module, after: int, plan: int | None) -> Configuration:
+    """The plan that was found good, stored with a verdict "AC" and only then.
+
+    So SC follows it until the next such verdict; a forced module keeps its first one.
+    """
+    if after != AC or plan is None or module.plan is None or module.forced is not None:
+        return c
+    return replace(c, Topics=put(c.Topics, module.plan, plan))
+
+
 def _remember_latch(c: Configuration, latch: int, held: int, since: int) -> Configuration:
     topics = put(c.Topics, latch, held)
     return replace(c, Topics=topics, stamps=put(c.stamps, latch, since))

@@ -14,7 +14,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.arithmetic import canonical, mapper, zipper
+from soter.language.evaluate.arithmetic import FaultKind, StepFault, canonical, mapper, zipper
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
@@ -187,6 +187,41 @@ class DmCode:
     safer: Compiled | None
     together: list[tuple[int, int, int]]
     """Pairs of topics, and how many ns their stamps may differ where neither is stale."""
+    goods: tuple[Compiled, ...]
+    """With several plans of SC: for each whether the estimate is good."""
+
+    def sees(
+        self, env: Environment, topics: Sequence[Value]
+    ) -> tuple[bool, bool, int | None, bool]:
+        """`ttf`, `safer`, a plan for which the estimate is good, and whether a NaN was compared.
+
+        Of several plans the last one is asked first. A check that faults says of its plan alone
+        that it is not good.
+        """
+        if self.module.plan is None or not self.goods:
+            ttf, nan_in_ttf = _holds(self.ttf, env, unknown=True)
+            safer, nan_in_safer = _holds(self.safer, env, unknown=False)
+            return ttf, safer, None, nan_in_ttf or nan_in_safer
+        last, nan = topics[self.module.plan], False
+        for plan in sorted(range(len(self.goods)), key=lambda k: k != last):
+            good, compared = _holds(self.goods[plan], env, unknown=False)
+            nan = nan or compared
+            if good:
+                return False, True, plan, nan
+        return True, False, None, nan
+
+
+def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
+    """The predicate, or `unknown` where there is none or it faults: unknown is unsafe.
+
+    And whether it compared a NaN, which is such a fault.
+    """
+    if predicate is None:
+        return unknown, False
+    try:
+        return bool(predicate(env)), False
+    except StepFault as fault:
+        return unknown, fault.kind is FaultKind.NONFINITE
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +359,7 @@ class ExecutableSystem:
             None if ttf is None else evaluator.expression(ttf),
             None if safer is None else evaluator.expression(safer),
             apart_at_most(self.system, module.inputs),
+            tuple([evaluator.expression(e) for e in module.goods]),
         )
 
     def _plant(self, component: Component) -> PlantCode:

@@ -29,6 +29,7 @@ from soter.semantics.configuration import (
     enabled_outputs,
     latch_seen,
     latch_switched,
+    plan_chosen,
     put,
 )
 from soter.semantics.draws import chooser, draw_bits
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.evaluate.environment import Environment
-    from soter.language.evaluate.expressions import Compiled
     from soter.language.model.system import Component, Module
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
@@ -222,8 +222,7 @@ def dm_step(
     mode = c.L[dm]
     env = machine.environment(c, machine.system.components[dm])
     stale = is_stale(machine, c, module)
-    ttf, nan_in_ttf = _holds(code.ttf, env, unknown=True)
-    safer, nan_in_safer = _holds(code.safer, env, unknown=False)
+    ttf, safer, plan, nan = code.sees(env, c.Topics)
     gate_fault = c.gate_fault[module.index]
     c, returns = latch_seen(machine.system, c, module, mode)
 
@@ -236,6 +235,7 @@ def dm_step(
         after = AC if safer and clean and returns else SC
     if after != mode:
         c = latch_switched(c, module, after)
+    c = plan_chosen(c, module, after, plan)
     if module.looked is not None:  # what `margin` counts from
         looks = module.looks_left(unsafe=unsafe, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})
@@ -246,7 +246,6 @@ def dm_step(
         FN=_without(c.FN, dm),
         gate_fault=put(c.gate_fault, module.index, False),
     )
-    nan = nan_in_ttf or nan_in_safer
     verdict = DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after, nan=nan)
     return c, verdict
 
@@ -371,19 +370,6 @@ def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> boo
             return True
     together = machine.dms[module.dm].together
     return any(abs(c.stamps[i] - c.stamps[j]) > most for i, j, most in together)
-
-
-def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
-    """The predicate, or `unknown` where there is none or it faults: unknown is unsafe.
-
-    And whether it compared a NaN, which is such a fault.
-    """
-    if predicate is None:
-        return unknown, False
-    try:
-        return bool(predicate(env)), False
-    except StepFault as fault:
-        return unknown, fault.kind is FaultKind.NONFINITE
 
 
 # ---------------------------------------------------------------- of a step that takes time

@@ -192,11 +192,15 @@ class TubeLooks:
 
 
 def compile_looks(system: System) -> TubeLooks | None:
-    """The looks of modules with `rest`; None: there is none, or no compiler."""
-    modules = [m for m in system.modules if m.symbol.rest is not None and m.computed]
+    """The looks of modules with `rest` and one plan; None: there is none, or no compiler."""
+    modules = [m for m in _followed_modules(system) if m.computed]
     with contextlib.suppress(SoterError, OSError):
         return TubeLooks(system, modules) if modules else None
     return None
+
+
+def _followed_modules(system: System) -> list[Module]:
+    return [m for m in system.modules if m.symbol.rest is not None and m.plan is None]
 
 
 def _is_map_number(e: typed.TypedExpr) -> bool:
@@ -304,6 +308,8 @@ class DecisionStepRecord:
     """The values behind it; None where nothing changed, and where the states are not kept."""
     reads: tuple[TopicRead, ...] = ()
     """What the step read, of a module with `rest`: the estimate from which SC was followed."""
+    plan: str = ""
+    """Of several plans the node that SC follows from this step on; "" where there is one."""
 
     @property
     def words(self) -> list[str]:
@@ -329,9 +335,8 @@ def change_records(
 
 def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, str]:
     """The failed parts of tubes, by number of the change; empty without a compiler of C."""
-    rests = [m.index for m in system.modules if m.symbol.rest is not None]
-    lost = [(k, c) for k, c in enumerate(changes) if c.to != "AC" and c.ttf and c.states]
-    lost = [(k, c) for k, c in lost if c.module in rests]
+    rests, every = [m.index for m in _followed_modules(system)], enumerate(changes)
+    lost = [(k, c) for k, c in every if c.to != "AC" and c.ttf and c.states and c.module in rests]
     looks = compile_looks(system) if lost else None
     words_by_change = {}
     for k, c in lost if looks is not None else ():
@@ -390,6 +395,9 @@ def steps(
                 if explainer is not None and module.symbol.rest is not None:
                     read = explainer.reads(module.index, raw, states[row].tobytes())
                     decision = replace(decision, reads=read)
+                if module.plan is not None:
+                    number = int(states["topics"][system.topics[module.plan].name][row])
+                    decision = replace(decision, plan=module.symbol.plans[number].name)
                 yield decision
 
 

@@ -367,7 +367,8 @@ class _PredicateReader:
     def _level_part(
         self, e: typed.TypedExpr, *, for_ttf: bool = False
     ) -> Callable[[Environment], PredicatePart]:
-        """The part `level(x, ...) < 1` or `>= 2` of a computed predicate."""
+        """The part `level(x, ...) < 1` or `>= 2` of a computed predicate; of plans the first's."""
+        e = disjuncts(e)[0]
         assert isinstance(e, typed.TypedBinary)
         assert isinstance(e.left, typed.TypedCall)
         level = self._evaluator.expression(e.left)

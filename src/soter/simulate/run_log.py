@@ -245,6 +245,7 @@ def _decision(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> 
         why=d.words,
         margin_s=d.margin_s,
         look=look,
+        plan=d.plan,
         reads={r.topic: {"value": to_json(r.type, r.value), "age_ns": r.age_ns} for r in d.reads},
     )
 

@@ -24,6 +24,7 @@ from soter.language.model.types import RecordType, leaf_count
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import ScopeGuarantee, VerificationScope
 from soter.verify.problem.verification_system import verification_system_of
+from soter.verify.tubes.problem import TubeProblem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -209,6 +210,7 @@ def problem_key(problem: Problem) -> object:
         problem.assumptions,
         problem.law_unread,
         None if problem.law is None else _law_key(problem),
+        tuple(map(problem_key, problem.plans)) if isinstance(problem, TubeProblem) else (),
     )
 
 

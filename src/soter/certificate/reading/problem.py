@@ -62,6 +62,8 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     if len(modules) != 1:
         raise DiffersError(f"system `{flat_system.name}` has no module `{name}`")
     runs = modules[0]
+    if runs.plan is not None:
+        raise NotRecheckedError(f"`{name}` has several plans, each of which is read alone")
     if view:
         runs = module_in_view(runs, view)
     elif runs.symbol.verify.views:

@@ -66,7 +66,7 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age static",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span contract failsafe wcet jitter latch shield toward_sc rest",
+    "sc_span contract failsafe wcet jitter latch shield toward_sc rest plans plan",
     t.Latch: "topic span",
     t.RestSymbol: "condition moves within span",
     t.RestMove: "topic path by way span",
@@ -97,7 +97,7 @@ ELABORATED: dict[type, str] = {
     model.Shield: "cells topic held permits proposed moved",
     model.Module: "index name symbol dm ac sc period_ns scope clean inputs outputs forced around "
     "view whole law late_ns levels computed grid_ends unshown looks looked latch "
-    "acknowledgement shield",
+    "acknowledgement shield plan goods",
 }
 """What instances of these are in a system whose modules, instances and parameters are resolved."""
 ROLES = ("plant", "dm", "sc", "ac", "node")

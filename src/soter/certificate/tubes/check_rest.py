@@ -7,6 +7,7 @@ Non-goals: what each claim asks of tubes (`rest_claims.py`, `tube_chains.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -32,15 +33,18 @@ from soter.certificate.tubes.rest_problem import (
 )
 from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.certificate.vacuous_proofs import why_safe_says_nothing
+from soter.language.model.typed import Literal, TopicRead, TypedBinary, TypedIf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.tubes.rest_problem import Range, RestProblem
     from soter.language.model.system import System
+    from soter.language.model.typed import ModuleSymbol, TypedStmt
 
 KEYS = "system module plants claims recover_ns times inputs rest"
+PLANS_KEYS, PLAN_KEYS = "system module claims recover_ns plans", "plants times inputs rest"
 REST_KEYS, KEPT_KEYS = "within_ns alpha_ns switches reads moves", "box ways"
 """What an entry has of the check of its DM, and what P2a rests on."""
 SOUND = (
@@ -72,6 +76,93 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     report.in_flight = "P2a" in claims  # else nothing is shown of what its DM decides
     report.vacuous, report.unseen = why_safe_says_nothing(facts), "its DM decides in flight"
     return facts, report
+
+
+def recheck_plans(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
+    """Check the entry of a module with several plans, each as if it alone were SC.
+
+    A claim is confirmed where it is of every plan; `start` is of the first, which SC follows until
+    the first verdict "AC". The facts are the first plan's; raises as `recheck_rest`.
+    """
+    checked = {name: recheck_rest(*of) for name, of in entries_of_plans(flat, entry).items()}
+    (facts, report), *others = checked.values()
+    report.claims = dict(entry["claims"])
+    every = [report.assumptions, *(r.assumptions for _, r in others)]
+    report.assumptions = list({a.text: a for of in every for a in of}.values())
+    report.plan_times = {name: r.times for name, (_, r) in checked.items()}
+    report.vacuous = next((r.vacuous for _, r in checked.values() if r.vacuous), "")
+    return facts, report
+
+
+def read_plans(flat: System, entry: dict[str, Any]) -> None:
+    """As `read_entry`, for a module with several plans."""
+    for of in entries_of_plans(flat, entry).values():
+        read_entry(*of)
+
+
+def entries_of_plans(
+    flat: System, entry: dict[str, Any]
+) -> dict[str, tuple[System, dict[str, Any]]]:
+    """By plan the system in which it alone is SC, and its entry; of one plan all under "".
+
+    RejectedError where the plans are others in the program.
+    """
+    if "plans" not in entry:
+        return {"": (flat, entry)}
+    only_keys(entry, PLANS_KEYS, "a module")
+    given, claims = entry["plans"], dict(entry["claims"])
+    alone = dict(_plans_alone(flat, entry["module"]))
+    if not alone or given.keys() != alone.keys():
+        raise RejectedError("the plans are others in the program")
+    found = {}
+    for k, (name, system) in enumerate(alone.items()):
+        only_keys(given[name], PLAN_KEYS, "a plan")
+        own = {n: v for n, v in claims.items() if not (k and n == "start")}
+        head = {n: entry[n] for n in ("system", "module", "recover_ns")}
+        found[name] = system, {**head, **given[name], "claims": own}
+    return found
+
+
+def _plans_alone(flat: System, name: str) -> Iterator[tuple[str, System]]:
+    """Each plan of a module, in order, with the system in which it alone is SC.
+
+    NotRecheckedError where SC, at the number of a plan, does not do what that plan does.
+    """
+    for module in (m for m in flat.modules if m.name == name and m.plan is not None):
+        symbol, sc = module.symbol, flat.components[module.sc]
+        if sc.node is None or not _follows_plans(sc.node.step, symbol):
+            raise NotRecheckedError("SC is made of its plans in a way that is not known here")
+        for plan in symbol.plans:
+            one = replace(symbol, sc=plan, plans=(), plan=None)
+            system = replace(
+                flat,
+                components=tuple(replace(c, node=plan) if c is sc else c for c in flat.components),
+                modules=tuple(
+                    replace(m, symbol=one, plan=None) if m is module else m for m in flat.modules
+                ),
+            )
+            yield plan.name, system
+
+
+def _follows_plans(step: Sequence[TypedStmt], symbol: ModuleSymbol) -> bool:
+    """Whether a step is `if plan == 0 { the first } ... else { the last }`, and no more."""
+    *most, last = symbol.plans
+    if (
+        len(step) != 1
+        or not isinstance(choice := step[0], TypedIf)
+        or choice.otherwise != last.step
+    ):
+        return False
+    arms = zip(choice.arms, most, strict=True) if len(choice.arms) == len(most) else ()
+    return bool(arms) and all(
+        isinstance(c, TypedBinary)
+        and c.op == "=="
+        and isinstance(c.left, TopicRead)
+        and c.left.topic is symbol.plan
+        and isinstance(c.right, Literal)
+        and (c.right.value, body) == (k, plan.step)
+        for k, ((c, body), plan) in enumerate(arms)
+    )
 
 
 def _map_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:

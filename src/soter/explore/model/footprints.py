@@ -150,6 +150,9 @@ class Footprints:
         for topic in (m.latch, m.acknowledgement):
             if topic is not None:
                 effects.reads |= {("topic", topic), ("stamp", topic)}
+        if m.plan is not None:
+            effects.reads.add(("topic", m.plan))
+            effects.writes.add(("topic", m.plan))
         if m.latch is not None:
             effects.writes |= {("topic", m.latch), ("stamp", m.latch)}
 

@@ -157,7 +157,7 @@ def published_too(
     module_of: dict[str, str] = {}
     for d in declarations:
         if isinstance(d, tree.RtaDecl):
-            refs = [r.text for r in (d.ac, d.sc) if isinstance(r, tree.Ref)]
+            refs = [r.text for r in (d.ac, d.sc, *d.plans) if isinstance(r, tree.Ref)]
             module_of |= dict.fromkeys(refs, d.name.text)
     others = [
         d.name.text
@@ -433,7 +433,7 @@ def _published(node: tree.NodeDecl) -> list[str]:
 
 
 def _nodes_of(module: tree.RtaDecl) -> list[str]:
-    parts = (module.ac, module.sc)
+    parts = (module.ac, module.sc, *module.plans)
     return list(dict.fromkeys(p.text for p in parts if isinstance(p, tree.Ref)))
 
 

@@ -45,7 +45,7 @@ def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) ->
     taken = {i.name for i in system.instances}
     there: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
-    there |= {node for m in modules for node in m.own}
+    there |= {node for m in modules for node in m.named}
     for name, plant in program.plants.items():
         if plant not in there and any(t is topic for t, _ in plant.drives):
             yield f"{_instance(name, taken)}: {name};"

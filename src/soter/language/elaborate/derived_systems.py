@@ -186,6 +186,16 @@ def forced(system: System, module: int, who: str) -> System:
     return with_module(system, replace(system.modules[module], forced=who))
 
 
+def plans_alone(system: System, module: Module) -> Iterator[tuple[System, Module]]:
+    """For each of several plans the system in which it alone is SC, and the module there."""
+    sc = system.components[module.sc]
+    for node in module.symbol.plans if module.plan is not None else ():
+        symbol = replace(module.symbol, sc=node, plans=(), plan=None)
+        alone = replace(module, symbol=symbol, plan=None)
+        made = with_components(system, [replace(sc, node=node)])
+        yield with_module(made, alone), alone
+
+
 # ---------------------------------------------------------------- topics
 
 
@@ -271,7 +281,7 @@ def unlatched(system: System) -> System:
 
 def _hidden_topics(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
     """Indices of hidden topics, which no program declares: of steps, modules and shields."""
-    own = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch)}
+    own = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch, m.plan)}
     shields = [m.shield for m in modules if m.shield is not None]
     return own | {i for s in shields for i in (s.topic, s.proposed)}
 
@@ -298,6 +308,7 @@ def faultless(system: System) -> System:
                 m,
                 looked=place.get(m.looked),
                 latch=place.get(m.latch),
+                plan=place.get(m.plan),
                 shield=m.shield and _moved(m.shield, place),
             )
             for m in system.modules

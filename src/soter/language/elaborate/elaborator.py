@@ -29,6 +29,7 @@ from soter.language.elaborate.topics import (
     first_outside,
     make_latch_topics,
     make_margin_topics,
+    make_plan_topics,
     make_shield_topics,
     refuse_overrun,
 )
@@ -113,6 +114,7 @@ class Elaborator(Topics):
         measures = tuple(self.measures())
         self.topics += make_margin_topics(self._margins, modules, len(self.topics))
         self.topics += make_latch_topics(modules, len(self.topics))
+        self.topics += make_plan_topics(modules, components, len(self.topics))
         for c in components:
             if c.takes_ns is not None:
                 self._hold(c)
@@ -470,6 +472,8 @@ class Elaborator(Topics):
         self, placed: PlacedInstance, module: typed.ModuleSymbol, index: int
     ) -> list[Component]:
         ac, sc = placed.controllers()
+        if sc is module.sc:
+            self._in_the_same_times(module)
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
         predicates = topic_reads(*module.expressions)
@@ -494,6 +498,24 @@ class Elaborator(Topics):
             self._node(placed, sc, sc_name, "sc", index),
             self._node(placed, ac, ac_name, "ac", index),
         ]
+
+    def _in_the_same_times(self, module: typed.ModuleSymbol) -> None:
+        """Reports M030 for a plan of several that steps, or is late, at other times."""
+
+        def times(node: typed.NodeSymbol) -> tuple[object, ...]:
+            phase = self.number(node.phase, "a phase") or 0
+            return self.duration(node.period, "a period"), phase, *budget(self, node)
+
+        for plan in module.plans[1:]:
+            if times(plan) != times(module.plans[0]):
+                self.diagnostics.error(
+                    "M030",
+                    f"`{plan.name}` has other times than `{module.plans[0].name}`",
+                    plan.span,
+                    also=((module.sc_span or module.span, "both are plans here"),),
+                    notes=("plans of one module share one place in the calendar",),
+                    helps=("give both the same `period`, `phase`, `wcet` and `jitter`",),
+                )
 
     def _modules(self, pending: list[PlacedInstance], components: list[Component]) -> list[Module]:
         roles: list[dict[str, Component]] = [{} for _ in pending]
@@ -901,7 +923,7 @@ def elaborate(
 
 def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
     """The system of a file that declares none: everything in the file, once."""
-    used = {n for m in program.modules.values() for n in m.own}
+    used = {n for m in program.modules.values() for n in m.named}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),
         *program.modules.values(),

@@ -2,8 +2,9 @@
 
 Purpose: computes bounds of every leaf, defaults inside them and `max_age`, and makes one topic for
 all that is wired together. Hidden topics hold what a decision module remembers: for how many
-periods AC surely keeps control (`margin(M)`), what a latch waits for, and until when a command in
-each cell of a `shield` was held. It reports modules that cannot have a shield (M027).
+periods AC surely keeps control (`margin(M)`), what a latch waits for, which of several plans SC
+follows, and until when a command in each cell of a `shield` was held. It reports modules that
+cannot have a shield (M027).
 Non-goals: who drives a topic (`composition_check.py`); how many periods or which commands these are
 (`verify/`); how a latch moves and when commands are judged (`semantics/`,
 `runtime/soter_kernel.c`).
@@ -12,6 +13,7 @@ Non-goals: who drives a topic (`composition_check.py`); how many periods or whic
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.instantiate import Instantiation, TopicKey
@@ -72,6 +74,24 @@ def make_latch_topics(modules: Iterable[Module], first: int) -> list[Topic]:
         if latch.topic is not None:
             module.acknowledgement = module.scope.topics[latch.topic]
         made.append(_memory_topic(module, "latch", module.latch, 1 if latch.topic is None else 2))
+    return made
+
+
+def make_plan_topics(
+    modules: Iterable[Module], components: Sequence[Component], first: int
+) -> list[Topic]:
+    """A hidden topic for every module with several plans, with indices from `first` on.
+
+    One whose SC was replaced has none. The modules get the indices, and SC the topic.
+    """
+    made: list[Topic] = []
+    for module in modules:
+        sc, symbol = components[module.sc], module.symbol.plan
+        if symbol is None or sc.node is not module.symbol.sc:
+            continue
+        module.plan = sc.scope.topics[symbol] = first + len(made)
+        topic = _memory_topic(module, "plan", module.plan, len(module.symbol.plans) - 1)
+        made.append(replace(topic, symbol=symbol))
     return made
 
 

@@ -293,6 +293,10 @@ class Module:
     """With a `latch`: the topic of the button after whose press it gives control back; None: once
     it has taken control from AC it never does."""
     shield: Shield | None = None
+    plan: int | None = None
+    """With several plans of SC: the hidden topic with the number of the one that SC follows."""
+    goods: tuple[TypedExpr, ...] = ()
+    """With several plans, once predicates are computed: for each whether the estimate is good."""
 
     @property
     def reads(self) -> tuple[int, ...]:

@@ -658,11 +658,20 @@ class ModuleSymbol(Symbol):
     """Whether a command that is not permitted is moved toward SC's before it is judged."""
     rest: RestSymbol | None = None
     """Replaces `ttf` and `safer`: the DM follows SC from each estimate to where it rests."""
+    plans: tuple[NodeSymbol, ...] = ()
+    """`sc Brake, Left;`: the nodes of which `sc` is made, which does what one of them does."""
+    plan: TopicSymbol | None = None
+    """With `plans`: the topic that tells `sc` which one, by its number."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
         """Its controllers, AC and SC."""
         return self.ac, self.sc
+
+    @property
+    def named(self) -> tuple[NodeSymbol, ...]:
+        """The nodes of the program that it is made of: its controllers, or its plans."""
+        return (self.ac, *(self.plans or (self.sc,)))
 
     @property
     def acknowledgements(self) -> tuple[TopicSymbol, ...]:

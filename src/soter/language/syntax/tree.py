@@ -665,6 +665,8 @@ class RtaDecl(Decl):
     toward_sc: bool = False
     """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""
     rest: Rest | None = None
+    plans: tuple[Ref, ...] = ()
+    """`sc Brake, Left;`: all that are named, of which `sc` is the first; of one: none."""
 
 
 @node()

@@ -21,7 +21,7 @@ from soter.diagnostics.current_phase import between, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.system import LEVELS_DEFAULT
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import joined, topic_reads
 from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, store
@@ -137,22 +137,30 @@ def _install_tube_predicates(
 ) -> str:
     """Gives a module with `rest` its predicates, unless rest is not shown; returns a note."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
-    check = TubeCheck(problem)
-    claims = rest_claims(check)
-    levels: Found = []
-    if not claims.kept:
-        levels = [TubeLevels.of(check, claims.ways, rest_entry(check, claims))]
-    if known is not None:
-        known.built(problem, levels)
-    if claims.kept:
-        return f"{module.name}: {claims.kept}: {NEVER}"
+    checks = [TubeCheck(p) for p in problem.plans or (problem,)]
+    claims = [rest_claims(check) for check in checks]
+    plans = [f"{p.plan}: " for p in problem.plans] or [""]
+    kept = next((plan + c.kept for plan, c in zip(plans, claims, strict=True) if c.kept), "")
+    levels: list[LevelTable] = []
+    for check, of in zip(checks, claims, strict=True):
+        own = [] if kept else [TubeLevels.of(check, of.ways, rest_entry(check, of))]
+        if known is not None:
+            known.built(check.problem, own)
+        levels += own
+    if kept:
+        return f"{module.name}: {kept}: {NEVER}"
     install(flat, module, problem, levels)
-    module.unshown = "; ".join(filter(None, (claims.moves, claims.start)))
+    module.unshown = _unshown_in_words(claims)
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
     where = "SC, followed from there, comes to rest" + (
-        "" if claims.given else ", not at the start"
+        "" if any(c.given for c in claims) else ", not at the start"
     )
     return f"{module.name}: AC may have control where {where}{missing}"
+
+
+def _unshown_in_words(claims: Sequence[RestClaims]) -> str:
+    """What is not shown of the plans of a module, the first of which begins; "": nothing."""
+    return "; ".join(filter(None, dict.fromkeys([*(c.moves for c in claims), claims[0].start])))
 
 
 def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
@@ -165,17 +173,23 @@ def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
         try:
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
-            check = TubeCheck(problem)
-            try:
-                found[module.symbol.name] = check.cost()
-            except TooLongError:
-                raise too_long(check) from None
-            check.cut = MOST if check.read_by_law else PLAIN
-            with contextlib.suppress(TooLongError):  # what fits stays
-                found[module.symbol.name] = check.cost()
+            every = [_followed_cost(TubeCheck(p)) for p in problem.plans or (problem,)]
+            operations, most = sum(c.operations for c in every), max(c.bytes for c in every)
+            found[module.symbol.name] = every[0]._replace(operations=operations, bytes=most)
         except SoterError as error:
             refused += error.diagnostics
     return found, refused
+
+
+def _followed_cost(check: TubeCheck) -> Cost:
+    try:
+        cost = check.cost()
+    except TooLongError:
+        raise too_long(check) from None
+    check.cut = MOST if check.read_by_law else PLAIN
+    with contextlib.suppress(TooLongError):  # what fits stays
+        cost = check.cost()
+    return cost
 
 
 def rest_claims(check: TubeCheck) -> RestClaims:
@@ -209,6 +223,7 @@ def _copy_predicates(here: System, there: System) -> None:
         dm, sc = here.components[m.dm], here.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
         m.symbol, m.computed, m.unshown = proved.symbol, proved.computed, proved.unshown
+        m.goods = proved.goods
         for topic in (*proved.symbol.topics_read, *_copy_shield(m, proved, there, scope)):
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])
@@ -234,7 +249,13 @@ def _copy_shield(
 
 def install(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
     """Makes the predicates of these tables the module's own."""
-    ttf, safer = predicates(problem, level_tables)
+    if isinstance(problem, TubeProblem) and problem.plans:
+        every = zip(problem.plans, level_tables, strict=True)
+        module.goods = tuple(predicates(p, [table])[1] for p, table in every)
+        safer = joined("||", module.goods, module.symbol.span)
+        ttf: TypedExpr = TypedUnary(BOOL, module.symbol.span, "!", safer)
+    else:
+        ttf, safer = predicates(problem, level_tables)
     reads = tuple(topic_reads(ttf, safer))
     scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
     if module.shield is not None:

@@ -23,6 +23,7 @@ from soter.verify.grid.claims import pair_in_certificate
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import texts
 from soter.verify.proof_methods import built_entry
+from soter.verify.tubes.problem import TubeProblem
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ def what_differs(
     entry = next((e for e, of in said if of == (system, module, problem.view)), None)
     if entry is None or "induction" in entry:
         return "predicates" if built else ""
+    if "plans" in entry:
+        entry = {**entry, **entry["plans"].get(problem.module.symbol.sc.name, {})}
     if built is not None and not built:
         followed = "rest" in entry and entry["claims"].get("P2a") == PROVED
         return "predicates" if followed or entry.get("tables") else ""
@@ -233,6 +236,9 @@ def _transferred_proof(
             text for text in texts(problem.assumptions) if text not in inheritance.assumptions
         ]
     (problem,) = problems
+    if isinstance(problem, TubeProblem) and problem.plans:
+        inheritance.why_not = "SC has several plans, and what each reads is not carried over yet"
+        return inheritance
     inheritance.problem = problem
     covers = module_method(problem).covers
     inheritance.covered, assumed = covers(here, there, problem, diagnostics)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
+from soter.language.elaborate import derived_systems
 from soter.language.elaborate.views_for_proofs import refuse_views
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.types import leaves
@@ -43,7 +44,7 @@ from soter.verify.problem.verification_system import (
     why_law_not_held,
     with_all_predicates,
 )
-from soter.verify.tubes.problem import tube_problem_of
+from soter.verify.tubes.problem import problem_of_plans, tube_problem_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -63,8 +64,12 @@ HELP_FOR_VIEWS = "it says when the state of a view may jump, and there is no vie
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     """The problem of `module` of a flat system; `SoterError` with a code R... where there is none.
 
-    It holds that of the module's fail-safe law, where one is declared.
+    It holds that of the module's fail-safe law, where one is declared; and those of all plans,
+    where SC has several.
     """
+    if module.plan is not None:
+        alone = derived_systems.plans_alone(flat, module)
+        return problem_of_plans(module, [_problem_of(*system) for system in alone])
     problem = _problem_of(flat, module, synthesize=synthesize)
     if module.law and module.symbol.verify.induction is None:
         try:

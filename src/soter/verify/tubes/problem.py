@@ -7,6 +7,7 @@ Non-goals: the check in flight (`tube_check.py`), what is shown offline (`rest_c
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from fractions import Fraction
 from math import inf, nextafter
@@ -20,7 +21,10 @@ from soter.verify.problem.problem import TUBES, Interval, Problem
 from soter.verify.problem.supported_constructs import map_topics
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.language.check.constants_and_types import Calculator
+    from soter.language.model.system import Module
     from soter.language.model.typed import RestMove, RestSymbol, TypedExpr
 
 
@@ -43,13 +47,20 @@ class TubeProblem(Problem):
     """A module that declares `rest e moves ... within T;`.
 
     `drifts`: what `moves` says of a state, by its number. `map_leaves`: each number of the maps
-    that `safe` reads, as (topic, leaf).
+    that `safe` reads, as (topic, leaf). `plans`: of a module with several plans the problem of
+    each, as if it alone were SC; this one is that of the first. Else empty.
     """
 
     rest: TypedExpr
     within_ns: int
     drifts: dict[int, Drift]
     map_leaves: tuple[tuple[int, int], ...]
+    plans: tuple[TubeProblem, ...] = ()
+
+    @property
+    def plan(self) -> str:
+        """The name of the node that is SC here."""
+        return self.module.symbol.sc.name
 
     @property
     def first_map(self) -> list[float]:
@@ -139,6 +150,18 @@ def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) 
         drifts=drifts,
         map_leaves=tuple(numbers),
     )
+
+
+def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
+    """The problem of a module with several plans, given that of each; `SoterError` R007."""
+    first, *_ = every = [p for p in plans if isinstance(p, TubeProblem)]
+    if module.symbol.shield is not None:
+        why = "`shield;` beside several plans is not: the plan is that of the last look"
+        helps = ("leave `shield` out, or all plans but one",)
+        raise refused(first, why, helps)
+    of_all = copy(first)
+    of_all.plans = tuple(every)
+    return of_all
 
 
 def nearest_seconds(ns: int, parts: int = 1) -> float:

@@ -38,7 +38,7 @@ from soter.verify.tubes.rest_claims import rest_entry
 from soter.verify.tubes.tube_check import TubeCheck
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.verify.tubes.rest_claims import RestClaims
 
@@ -46,15 +46,19 @@ if TYPE_CHECKING:
 def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -> dict[str, object]:
     """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
-    problem = result.problem
     said = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     said.pop("failsafe", None)  # none is declared: there is nothing to be claimed
+    head = {"system": system, "module": result.problem.name, "claims": said, "recover_ns": None}
+    if not result.plans:
+        return head | _own_entry(result)
+    return head | {"plans": {r.problem.plan: _own_entry(r) for r in result.plans}}
+
+
+def _own_entry(result: TubeResult) -> dict[str, object]:
+    """What an entry has of one plan, or of a module with one."""
+    problem = result.problem
     return {
-        "system": system,
-        "module": problem.name,
         "plants": [c.name for c in problem.system.components if c.role == "plant"],
-        "claims": said,
-        "recover_ns": None,
         **figures_entry(problem),
         "rest": rest_entry(result.check, result.claims),
     }
@@ -96,11 +100,15 @@ MOVES = (
 
 
 class TubeResult(ModuleResult):
-    """The result for a module that decides by tubes: `claims` is what was shown offline."""
+    """The result for a module that decides by tubes: `claims` is what was shown offline.
+
+    `plans`: of a module with several plans the result of each; what is above is the first one's.
+    """
 
     problem: TubeProblem
     check: TubeCheck
     claims: RestClaims
+    plans: tuple[TubeResult, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -127,6 +135,9 @@ def verify_by_tubes(
     `refute` or `explain`: where rest is not shown, younger reads are tried. `search` and `compiled`
     are there because every method takes them: no refuting run is looked for.
     """
+    if problem.plans:
+        results = [verify_by_tubes(p, refute=refute, explain=explain) for p in problem.plans]
+        return _joined_results(problem, results)
     del search, compiled
     began = time.perf_counter()
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
@@ -168,6 +179,32 @@ def verify_by_tubes(
     say_of_nothing(result)
     result.seconds = time.perf_counter() - began
     return result
+
+
+def _joined_results(problem: TubeProblem, results: Sequence[TubeResult]) -> TubeResult:
+    """The result for several plans: each claim has to hold of all; `start` of the first alone."""
+    added = dict.fromkeys(a for r in results for a in r.assumptions)
+    result = TubeResult(problem, {}, [], added=tuple(added))
+    result.check, result.claims, result.plans = results[0].check, results[0].claims, tuple(results)
+    result.findings = {p: _joined_finding(results, p) for p in PROPERTIES}
+    given = [r for r in results if not r.at_the_start]
+    result.at_the_start = "" if given else results[0].at_the_start
+    result.vacuity = vacuity_of_rest(problem, result.at_the_start)
+    result.seconds = sum(r.seconds for r in results)
+    return result
+
+
+def _joined_finding(results: Sequence[TubeResult], of: str) -> Finding:
+    kept = all(r.findings["P2a"].verdict == PROVED for r in results)
+    every = results[:1] if of == "start" and kept else results
+    worst = max((r.findings[of].verdict for r in every), key=(PROVED, ASSUMED, UNDECIDED).index)
+    found = {r.problem.plan: r.findings[of] for r in every if r.findings[of].verdict == worst}
+    same = len(found) == len(every) > len({f.text for f in found.values()}) == 1
+    first = next(iter(found.values()))
+    text = first.text if same else "; ".join(f"{plan}: {f.text}" for plan, f in found.items())
+    seconds = sum(r.findings[of].seconds for r in every)
+    hint = next((f.hint for f in found.values() if f.hint), "")
+    return Finding(worst, seconds, first.method, text, hint)
 
 
 def _advice_on_rest(

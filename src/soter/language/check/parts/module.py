@@ -12,6 +12,7 @@ from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, is_error
 from soter.language.check.field import instead_of, listed
 from soter.language.check.parts.node import period_or_unknown
+from soter.language.check.parts.plans import join_steps, sc_of_plans
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, topic_reads
@@ -37,6 +38,16 @@ class ModuleChecker(CheckerPart):
         """The node that a reference means; None without one, or after a report."""
         return self.referred(ref, scope, "node", typed.NodeSymbol) if ref else None
 
+    def _nodes(self, refs: tuple[tree.Ref, ...], scope: FileScope) -> list[typed.NodeSymbol | None]:
+        return [self._node(ref, scope) for ref in refs]
+
+    def _one_sc(
+        self, sc: tree.Ref | tree.Synthesized | None, ac: typed.NodeSymbol | None, context: Context
+    ) -> typed.NodeSymbol | None:
+        if isinstance(sc, tree.Synthesized):
+            return self._synthesized(sc, ac, context)
+        return self._node(sc, context.scope)
+
     def signature(
         self, decl: tree.RtaDecl, scope: FileScope, full: str
     ) -> typed.ModuleSymbol | None:
@@ -54,10 +65,10 @@ class ModuleChecker(CheckerPart):
             )
         number = self.number_if_given
         ac = self._node(decl.ac, scope)
-        if isinstance(decl.sc, tree.Synthesized):
-            sc = self._synthesized(decl.sc, ac, context)
-        else:
-            sc = self._node(decl.sc, scope)
+        plans = self._nodes(decl.plans, scope)
+        sc, plan = sc_of_plans(full, plans)
+        if not plans:
+            sc = self._one_sc(decl.sc, ac, context)
         what, given = "a period", decl.period
         period = None if given is None else self.shared.number(given, context, DURATION, what)
         counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
@@ -69,7 +80,7 @@ class ModuleChecker(CheckerPart):
             return None
         if ac is None or sc is None or period is None:
             return None
-        if {ac, sc} & self.shared.damaged:
+        if {ac, sc, *plans} & self.shared.damaged:
             self.shared.names.losses += 1
         module = typed.ModuleSymbol(
             full,
@@ -83,11 +94,13 @@ class ModuleChecker(CheckerPart):
             clean=clean,
             verify=typed.TypedVerifyBlock(),
             ac_span=decl.ac.span,
-            sc_span=decl.sc.span,
+            sc_span=decl.sc.span.to((decl.sc, *decl.plans)[-1].span),
             wcet=wcet,
             jitter=jitter,
             shield=shield,
             toward_sc=decl.toward_sc,
+            plans=tuple(filter(None, plans)),
+            plan=plan,
         )
         self.shared.later(module, decl, scope)
         return module
@@ -143,6 +156,8 @@ class ModuleChecker(CheckerPart):
         check = self.shared.check_expr
         where = f"module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_modes=True)
+        if module.plan is not None:
+            join_steps(module, decl, self.diagnostics)
         name = decl.name.span
         safe = name, "`safe` is the condition that must hold all the time"
         ttf = name, "`ttf` is the condition under which SC takes over, as in `ttf x > LIMIT;`"

@@ -272,7 +272,7 @@ def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[
     """Help for a node's name where that of its module is meant."""
     for name, instance in instances.items():
         what = instance.what
-        if isinstance(what, typed.ModuleSymbol) and node in (what.ac.name, what.sc.name):
+        if isinstance(what, typed.ModuleSymbol) and node in [n.name for n in what.named]:
             return (f"it is a node of module `{name}`",)
     return ()
 

@@ -197,24 +197,31 @@ def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
     return tree.Clause(kind, name, condition, parser.span_from(start))
 
 
-def _controller(parser: BodyParser, word: str, _start: int) -> object:
-    """A node; or `sc synthesized period 10ms;`: none yet. S026 for `ac module Keep;`."""
-    start, following = parser.starts[parser.i], parser.kinds[parser.i + 1]
-    if word == "sc" and parser.is_word("synthesized") and following != ".":
-        parser.i += 1
-        parser.expect_word("period", "after `synthesized`")
-        period = parser.time_value("`period`")
-        return tree.Synthesized(period, parser.span_from(start))
-    if word == "ac" and parser.is_word("module") and following == NAME:
+def _advanced(parser: BodyParser, _word: str, _start: int) -> tree.Ref:
+    """A node; S026 for `ac module Keep;`."""
+    if parser.is_word("module") and parser.kinds[parser.i + 1] == NAME:
         raise parser.failure(
             "S026",
             "a module in the place of another one's AC (`ac module`) is gone since 1.0.0",
-            notes=("nothing stands in its place until a module can have several plans of one SC",),
+            notes=("a module with `rest` may have several plans of SC: `sc Gentle, Hard;`",),
             helps=("name a node, as the AC of that module: what it kept, nobody keeps then",),
         )
-    node = parser.ref(f"the name of a node after `{word}`")
-    parser.semicolon(f"the node of `{word}`")
+    node = parser.ref("the name of a node after `ac`")
+    parser.semicolon("the node of `ac`")
     return node
+
+
+def _safe(parser: BodyParser, _word: str, _start: int) -> tuple[object, tuple[tree.Ref, ...]]:
+    """A node, or several plans; or `sc synthesized period 10ms;`: none yet."""
+    start = parser.starts[parser.i]
+    if parser.is_word("synthesized") and parser.kinds[parser.i + 1] != ".":
+        parser.i += 1
+        parser.expect_word("period", "after `synthesized`")
+        period = parser.time_value("`period`")
+        return tree.Synthesized(period, parser.span_from(start)), ()
+    plans = commas(ref("the name of a node after `sc`"))(parser)
+    parser.semicolon("the node of `sc`")
+    return plans[0], plans if len(plans) > 1 else ()
 
 
 def _returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
@@ -251,8 +258,8 @@ _MOVE = group(
 
 
 RTA_ITEMS: Items = {
-    "ac": once("ac", _controller),
-    "sc": once("sc", _controller),
+    "ac": once("ac", _advanced),
+    "sc": once({"sc": None, "plans": ()}, _safe),
     "period": once("period", only(time_value("`period`"))),
     "wcet": NODE_ITEMS["wcet"],
     "jitter": NODE_ITEMS["jitter"],
