@@ -519,6 +519,8 @@ EXCEPT: dict[tuple[str, str], str] = {
     ): f"{DEFINED}; {HELD}correct/test_ground_robot.py proves"
     " both; from where AC has control is of the formula above it",
     ("gym.md", "| key"): DEFINED,
+    ("gym.md", "| arm"): f"{PEERS}; `python bench/gym/learning.py` prints it",
+    ("gym.md", "PPO of Stable"): "what that command is told, and its table",
     ("json.md", "| exit"): DEFINED,
     ("language-card.md", "| type"): DEFINED,
     ("language.md", "| type"): DEFINED,

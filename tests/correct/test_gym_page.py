@@ -24,7 +24,7 @@ def test_the_gym_page_runs_from_top_to_bottom(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     blocks = BLOCK.findall((ROOT / "docs" / "gym.md").read_text(encoding="utf-8"))
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     names: dict[str, object] = {}
     for number, text in enumerate(blocks):
         exec(compile(text, f"docs/gym.md, block {number + 1}", "exec"), names)  # noqa: S102

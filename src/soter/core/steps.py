@@ -19,7 +19,7 @@ from soter.language.model import typed
 from soter.language.model.read_together import permits_together
 from soter.language.model.system import queues_of
 from soter.language.model.tree_walk import premise_of
-from soter.language.model.types import BOOL, INT, ArrayType, RecordType
+from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
@@ -104,6 +104,7 @@ def _shield(
     topic, span = system.topics[shield.topic], component.span
     builder.scope = module.scope
     builder.params = module.scope.params
+    judges = component.role == "ac" and module.forced is None
     cell, name = _copied(builder, topic, "shield", span)
     proposed = None
     if shield.proposed is not None:
@@ -116,11 +117,11 @@ def _shield(
 
     def judged() -> None:
         builder.emit(core.Set(span, name, topic.type, (), held))
-        if component.role == "ac":
+        if judges:
             _let_read(builder, module, topic.index, (None, name))
         if proposed is not None:
-            _note_proposals(builder, component, proposed[1], outputs)
-        if component.role == "ac":
+            _note_proposals(builder, component, proposed[1], outputs, moves=judges)
+        if judges:
             _permitted(builder, component, outputs)
 
     then, _ = builder.capture(judged)
@@ -137,9 +138,14 @@ def _copied(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core
 
 
 def _note_proposals(
-    builder: Builder, component: Component, name: str, outputs: tuple[core.Output, ...]
+    builder: Builder,
+    component: Component,
+    name: str,
+    outputs: tuple[core.Output, ...],
+    *,
+    moves: bool,
 ) -> None:
-    """Note the numbers that a controller would publish as proposals; move what AC publishes."""
+    """Note the numbers that a controller would publish as proposals; move them, if it `moves`."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -155,13 +161,17 @@ def _note_proposals(
         value = select(core.Var(system.topics[i].type, core.output_name(number[i])), place)
         note = core.Set(span, name, topic.type, (core.Const(INT, at),), value)
         builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
-    if component.role != "ac":
+    if not moves:
         return
     _let_read(builder, module, topic.index, (None, name))
-    moved = [builder.let(span, "moved", builder.expr(e)) for e in module.shield.moved]
-    for (i, place), value in zip(places, moved, strict=True):
+    assert module.shield.moved is not None
+    moved = builder.let(span, "moved", builder.expr(module.shield.moved))
+    for at, (i, place) in enumerate(places):
         if i in number:
+            value = select(moved, (at,))
             _move(builder, span, (number[i], place), system.topics[i].type, value)
+    found = core.Binary(BOOL, "==", select(moved, (len(places),)), core.Const(FLOAT, 1.0))
+    builder.emit(core.Guard(span, found, FaultKind.SHIELD))
 
 
 def _move(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,6 +19,8 @@ from soter.codegen.externs import answer_fields
 from soter.core.layout import arrange, state_dtype
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.outside_roles import LeafBuffer, is_flat, places
+from soter.language.model.typed import Literal
+from soter.language.model.types import BOOL
 from soter.native.bindings import Bindings, bind
 from soter.native.compiler import FAST, vector_flags
 from soter.native.extern_memory import kept_by
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
     import soter.api
     from soter.codegen.unit import Unit
     from soter.gym.outside_roles import MemoryLeaf, ObservedPart
-    from soter.language.model.system import Component, System
+    from soter.language.model.system import Component, Module, System
 
 T = TypeVar("T")
 FOLDER = Path(__file__).resolve().parent / "c"
@@ -241,6 +243,16 @@ def answered_around(
     """Extern -> what answers it; a component outside is never called, nor is a file of it read."""
     externs = [x for x in (system.components[i] for i in outside) if x.extern]
     return {**bound, **{x.name: refuse_call for x in externs}}
+
+
+def without_idle_check(module: Module) -> None:
+    """Spares a module with `rest` that is forced to AC the check in flight, in place.
+
+    Nothing follows from what it says, unless somebody reads the module's `margin`.
+    """
+    if module.forced == "ac" and module.symbol.rest is not None and module.looked is None:
+        ttf, safer = (Literal(BOOL, module.symbol.span, x) for x in (False, True))
+        module.symbol = replace(module.symbol, ttf=ttf, safer=safer)
 
 
 def refuse_call(*_: object) -> None:

@@ -233,8 +233,16 @@ class _Worlds:
         """SoterError U001: no world is an object of its own."""
         raise wrong_choice(f"`{attr_name}` of one world cannot be set: they are stepped together")
 
-    def env_method(self, method_name: str, *_: Any, **__: Any) -> list[Any]:  # noqa: ANN401
-        """SoterError U001: as above."""
+    def env_method(
+        self,
+        method_name: str,
+        *_: Any,  # noqa: ANN401 - theirs
+        indices: Any = None,  # noqa: ANN401
+        **__: Any,  # noqa: ANN401
+    ) -> list[Any]:
+        """`action_masks`, (n,) a world; of others SoterError U001, as above."""
+        if method_name == "action_masks":
+            return list(self.worlds.action_masks()[self._which(indices)])
         raise wrong_choice(f"`{method_name}` of one world cannot be called: there is no object")
 
     def env_is_wrapped(self, _wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ANN401

@@ -26,6 +26,7 @@ from soter.gym.compiled_system import (
     answered_around,
     compiled,
     refuse_call,
+    without_idle_check,
 )
 from soter.gym.outside_roles import chosen_module, chosen_plant, system_with_errors
 from soter.language.elaborate.derived_systems import answered_outside
@@ -385,6 +386,7 @@ def prepare_system(
         flat = program.declared(system, params)
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         outside = (flat_module.ac, body.index)
+        without_idle_check(flat_module)
         notes = complete(flat, bound=answered_around(flat, outside, program.bound))
         flat = system_with_errors(flat, body, errors)
         flat = answered_outside(flat, outside)

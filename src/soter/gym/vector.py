@@ -12,13 +12,20 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 import soter.api
 from soter.api.arguments import complete
 from soter.gym import array_mapping
-from soter.gym.compiled_system import CompiledEnvironment, Roles, answered_around, compiled
+from soter.gym.compiled_system import (
+    CompiledEnvironment,
+    Roles,
+    answered_around,
+    compiled,
+    without_idle_check,
+)
 from soter.gym.off_model import warn_of_no_control
 from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
 from soter.language.elaborate.derived_systems import answered_outside
@@ -114,6 +121,13 @@ class BatchedStates:
         assert done == self.count, "nobody else is outside"
         return before
 
+    def masks(self, answers: Array) -> Array:
+        """Which `answers` (n, numbers) the agent would publish as they are: bools (count, n)."""
+        found = np.zeros((self.count, len(answers)), dtype=np.uint8)
+        given = self._pointer(answers, "double *"), len(answers), self._pointer(found, "uint8_t *")
+        self.compiled.lib.soter_worlds_mask(self._worlds, *given)
+        return found.astype(np.bool_)
+
 
 def prepare_system(
     program: soter.api.Program,
@@ -127,6 +141,7 @@ def prepare_system(
     def make() -> CompiledEnvironment:
         flat = program.declared(system, params)
         flat_module = chosen_module(flat, module)
+        without_idle_check(flat_module)
         notes = complete(flat, bound=answered_around(flat, (flat_module.ac,), program.bound))
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
         flat = answered_outside(flat, (flat_module.ac,))
@@ -152,6 +167,9 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     made of, topics (`"car"`) and true states of plants (`"car.truth"`) by name; by default the
     topics that the advanced controller reads, or where it reads none the truths of all plants.
 
+    `actions`: what the agent chooses among, (n, numbers); its space is then `Discrete(n)`, and an
+    action the number of a row. By default its space is that of what it publishes.
+
     `reward(observation, action, next)`, `terminate(observation, action, next)`: functions of arrays
     (num_envs, numbers), to (num_envs,); `action` is what the module published, the agent's or SC's.
     Without `reward` it is 0. `on_violation`: `"terminate"` or `"truncate"` an episode in which a
@@ -174,6 +192,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         module: str | None = None,
         params: Mapping[str, object] | None = None,
         observe: Sequence[str] | None = None,
+        actions: Any = None,  # noqa: ANN401 - whatever NumPy takes
         reward: Judge | None = None,
         terminate: Judge | None = None,
         on_violation: str | None = None,
@@ -197,14 +216,19 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         self._copy = copy
         agent = made.system.components[made.roles.agent]
         outputs = array_mapping.topics_published(made.system, agent)
-        self.single_action_space = array_mapping.action_space(outputs)
+        self.worlds = BatchedStates(made, num_envs)
+        self._choices = None if actions is None else self._actions(actions, None)
+        self.single_action_space = (
+            array_mapping.action_space(outputs)
+            if self._choices is None
+            else spaces.Discrete(len(self._choices))
+        )
         self.single_observation_space = array_mapping.observation_space(
             made.system, made.observed, dtype
         )
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._dtype = np.dtype(dtype)
-        self.worlds = BatchedStates(made, num_envs)
         self._over = np.ones(num_envs, dtype=bool)
         self._seen = np.zeros(num_envs, dtype=np.uint32)
         self._cost = np.zeros(num_envs)
@@ -253,7 +277,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
                 f"the episode of world {int(again.argmax())} is over",
                 'call reset(options={"reset_mask": mask}) first',
             )
-        given = self._actions(actions)
+        given = self._actions(self._chosen(actions), self.num_envs)
         before = worlds.step(given, again)
         self._seen[again] = worlds.facts["violations"][again]
         self._cost = (worlds.facts["violations"] - self._seen).astype(np.float64)
@@ -292,16 +316,50 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             raise wrong_choice(message, "give one seed, or one for each world")
         return np.array(seeds, dtype=np.uint64)
 
-    def _actions(self, actions: Any) -> Array:  # noqa: ANN401 - NumPy, torch, lists
-        """Actions as doubles, (num_envs, numbers); no copy of doubles that lie in order."""
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Which actions of a `Discrete` space would be published as they are, (num_envs, n).
+
+        Were the agent in control now: neither refused nor moved. SoterError U001 for other spaces.
+        """
+        space = self.single_action_space
+        if not isinstance(space, spaces.Discrete):
+            raise wrong_choice(
+                f"only a `Discrete` action space has a mask, and it is {space}",
+                "make_vec(..., actions=...) says which commands the agent chooses among",
+            )
+        choices = self._choices
+        if choices is None:
+            choices = int(space.start) + np.arange(int(space.n), dtype=np.float64)[:, None]
+        masks = self.worlds.masks(choices)
+        masks[self._over] = False  # nobody is asked
+        return masks
+
+    def _chosen(self, actions: Any) -> Any:  # noqa: ANN401 - NumPy, torch, lists
+        """The rows of `actions=` that were chosen; without it, what was given."""
+        if self._choices is None:
+            return actions
+        rows = np.asarray(actions)
+        inside = rows.shape == (self.num_envs,) and np.issubdtype(rows.dtype, np.integer)
+        if not inside or rows.min() < 0 or rows.max() >= len(self._choices):
+            message = f"actions are no {self.num_envs} numbers of the {len(self._choices)} rows"
+            raise wrong_choice(message, "one whole number a world, from 0 on")
+        return self._choices[rows]
+
+    def _actions(self, actions: Any, count: int | None) -> Array:  # noqa: ANN401 - NumPy, torch, lists
+        """Actions as doubles, (count, numbers), of as many as there are where `count` is None.
+
+        Doubles that lie in order are not copied.
+        """
         given = actions.detach().cpu() if hasattr(actions, "detach") else actions
         rows = array_mapping.doubles(given, "an array of actions")
         needed = self.worlds.action_numbers
-        if rows.shape == (self.num_envs,) and needed == 1:
-            rows = rows.reshape(self.num_envs, 1)
-        if rows.shape != (self.num_envs, needed):
+        if rows.ndim == 1 and needed == 1:
+            rows = rows[:, None]
+        if count is None:
+            count = max(1, len(rows)) if rows.ndim else 1
+        if rows.shape != (count, needed):
             raise wrong_choice(
-                f"actions have the shape {np.shape(actions)}, not {(self.num_envs, needed)}",
+                f"actions have the shape {np.shape(actions)}, not {(count, needed)}",
                 "one row a world, one number for each that its advanced controller publishes",
             )
         return np.ascontiguousarray(rows)

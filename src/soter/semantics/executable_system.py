@@ -228,14 +228,14 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tu
 class ShieldCode:
     """The code of a module's shield: its topic, that topic's next value, what is permitted.
 
-    With `toward sc` also the topic of proposals, and the code that moves each number.
+    With `toward sc` also the topic of proposals, and the code that moves all numbers.
     """
 
     topic: int
     held: Compiled
     permits: Compiled
     proposed: int | None = None
-    moved: tuple[Compiled, ...] = ()
+    moved: Compiled | None = None
 
 
 class ExecutableSystem:
@@ -345,7 +345,7 @@ class ExecutableSystem:
         evaluator = self._evaluator(module.scope)
         held = evaluator.expression(shield.held)
         permits = evaluator.expression(permits_together(self.system, module))
-        moved = tuple([evaluator.expression(e) for e in shield.moved])
+        moved = None if shield.moved is None else evaluator.expression(shield.moved)
         self.shields[component.index] = ShieldCode(
             shield.topic, held, permits, shield.proposed, moved
         )

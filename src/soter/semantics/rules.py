@@ -119,7 +119,8 @@ def apply_shield(
 ) -> Shielded:
     """What a step of AC or SC publishes after its module's shield; unchanged without one.
 
-    StepFault where AC publishes a command that is not permitted, in control or not.
+    StepFault where AC publishes a command that is not permitted, in control or not; of a module
+    that is forced nothing is refused or moved.
     """
     code = machine.shields.get(component.index)
     if code is None or not published:
@@ -127,13 +128,14 @@ def apply_shield(
     dm = machine.system.components[_shielding_module(machine, component).dm]
     held = {code.topic: code.held(machine.environment(c, dm))}
     proposed = _with_proposal(machine, c, component, code, published)
-    if component.role != "ac":
+    if component.role != "ac" or _shielding_module(machine, component).forced:
         return Shielded(published, held, proposed)
-    if proposed:
+    found: object = 1.0
+    if code.moved is not None:
         seen = _with(c, {**held, **proposed})
-        env = machine.environment(seen, dm)
-        published = _with_numbers(machine, component, published, [move(env) for move in code.moved])
-    if not code.permits(machine.environment(_with(c, {**published, **held}), dm)):
+        *numbers, found = code.moved(machine.environment(seen, dm))
+        published = _with_numbers(machine, component, published, numbers)
+    if found != 1.0 or not code.permits(machine.environment(_with(c, {**published, **held}), dm)):
         raise StepFault(FaultKind.SHIELD, component.span, "the shield does not permit it")
     return Shielded(published, held, proposed)
 

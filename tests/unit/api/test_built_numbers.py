@@ -271,8 +271,8 @@ class Robot:
         if made.claims is not None and tables[0].text != self.text:
             return str(tables[0].text)
         (module,) = self.given(made, tables).modules
-        shield = module.shield and (module.shield.held, module.shield.permits, *module.shield.moved)
-        parts = module.symbol.ttf, module.symbol.safer, *(shield or ())
+        shield = module.shield
+        parts = module.symbol.ttf, module.symbol.safer, *(shield.code if shield else ())
         if made.claims is None:
             return repr(parts)
         own = [n for n in nodes(parts) if isinstance(n, Literal)]  # the text has those of functions

@@ -110,14 +110,22 @@ def test_what_one_world_alone_cannot_do_is_refused() -> None:
     worlds = made()
     assert worlds.env_is_wrapped(object) == [False] * 3
     assert worlds.get_attr("num_envs", [0, 2]) == [3, 3]
-    with pytest.raises(AttributeError):
-        worlds.get_attr("action_masks")
     asks: tuple[Callable[[], object], ...] = (
         lambda: worlds.set_attr("x", 1),
         lambda: worlds.env_method("reset"),
+        lambda: worlds.env_method("action_masks"),
         lambda: made(autoreset="Disabled"),
     )
     for ask in asks:
         with pytest.raises(SoterError) as caught:
             ask()
         assert caught.value.diagnostics[0].code == "U001"
+
+
+def test_a_learner_of_sb3_contrib_is_given_the_masks_of_its_worlds() -> None:
+    worlds: Any = make_sb3_vec(CLIFF, 3, actions=np.linspace(-1.0, 1.0, 7)[:, None])
+    worlds.reset()
+    assert worlds.action_space.n == 7
+    assert np.stack(worlds.env_method("action_masks")).shape == (3, 7)
+    assert len(worlds.env_method("action_masks", indices=[0, 2])) == 2
+    assert len(worlds.step(np.array([0, 3, 6]))[0]) == 3

@@ -272,7 +272,6 @@ def _require_covered(facts: Facts) -> None:
         "a fail-safe law": bool(symbol.failsafe),
         "an abstraction": bool(symbol.verify.abstracts),
         "modes of other modules": facts.modes,
-        "moved commands": symbol.toward_sc,
         "a grid": bool(symbol.verify.groups),
         "predicates of its own": symbol.ttf is not None or symbol.safer is not None,
         "variables of SC": bool(facts.sc.node is None or facts.sc.node.locals),

@@ -230,6 +230,21 @@ uint32_t soter_worlds_step(const soter_worlds* w) {
   return w->count;
 }
 
+void soter_worlds_mask(const soter_worlds* w, const double* answers, uint32_t count,
+                       uint8_t* masks) {
+  SOTER_CHECK(w != NULL);
+  const soter_view* const v = w->view;
+  const size_t size = v->program->state_size;
+  soter_facts facts;
+  for (size_t i = 0; i < (size_t)w->count * count; i++) {
+    (void)memcpy(w->room, w->states + (i / count) * size, size);
+    soter_components_of(w->room)[v->agent].oe = 1;
+    (void)memset(&facts, 0, sizeof facts);
+    soter_take(v, w->room, answers + (i % count) * v->action.count, w->room + size, &facts);
+    masks[i] = facts.gate_fault == 0U && !soter_moved(v, w->room) ? 1U : 0U;
+  }
+}
+
 /* ------------------------------------------------------------------ one world, its plant outside
  */
 

@@ -110,6 +110,11 @@ uint32_t soter_worlds_begin(const soter_worlds* w);
 /* Every world takes its action and runs until the agent is asked again, or begins. */
 uint32_t soter_worlds_step(const soter_worlds* w);
 
+/* Which of `count` answers, [count][view->action.count], the agent would publish as they are in
+ * each world, were it in control: masks [w->count][count]. */
+void soter_worlds_mask(const soter_worlds* w, const double* answers, uint32_t count,
+                       uint8_t* masks);
+
 /* ------------------------------------------------------------------ one world, its plant outside
  */
 

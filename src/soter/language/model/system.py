@@ -230,7 +230,8 @@ class Shield:
     cell, until when (s) a command in it was held. `held`: that topic's next value after a
     publication; `permits`: whether all commands that may act then may act until SC's first output
     does; both None until they are computed. With `toward sc` the hidden topic `proposed` has the
-    numbers that AC last wanted to publish and then SC's, and `moved` the numbers AC publishes.
+    numbers that AC last wanted to publish and then SC's, and `moved` is the array of the numbers
+    that AC publishes; 0 behind them where it was found out that those are not permitted, else 1.
     """
 
     cells: int
@@ -238,7 +239,12 @@ class Shield:
     held: TypedExpr | None = None
     permits: TypedExpr | None = None
     proposed: int | None = None
-    moved: tuple[TypedExpr, ...] = ()
+    moved: TypedExpr | None = None
+
+    @property
+    def code(self) -> list[TypedExpr]:
+        """All that is computed of it."""
+        return [e for e in (self.held, self.permits, self.moved) if e is not None]
 
 
 @dataclass(eq=False)

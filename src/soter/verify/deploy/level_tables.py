@@ -64,6 +64,10 @@ class Writer:
         """A float literal."""
         return t.Literal(FLOAT, self.span, value)
 
+    def floats(self, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
+        """The array of these numbers."""
+        return t.Aggregate(ArrayType(FLOAT, len(values)), self.span, tuple(values))
+
     def real(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
         """An arithmetic operation on floats."""
         return t.TypedBinary(FLOAT, self.span, op, left, right)

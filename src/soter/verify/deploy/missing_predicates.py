@@ -244,7 +244,7 @@ def _copy_shield(
     scope[there.topics[proved.shield.topic].symbol] = m.shield.topic
     if m.shield.proposed is not None and proved.shield.proposed is not None:
         scope[there.topics[proved.shield.proposed].symbol] = m.shield.proposed
-    return list(topic_reads(m.shield.held, m.shield.permits, *m.shield.moved))
+    return list(topic_reads(*m.shield.code))
 
 
 def install(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
@@ -283,6 +283,10 @@ def _shield_ttf(
         w = ShieldWriter(problem, flat, shield)
         judged = tubes[0].judged(w)
         shield.held, shield.permits = w.held(), w.chain("&&", [*w.fresh(), judged])
+        if shield.proposed is not None:
+            shield.moved = tubes[0].toward(w, flat.topics[shield.proposed])
+            if len(module.outputs) == 1:  # of several a step may publish some, and hold the rest
+                shield.permits = w.chain("&&", w.fresh())
         return _add_read_topics(flat, module, shield, scope, TypedUnary(BOOL, span, "!", judged))
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
@@ -295,11 +299,9 @@ def _add_read_topics(
     flat: System, module: Module, shield: Shield, scope: dict[Any, int], ttf: TypedExpr
 ) -> TypedExpr:
     """Returns `ttf` after adding the topics that a shield reads to the module's and DM's scopes."""
-    assert shield.held is not None
-    assert shield.permits is not None
     hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
     scope = {**scope, **{flat.topics[i].symbol: i for i in hidden}}
-    for symbol in topic_reads(shield.held, shield.permits, *shield.moved):
+    for symbol in topic_reads(*shield.code):
         module.scope.topics.setdefault(symbol, scope[symbol])
         flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])
     return ttf

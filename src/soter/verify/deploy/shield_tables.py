@@ -341,5 +341,6 @@ def shield_expressions(
     permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
     ttf = t.TypedUnary(BOOL, w.span, "!", permitted)
     if shield.proposed is not None:
-        shield.moved = tuple(moved(w, system.topics[shield.proposed], tables, ends))
+        numbers = moved(w, system.topics[shield.proposed], tables, ends)
+        shield.moved = w.floats([*numbers, w.decimal(1.0)])
     return w.held(), w.chain("&&", [*w.fresh(), permitted]), ttf

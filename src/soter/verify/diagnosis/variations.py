@@ -421,7 +421,7 @@ def _extract_again(problem: Problem, system: System, module: Module) -> Problem 
     if whole or problem.module.symbol.verify.abstracts:
         return None
     if module.shield is not None:  # what it permitted was of the other sets
-        module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=()))
+        module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=None))
     try:
         again = problem_with(system, module)
     except SoterError:

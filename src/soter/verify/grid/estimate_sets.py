@@ -77,7 +77,7 @@ def find_permitted_commands(
     part.tops[part.levels[0]] = n  # all of U may act there
     if part.lasting is None:
         return
-    longer = problem.in_horizon(problem.times.horizon_ns + lead_ns(problem))
+    longer = problem.in_horizon(problem.times.horizon_ns + problem.lead_ns)
     for i in range(n):
         box = engine_with_command_in(engine, part.command, edges[i], edges[i + 1])
         free = engine.erode(box.safe_for(longer, core), errors)
@@ -98,17 +98,6 @@ def _why_no_shield(problem: Problem, engine: GridGroup) -> tuple[str, str] | Non
         text = f"a shield asks for groups that one command moves, here {several} do"
         return text, "groups of one command each, or no `shield`"
     return None
-
-
-def lead_ns(problem: Problem) -> int:
-    """How much longer than H, in ns, a command must be harmless if others are moved toward it.
-
-    So it can be replaced in time: until AC's next step, for as long as it may act after that, and
-    on a state that is newer by the age of an estimate. No claim depends on it.
-    """
-    period: int = problem.system.components[problem.module.ac].period_ns
-    times = problem.times
-    return period + (times.acted + times.age_dm if problem.kind == "flow" else 0)
 
 
 def engine_with_command_in(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:

@@ -353,6 +353,16 @@ class Problem:
         fewer = "" if self.levels_open or self.levels <= LEVELS_LEAST else "fewer levels, "
         return f"{fewer}a smaller period, smaller errors, a stronger SC"
 
+    @property
+    def lead_ns(self) -> int:
+        """How much longer than H, in ns, a command must be harmless if others are moved toward it.
+
+        So it can be replaced in time: until AC's next step, for as long as it may act after that,
+        and on a state that is newer by the age of an estimate. No claim depends on it.
+        """
+        period: int = self.system.components[self.module.ac].period_ns
+        return period + (0 if self.kind == "map" else self.times.acted + self.times.age_dm)
+
     def in_horizon(self, ns: int) -> int:
         """A time in ns as proofs take it: for a map a whole number of its periods."""
         if self.kind == "map":

@@ -80,6 +80,8 @@ CUTS = (6, True), (6, False), (40, True)
 """Ways to shorten forms: how many columns are kept, and whether the largest as shares of their
 state's width are kept (True) or the largest as they are."""
 PLAIN, MOST = 1, 2
+WAY = 3
+"""In how many steps a command that is not permitted is moved to SC's, each of which is judged."""
 ENDINGS = 2
 """Into how many parts the time is cut in which a judged command may cease to act."""
 
@@ -183,14 +185,11 @@ class TubeCheck:
         return [*self._tube_functions(ways), *([self._judging_functions(shield)] if shield else [])]
 
     def cost(self) -> Cost:
-        """The worst cost of one decision: `good`, and `judged` where commands are judged."""
+        """The worst cost of one decision: `good`, and `judged`, or `toward`, of commands."""
         functions = functions_of(self.in_flight({s: Interval(-1.0, 1.0) for s in self.states}))
-        look = cost_of(functions["good"])
-        if self.problem.module.shield is None:
-            return look
-        judged = cost_of(functions["judged"])
-        most = max(look.bytes, judged.bytes)
-        return look._replace(operations=look.operations + judged.operations, bytes=most)
+        every = [cost_of(functions[n]) for n in ("good", "judged", "toward") if n in functions]
+        most = max(cost.bytes for cost in every)
+        return every[0]._replace(operations=sum(cost.operations for cost in every), bytes=most)
 
     def operations(self, switches: int) -> int:
         """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
@@ -247,7 +246,28 @@ class TubeCheck:
             f"const ENDING: float = {number(nearest_seconds(command_ns, ENDINGS))};",
             f"const ANY_FOR: float = {number(nearest_seconds(times.any_command))};",
         ]
-        return "\n".join([*lines, shared_text("judged.soter")])
+        texts = [*lines, shared_text("judged.soter")]
+        return "\n".join(
+            [*texts, self._moving_functions()] if shield.proposed is not None else texts
+        )
+
+    def _moving_functions(self) -> str:
+        """The functions and constants that move a command (`toward.soter`)."""
+        topics, controls = self.problem.system.topics, self.problem.quantities.controls
+        places = [(i, p) for i in self.problem.module.outputs for p, _ in leaves(topics[i].type)]
+        lasting_ns = self.times.latest - self.times.any_command + self.problem.lead_ns
+        at, count = [str(places.index((c.owner, c.path))) for c in controls], len(places)
+        lines = [
+            f"const NUMBERS: int = {count};",
+            f"const WANTED: int = {2 * count};",
+            f"const FOUND: int = {count + 1};",
+            f"const WAY: int = {WAY};",
+            f"const LASTING: float = {number(nearest_seconds(lasting_ns, ENDINGS))};",
+            f"const NUMBER: int[CONTROLS] = {array_text(at)};",
+            f"const NO_COMMAND: float[CONTROLS] = {numbers_text([0.0] * len(at))};",
+            f"const NOT_FOUND: float[FOUND] = {numbers_text([0.0] * (count + 1))};",
+        ]
+        return "\n".join([*lines, shared_text("toward.soter")])
 
     def _input_texts(self, of: str = FORMS) -> Inputs:
         """The text for each input; a state is indexed by its place in `states`."""

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
-from soter.language.model.types import FLOAT, INT, ArrayType, leaves
+from soter.language.model.types import FLOAT, INT, leaves
 from soter.verify.deploy.level_tables import LevelTable, estimate
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.problem import TubeProblem
@@ -20,6 +20,7 @@ from soter.verify.tubes.problem import TubeProblem
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from soter.language.model.system import Topic
     from soter.language.model.typed import FunSymbol
     from soter.verify.deploy.level_tables import Writer
     from soter.verify.deploy.shield_tables import ShieldWriter
@@ -65,7 +66,7 @@ class TubeLevels(LevelTable):
         good = self.functions["good"]
         given = (("x", len(self.states)), ("m", self.maps))
         inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in given]
-        found = w.call(good, *(_numbers(w, [w.read(x) for x in of]) for of in inputs if of))
+        found = w.call(good, *(w.floats([w.read(x) for x in of]) for of in inputs if of))
         answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
         return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
 
@@ -78,18 +79,20 @@ class TubeLevels(LevelTable):
 
     def judged(self, w: ShieldWriter) -> t.TypedExpr:
         """An expression: SC brings the plant to rest from every command that may act then."""
-        own = _numbers(w, [w.command(k) for k in range(len(w.problem.controls))])
-        at = _numbers(w, estimate(w, w.problem, self))
-        maps = self.more(w, w.problem)
-        given = [_numbers(w, maps)] if maps else []
-        return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
+        own = [w.command(k) for k in range(len(w.problem.controls))]
+        return self._asked(w, "judged", w.floats(own))
+
+    def toward(self, w: ShieldWriter, proposed: Topic) -> t.TypedExpr:
+        """An expression: `Shield.moved`; `proposed` is the topic of what AC and SC want."""
+        return self._asked(w, "toward", t.TopicRead(proposed.type, w.span, proposed.symbol))
+
+    def _asked(self, w: ShieldWriter, name: str, commands: t.TypedExpr) -> t.TypedExpr:
+        """A call of the check about commands, with what is read and what may still act."""
+        at, maps = w.floats(estimate(w, w.problem, self)), self.more(w, w.problem)
+        given = [w.floats(maps)] if maps else []
+        return w.call(self.functions[name], at, commands, w.times(), w.since(), *given)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """Its constants; the check itself is made from the program."""
         del names, stem, files
         return {"rest": self.rest}
-
-
-def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
-    """An expression: the array of these values."""
-    return t.Aggregate(ArrayType(FLOAT, len(values)), w.span, tuple(values))

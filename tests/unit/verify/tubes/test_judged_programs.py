@@ -1,4 +1,4 @@
-"""Programs with `rest` and `shield;`: what their gates say of commands."""
+"""Programs with `rest` and `shield;`: what gates say of commands, and where they move them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import soter
 from soter.api import Program
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import TypedCall
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller
@@ -109,3 +112,113 @@ def test_flights_are_safe_and_the_same_in_both_engines(tmp_path: Path) -> None:
 def test_sc_that_reads_has_a_shield_too(tmp_path: Path) -> None:
     m = verified(tmp_path, SENSED.replace("  rest abs(", "  shield;\n  rest abs("))
     assert m.findings["start"].verdict == "proved"
+
+
+# ---------------------------------------------------------------- moved commands
+
+GENTLE = "let wanted = 0.5 * (30.0 - sight.v) + 0.1 * (sight.gap - 40.0);"
+PUSHED = changed(JUDGED, (GENTLE, "let wanted = 1.0;"))
+"""Full throttle at whatever stands in front."""
+MOVED = changed(PUSHED, ("  shield;", "  shield toward sc;"))
+NEAR = changed(
+    MOVED,
+    ("state gap: float = 60.0;", "state gap: float = 15.8;"),
+    ("state v: float = 10.0;", "state v: float = 24.0;"),
+)
+
+
+GAS_AND_BRAKE = "topic gas: float in [0.0, 1.0] = 0.0;\ntopic brake: float in [0.0, 1.0] = 1.0;"
+
+
+def flown(folder: Path, text: str, engine: str = "native", until: str = "30s") -> soter.Run:
+    path = folder / "follow.soter"
+    path.write_text(text, encoding="utf-8")
+    return soter.load(path).simulate(seed=3, until=until, engine=engine)
+
+
+def test_a_command_is_moved_to_the_first_on_the_way_that_may_act_for_longer() -> None:
+    """At 30 m/s, d in front of what stands; no command that is told was not judged."""
+    caller = tube_check_caller()
+    gas, brake = (1.0, 0.0), (0.0, 1.0)
+
+    def found(gap: float, *held: Pair) -> tuple[float, ...]:
+        until = [NEVER] * (2 * CELLS)
+        for u in held:
+            for k, number in enumerate(u):
+                until[CELLS * k + min(CELLS - 1, int(number * CELLS))] = NOW
+        seen = gap, 200.0, 30.0
+        answer: tuple[float, ...] = caller.value("toward", seen, (*gas, *brake), tuple(until), NOW)
+        if answer[2] == 1.0:
+            assert caller.holds("judged", seen, answer[:2], tuple(until), NOW)
+        return answer
+
+    assert found(40.0) == (1.0, 0.0, 1.0)
+    shares = [found(gap)[0] for gap in (22.0, 21.0, 20.0, 19.0, 18.0)]
+    assert shares == sorted(shares, reverse=True)
+    assert 0.0 < shares[2] < 1.0
+    assert found(20.0, gas) == (
+        0.0,
+        1.0,
+        1.0,
+    )  # what was held may still act: SC's, before it is late
+    assert found(18.0, gas) == (1.0, 0.0, 0.0)  # it is
+    assert found(10.0) == (1.0, 0.0, 0.0)
+
+
+def tube_check_caller() -> Caller:
+    return Caller(check_of(MOVED).in_flight({2: Interval(-0.31, 0.31)}))
+
+
+def test_both_engines_move_alike_and_nothing_is_hit(tmp_path: Path) -> None:
+    runs = [flown(tmp_path, NEAR, e, "60ms") for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert runs[1].moved("Follow").any()
+    assert not runs[1].violations
+
+
+def test_an_ac_that_pushes_keeps_control_for_longer(tmp_path: Path) -> None:
+    plain, moved = flown(tmp_path, PUSHED), flown(tmp_path, MOVED)
+    assert not plain.violations
+    assert not moved.violations
+    assert moved.modules["Follow"].ac_share > plain.modules["Follow"].ac_share + 0.05
+    assert moved.modules["Follow"].gate_faults < plain.modules["Follow"].gate_faults
+    assert moved.moved_commands[0][1] > 50
+
+
+def test_a_forced_module_neither_moves_nor_refuses(tmp_path: Path) -> None:
+    forced = changed(NEAR, ("  module Follow;\n", "  module Follow;\n  force Follow ac;\n"))
+    runs = [flown(tmp_path, forced, e, "700ms") for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert not runs[1].modules["Follow"].gate_faults
+    assert (runs[1].array("levers.gas")[-20:] == 1.0).all()
+    assert flown(tmp_path, forced).violations
+
+
+def test_of_several_outputs_what_a_step_leaves_held_is_judged_with_what_it_publishes(
+    tmp_path: Path,
+) -> None:
+    """AC publishes the gas alone: the brake that it last wished for acts no more than SC let it."""
+    text = changed(
+        NEAR,
+        ("topic levers: Levers in [0.0, 1.0] = { gas: 0.0, brake: 1.0 };", GAS_AND_BRAKE),
+        ("publishes levers;\n  step {\n    let", "publishes gas, brake;\n  step {\n    let"),
+        ("publish levers = { gas: clamp(wanted, 0.0, 1.0), ", "publish gas = 1.0; // "),
+        ("publishes levers;", "publishes gas, brake;"),
+        ("publish levers = { gas: 0.0, brake: 1.0 };", "publish gas = 0.0; publish brake = 1.0;"),
+        ("reads levers;", "reads gas, brake;"),
+        ("levers.gas", "gas"),
+        ("levers.brake", "brake"),
+    )
+    for program, judged in ((text, True), (NEAR, False)):
+        shield = flown(tmp_path, program, until="20ms").system.modules[0].shield
+        assert shield is not None
+        calls = [x for x in nodes([shield.permits]) if isinstance(x, TypedCall)]
+        assert any(x.fun.name == "judged" for x in calls) == judged
+
+
+def test_what_is_proved_and_checked_again_is_that_of_judged_commands(tmp_path: Path) -> None:
+    m = verified(tmp_path, MOVED, cert=tmp_path / "proof")
+    assert (m.verdict, m.findings["P2a"].verdict, m.not_rechecked) == ("assumed", "proved", "")
+    assert "a command acts only where" in m.findings["P3"].text
+    checked = soter.recheck(tmp_path / "proof")
+    assert checked.accepted, checked

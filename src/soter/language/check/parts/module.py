@@ -218,7 +218,7 @@ class ModuleChecker(CheckerPart):
                 helps=(
                     f"leave out {quoted}, or `rest`"
                     if not word.startswith("shield")
-                    else "`shield;` and no more: SC is followed from each command",
+                    else "leave the number of `shield` out: SC is followed from each command",
                 ),
             )
         sure = not is_error(condition) and self._reads_only_state(condition, decl)
@@ -394,8 +394,6 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         part = getattr(decl, word)
         if part is not None and not isinstance(part, tree.EachCommand):
             yield word, part.span
-    if isinstance(decl.shield, tree.EachCommand) and decl.toward_sc:
-        yield "shield toward sc", decl.shield.span
     if decl.failsafe:
         yield "failsafe", decl.failsafe[0][0].span
     if isinstance(decl.sc, tree.Synthesized):
