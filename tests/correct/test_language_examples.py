@@ -115,6 +115,37 @@ def test_the_courier_keeps_its_calendar_and_is_proved_with_it(evidence: Path) ->
     assert [d.code for d in check_file(str(path)).diagnostics.items] == ["W019"]
 
 
+CLAMPED = """soter 1;
+// SIGN * clamp(-12 a - 3 w, -2, 2), as relu(z + 2) - relu(z - 2) - 2
+fun act(x: float[2]): float[1] {
+  var h: float[2] = [2.0, -2.0];
+  for i in 0..2 {
+    var sum = h[i];
+    for j in 0..2 { sum = sum + [-12.0, -3.0][j] * x[j]; }
+    h[i] = max(sum, 0.0);
+  }
+  return [SIGN * (h[0] - h[1] - 2.0)];
+}
+"""
+
+
+@pytest.mark.parametrize(("sign", "kept"), [("1.0", True), ("-1.0", False), ("0.4", False)])
+def test_a_network_that_leads_back_is_proved_and_one_that_does_not_is_not(
+    evidence: Path, sign: str, kept: bool
+) -> None:
+    (evidence / "balance_net.soter").write_text(CLAMPED.replace("SIGN", sign))
+    (module,) = soter.load(evidence / "balance.soter").verify(refute=False).modules
+    assert (module.findings["P2a"].verdict == "proved") == kept
+
+
+@pytest.mark.long
+def test_the_trained_network_is_proved_and_accepted(evidence: Path) -> None:
+    soter.load(evidence / "balance.soter").verify(cert=evidence / "cert", refute=False)
+    report = soter.recheck(evidence / "cert")
+    assert report.accepted
+    assert "P2a" in report.modules[0].confirmed
+
+
 def test_a_plan_by_radio_is_proved_with_the_lemma(evidence: Path) -> None:
     (module,) = soter.load(evidence / "relayed_plan.soter").verify().modules
     assert module.verdict == "proved"

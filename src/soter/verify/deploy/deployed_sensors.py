@@ -325,12 +325,13 @@ def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
         )
         if isinstance(t, FloatType)
     ]
-    most = _greatest_age(topic, problem)
     if problem.kind == "map":
+        most = topic.max_age_ns or 0
         assert e.every_ns is not None
         assert most < e.every_ns, "R011: the DM finds a step that is missing"
         age = f"with each step of {show_ns(e.every_ns)}, or stale ({show_ns(most)})"
     else:
+        most = _greatest_age(topic, problem)
         age = f"at most {show_ns(_oldest_read(e, problem))} old of {show_ns(most)}"
         if problem.times.schedule.dropout:
             age += f", and silences {show_ns(problem.times.schedule.dropout)} longer"

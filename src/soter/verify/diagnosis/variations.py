@@ -21,6 +21,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.derived_systems import with_module
+from soter.language.elaborate.step_times import least_age_ns
 from soter.language.model.typed import Literal, RestSymbol
 from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choice import CELLS_MAX
@@ -337,7 +338,26 @@ def predicates_left_out(problem: Problem) -> Problem | None:
     return _extract_again(problem, problem.system, replace(problem.module, symbol=symbol))
 
 
-def younger_reads(problem: Problem) -> tuple[Problem, str] | None:
+def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
+    """The problem with the least `max_age` of what SC and DM read of plants, and what to write."""
+    told, changed = [], []
+    paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
+    read = {p.topic for p in paths}
+    for index, topic in enumerate(problem.system.topics):
+        least = least_age_ns(problem.system, index)
+        if topic.name not in read or least is None or topic.max_age_ns is None:
+            continue
+        if topic.max_age_ns > least:
+            changed.append(replace(topic, max_age_ns=least))
+            told.append(f"`max_age {show_ns(least).replace(' ', '')}` of `{topic.name}`")
+    if not told:
+        return None
+    system = derived_systems.with_changed_topics(problem.system, changed)
+    again = _extract_again(problem, system, problem.module)
+    return None if again is None else (again, tuple(told))
+
+
+def younger_reads_of_sc(problem: Problem) -> tuple[Problem, str] | None:
     """The problem with `age` as long as a period of who publishes, and what to write.
 
     Phases may make it less: that is not counted on.

@@ -30,7 +30,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.diagnosis.vacuity import say_of_nothing, vacuity_of_rest
-from soter.verify.diagnosis.variations import younger_reads
+from soter.verify.diagnosis.variations import younger_reads_of_sc
 from soter.verify.problem.problem import Assumption
 from soter.verify.proof_methods import figures_entry
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
@@ -238,7 +238,7 @@ def _doubt_in_words(problem: TubeProblem) -> str:
 
 def _with_younger_reads(problem: TubeProblem) -> str:
     """The `age` that was tried, and whether rest is shown with it; "": there is none to try."""
-    changed = younger_reads(problem)
+    changed = younger_reads_of_sc(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
     phase(f"{problem.name}: whether SC keeps where it rests with younger reads", anew=True)

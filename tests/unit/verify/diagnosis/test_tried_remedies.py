@@ -238,6 +238,7 @@ def test_an_axis_that_nothing_reads_is_opened_where_runs_leave() -> None:
 def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() -> None:
     result = explained(CART)
     finer = smaller_cells(result.problem, result.problem.groups)
+    assert variations.younger_reads(finer) is None  # 20 ms are two periods of the plant
     again = variations.exchanged(finer)
     assert again is not None
     assert again.groups == finer.groups
