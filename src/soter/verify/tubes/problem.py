@@ -156,7 +156,10 @@ def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
     """The problem of a module with several plans, given that of each; `SoterError` R007."""
     first, *_ = every = [p for p in plans if isinstance(p, TubeProblem)]
     if module.symbol.shield is not None:
-        why = "`shield;` beside several plans is not: the plan is that of the last look"
+        why = (
+            "with several plans no command is judged (`shield;`): SC follows the plan of the last "
+            "look, and the last command may be good for another one"
+        )
         helps = ("leave `shield` out, or all plans but one",)
         raise refused(first, why, helps)
     of_all = copy(first)

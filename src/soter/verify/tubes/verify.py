@@ -221,7 +221,7 @@ def _advice_on_rest(
     if doubt := UNMOVED * (not check.commands_move_rest) or _doubt_in_words(check.problem):
         return doubt
     if not claims.kept:
-        return MOVES
+        return f"{tried}, or {MOVES}" if tried else MOVES
     if far:
         return UNBOUNDED.format(unbounded)
     if left := _left_open(check, claims):
@@ -242,7 +242,8 @@ def _with_younger_reads(problem: TubeProblem) -> str:
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
     phase(f"{problem.name}: whether SC keeps where it rests with younger reads", anew=True)
-    shown = not rest_claims(TubeCheck(changed[0])).kept
+    claims = rest_claims(TubeCheck(changed[0]))
+    shown = not (claims.kept or claims.moves)
     return f"{changed[1]} (tried: {'rest is shown' if shown else 'not enough'})"
 
 

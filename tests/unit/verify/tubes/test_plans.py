@@ -89,7 +89,7 @@ def test_plans_beside_judged_commands_are_refused() -> None:
         extract(faultless(flat), flat.modules[0])
     (diagnostic,) = refusal.value.diagnostics
     assert diagnostic.code == "R007"
-    assert "`shield;` beside several plans" in diagnostic.message
+    assert "with several plans no command is judged" in diagnostic.message
     assert diagnostic.helps
 
 
