@@ -35,7 +35,7 @@ NOTHING_TO_RUN = {
         "autopilot/watch",
         *("drone/boxes", "drone/city", "drone/cover", "drone/docks", "drone/iris"),
         *("drone/logbook", "drone/planner", "drone/roadmap", "drone/surveillance"),
-        *("evidence/courier", "evidence/reel"),
+        *("evidence/balance_net", "evidence/courier", "evidence/reel"),
         *("exploration/frontier", "exploration/grid", "exploration/mapper"),
         *("exploration/recorder", "exploration/rrt_connect", "exploration/sight"),
         *("exploration/walkers", "exploration/worlds"),

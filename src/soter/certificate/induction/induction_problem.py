@@ -49,7 +49,9 @@ if TYPE_CHECKING:
 
 
 ROLES = ("dm", "sc", "ac", "node")
-REFUSED = ("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout")
+REFUSED = (
+    *("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout", "age"),
+)
 
 
 @dataclass(eq=False)

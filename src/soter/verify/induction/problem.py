@@ -51,6 +51,7 @@ OTHERS = (
     "levels",
     "acts",
     "dropout",
+    "age",
     "enters",
 )
 """Clauses of a `verify` block that only proofs by sets use: beside `induction` they are refused."""
