@@ -499,6 +499,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("drone.md", "```w  = v"): "a formula",
     ("evidence.md", "| item"): DEFINED,
     ("evidence.md", "| program | states that are followed"): DEFINED,
+    ("evidence.md", "**A network as SC.**"): DEFINED,
     ("evidence.md", "What one check costs says"): ELSEWHERE,
     ("exploration.md", "| δ"): DEFINED,
     ("exploration.md", "paper.soter -o paper.html"): f"{SESSION}exploration_flights.py",
