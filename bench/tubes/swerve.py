@@ -1,6 +1,6 @@
 """How much longer AC keeps control where SC has several plans, and whether that is safe.
 
-    .venv/bin/python bench/tubes/swerve.py [--runs 2000] [--seeds 20]
+    python bench/tubes/swerve.py [--runs 2000] [--seeds 20]
 
 Purpose: examples/rest/swerve.soter with its three plans and with braking alone: how far before the
 parked car AC first loses control, over seeds; then adversarial closed loops of the compiled DM and

@@ -58,7 +58,7 @@ def trained() -> list[np.ndarray]:
     return layers
 
 
-def written(layers: list[np.ndarray], name: str) -> None:
+def write_onnx(layers: list[np.ndarray], name: str) -> None:
     """Writes the layers as ONNX; the range of the observations is part of the first."""
     layers = [layers[0] / RANGE[:, None], *layers[1:]]
     names = ["w0", "w1", "w2", "b0", "b1", "b2"]
@@ -86,4 +86,4 @@ if __name__ == "__main__":
     asked = np.random.default_rng(2).uniform(-1.0, 1.0, (20_000, 2)) * RANGE
     error = np.abs(answers(asked, fitted)[3] - law(asked))
     print(f"worst {error.max():.3g} N m, root mean square {np.sqrt((error**2).mean()):.3g} N m")
-    written(fitted, sys.argv[1])
+    write_onnx(fitted, sys.argv[1])

@@ -167,6 +167,8 @@ def _check_certificate(certificate: Certificate, report: Report, workers: int) -
         except Exception as error:  # noqa: BLE001 - the others are checked all the same
             view = f" as {entry['view']}" if entry.get("view") else ""
             name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
+            if any((m.system, m.name) == (system, name) for m in report.modules):
+                raise RejectedError(f"module `{name}` stands there twice") from None
             module = RecheckedModule(name, {}, system=system, not_rechecked=failure_reason(error))
         if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
             report.modules.append(module)

@@ -343,11 +343,9 @@ def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
     age = module.symbol.verify.age
     ages = []
     for x in (system.components[module.sc], *on_the_way(system, module)):
-        most = declared_ns(module, age) if age is not None and x.index == module.sc else None
+        own = [declared_ns(module, age)] if age is not None and x.index == module.sc else []
         ages += [
-            AgeLimit(
-                x.index, t.index, min(t.max_age_ns, t.max_age_ns if most is None else most) + longer
-            )
+            AgeLimit(x.index, t.index, min([t.max_age_ns, *own]) + longer)
             for t in (system.topics[i] for i in x.reads)
             if t.max_age_ns is not None and not t.driver.startswith("plant")
         ]

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.coverage import (
     Coverage,
     CoverageKind,
@@ -17,6 +18,8 @@ from soter.explore.engine.coverage import (
     value_class,
     values_part,
 )
+from soter.explore.search_options import SearchOptions
+from soter.language.front_end import check_file, system_of_test
 from soter.language.model.types import (
     BOOL,
     FLOAT,
@@ -129,3 +132,30 @@ def test_two_searches_reach_together_what_either_reached() -> None:
     assert CoverageKind(3, ("a", "b")).merge(CoverageKind(3, ("b", "c"))) == CoverageKind(3, ("b",))
     coverage = Coverage(modes=CoverageKind(2, ("M in AC",)), values=CoverageKind(1, ("t = 1",)))
     assert coverage.unreached == ("M in AC", "t = 1")
+
+
+LATCHED = """soter 1;
+topic pos: float max_age 20ms;
+topic vel: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms { reads vel; drives pos = x; state x: float; der x = vel; }
+node Fast period 10ms { publishes vel; step { publish vel = 1.0; } }
+node Back period 10ms { publishes vel; step { publish vel = -1.0; } }
+rta M {
+  ac Fast; sc Back; period 10ms; returns never;
+  safe pos < 1.0; ttf pos > 0.05; safer pos < 0.02;
+}
+system S { c: Cart; module M; until 1s; }
+test Kept { system S; order deployed; horizon 100ms; always pos < 1.0; }
+"""
+
+
+def test_what_a_dm_remembers_is_no_value_to_be_reached() -> None:
+    """The DM stores it itself: a latch, or a plan, that changed stood among what never was."""
+    checked = check_file("latched.soter", LATCHED)
+    result = explore_test(
+        system_of_test(checked, "Kept"), SearchOptions(), TraceHeader("latched.soter", {})
+    )
+    names = result.coverage.values.unreached
+    assert "pos < 0" in names
+    assert not [n for n in names if n.startswith("M.")]
+    assert result.coverage.values.total == 3 + 5, "of pos, and of vel"

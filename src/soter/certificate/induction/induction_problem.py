@@ -49,9 +49,7 @@ if TYPE_CHECKING:
 
 
 ROLES = ("dm", "sc", "ac", "node")
-REFUSED = (
-    *("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout", "age"),
-)
+REFUSED = "groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout", "age"
 
 
 @dataclass(eq=False)

@@ -292,7 +292,7 @@ class _ModelBuilder(UnitBuilder):
 
     def _leaf_table(self) -> Table:
         for topic in self.system.topics:
-            if topic.queue_of is None:
+            if topic.queue_of is None and not topic.held:
                 offset = self.layout.topic_offset(topic.index)
                 for (path, leaf, at), bound in zip(
                     placed_leaves(topic.type, offset), _flat_bounds(topic), strict=True

@@ -236,9 +236,10 @@ def _check_age(
         return
     starts = show_ns(problem.times.schedule.start_of_sc)
     delay = show_ns(e.delay_ns or 0)
+    word = "max_age" if allowed == topic.max_age_ns else "age"
     notes = [
         f"every {show_ns(e.every_ns)}, {delay} on its way, and SC starts up to {starts} late",
-        f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`max_age`, `age`)",
+        f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`{word}`)",
     ]
     if problem.times.schedule.dropout:
         notes.append("`dropout` is for silences, not for what is always so")
@@ -247,7 +248,7 @@ def _check_age(
         f"`{topic.name}` may be {show_ns(oldest)} old when SC reads it",
         e.span,
         notes=tuple(notes),
-        helps=("let it come more often, or prove with a larger `max_age`",),
+        helps=(f"let it come more often, or prove with a larger `{word}`",),
     )
 
 

@@ -382,12 +382,11 @@ class _LeadBackSearch:
         moving = {s: Interval(-inf, inf) for s in self._check.states if s not in self._own}
         way, end = ({**moving, **{s: of[s] for s in self._own}} for of in (self._rooms, box))
         led = self._caller.value("keeps", *(region_of(self._check, b) for b in (part, way, end)))
-        self._span = {}
-        if led is not None:
-            self._span = {
-                s: Interval(*r) for s, *r in zip(self._check.states, *led[1], strict=True)
-            }
-        return self._span if led is not None and led[0] else None
+        if led is None:
+            self._span = {}
+            return None
+        self._span = {s: Interval(*r) for s, *r in zip(self._check.states, *led[1], strict=True)}
+        return self._span if led[0] else None
 
     def _halves(self, part: Box) -> list[Box]:
         """The two halves of a part, cut in the state whose side is longest against the box's."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from soter.certificate.report import (
 from soter.certificate.tubes.check_rest import recheck_plans, recheck_rest
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC, LogChannel, LogHeader, McapLog
 from soter.report.mcap_reading import messages, metadata
+from unit.certificate import small_proofs
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.verify.tubes.test_plans import NEAR, changed
 
@@ -109,6 +111,22 @@ def test_an_entry_for_one_plan_is_none_for_several() -> None:
     one_alone(made)
     with pytest.raises(NotRecheckedError, match="several plans"):
         recheck_rest(flat, made)
+
+
+def test_a_second_entry_of_a_module_does_not_vanish_where_it_cannot_be_read(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "plans.soter").write_text(UP_ALONE, "utf-8")
+    folder = tmp_path / "cert"
+    Program(str(tmp_path / "plans.soter")).verify(refute=False, cert=folder)
+    manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
+    second = deepcopy(manifest["modules"][0])
+    one_alone(second)
+    manifest["modules"].append(second)
+    small_proofs.reseal(folder, manifest)
+    report = recheck(folder, workers=1)
+    assert report.verdict == "rejected"
+    assert "twice" in report.reason
 
 
 def test_an_sc_that_does_not_do_what_its_plans_do_is_not_rechecked() -> None:

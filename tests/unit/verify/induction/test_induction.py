@@ -268,6 +268,7 @@ DM = "  ttf !PhiPlan(candidate);\n  safer PhiPlan(candidate);\n"
     ("code", "change"),
     [
         ("R031", ("induction;", "induction; horizon 50ms;")),
+        ("R031", ("induction;", "induction; age 50ms;")),
         ("R031", ("induction;", "induction; late Nobody 1ms;")),
         ("R031", ("verify { induction; }", "verify { lemma PhiPlan(inForce); }")),
         ("R032", (DM, "")),
