@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from bench.benchmark_rows import BENCHMARKS  # noqa: E402 - needs the path
 from bench.made_again_compare import (  # noqa: E402 - needs the path
     ROW_RULE,
     Compared,
@@ -43,7 +44,6 @@ from bench.made_again_compare import (  # noqa: E402 - needs the path
 )
 from bench.made_again_sections import PAGES, SMALL, Made  # noqa: E402
 from bench.run_all import (  # noqa: E402 - needs the path
-    BENCHMARKS,
     BLOCK,
     Result,
     machine,

@@ -32,7 +32,8 @@ from soter.campaign.tables import faults as faults_table
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from bench.run_all import BENCHMARKS, results  # noqa: E402 - needs the path
+from bench.benchmark_rows import BENCHMARKS  # noqa: E402 - needs the path
+from bench.run_all import results  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -39,6 +39,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("python.md", "From Python"),
             ("gym.md", "Learning with Gymnasium"),
             ("migrating.md", "From somebody else's filter"),
+            ("buffer.md", "How large a buffer"),
             ("campaigns.md", "Fly for a hundred hours"),
             ("timing.md", "Execution times"),
             ("deploy.md", "In your firmware"),

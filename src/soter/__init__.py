@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from soter.api import CheckReport, Program, ReplayReport, load, recheck, replay
+    from soter.api import CheckReport, Program, ReplayReport, compare, load, recheck, replay
     from soter.diagnostics.diagnostic import SoterError
     from soter.simulate.result import Run
 
@@ -23,6 +23,7 @@ __all__ = [
     "Run",
     "SoterError",
     "__version__",
+    "compare",
     "load",
     "recheck",
     "replay",

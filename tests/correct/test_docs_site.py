@@ -263,3 +263,26 @@ def test_nothing_hinders_reading_what_people_open_first(made: Path, width: int) 
             told[path.name] = legibility.hindrances(page)
     assert told == {name: [] for name in told}
     assert len(told) == 4
+
+
+def test_the_picture_of_the_front_is_what_the_runs_give(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`python docs/site/front_picture.py` draws it."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    front_picture = import_module("front_picture")
+    assert front_picture.PICTURE.read_text(encoding="utf-8") == front_picture.drawn()
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [420, 1300])
+def test_a_picture_code_and_how_to_install_stand_on_the_first_screen(
+    made: Path, width: int
+) -> None:
+    shown = "['main img', 'main pre:not(.sh)', 'main pre.sh'].map((s) => document.querySelector(s)"
+    with browser.page() as page:
+        for name in ("index.html", "start.html"):
+            page.size(width, 900)
+            page.open((made / name).as_uri())
+            page.wait("document.readyState === 'complete'")
+            ends = page.value(f"{shown}.getBoundingClientRect().bottom)")
+            assert 0 < min(ends) < max(ends) < 900
+            assert not page.value(f"{shown}).some((e) => e.scrollWidth > e.clientWidth)")

@@ -18,15 +18,16 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs" / "site")]
 import line_picture  # noqa: E402 - needs the path
 from bench import row_age, run_all  # noqa: E402
+from bench.benchmark_rows import BENCHMARKS  # noqa: E402
 from bench.headlines import headlines, targets  # noqa: E402
 from bench.made_again_sections import PAGES  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bench.run_all import Benchmark
+    from bench.benchmark_rows import Benchmark
 
-FIRST, SECOND = run_all.BENCHMARKS[:2]
+FIRST, SECOND = BENCHMARKS[:2]
 KEPT = run_all.results()
 RULED = """
 arm        runs  violations    wall
@@ -53,7 +54,7 @@ def contents(page: Path, outputs: Path, data: Path) -> dict[str, str]:
 def test_page_data_and_files_are_what_the_command_writes() -> None:
     there = contents(run_all.ROOT / "docs/benchmarks.md", run_all.ROOT / "docs/benchmarks",
                      run_all.ROOT / "bench/results.json")  # fmt: skip
-    commands = {b.name: f"python {b.arguments}" for b in run_all.BENCHMARKS}
+    commands = {b.name: f"python {b.arguments}" for b in BENCHMARKS}
     assert {name: r.command for name, r in KEPT.items()} == commands, "what `make bench` makes"
     run_all.write(KEPT)
     assert contents(run_all.PAGE, run_all.OUTPUTS, run_all.RESULTS) == there
@@ -75,7 +76,7 @@ def test_a_note_beside_an_output_stays_and_the_row_says_when_where_and_by_what()
     assert list(run_all.OUTPUTS.iterdir()) == [path], "no file is left without a row"
 
 
-@all_rows("b", [b for b in run_all.BENCHMARKS if b.name in KEPT])
+@all_rows("b", [b for b in BENCHMARKS if b.name in KEPT])
 def test_every_word_and_figure_of_a_headline_stands_in_the_output(b: Benchmark) -> None:
     output = run_all.printed(KEPT[b.name].text)
     said = headlines(output, b.last, b.heads)

@@ -12,6 +12,8 @@ Non-goals: printing, exit codes (`cli/`). In reading order:
 - `running.py` runs a system with its externs bound (`simulate`).
 - `exploring.py` explores tests; `rechecking.py` checks certificates again, and replays traces.
 - `deploying.py` builds packages, and says which proof a deployed system inherits.
+- `comparing.py` says what a change of a program leaves standing.
+- `advising.py` says how far from a fence a decision module takes over.
 - `measuring.py` measures times of steps, or counts instructions on an emulated board.
 - `monitoring.py` judges runs and logs; `campaigning.py` runs campaigns.
 - `assurance/` makes safety cases, and checks their evidence.
@@ -40,6 +42,7 @@ from soter.diagnostics.diagnostic import SoterError
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from soter.api.comparing import compare
     from soter.api.rechecking import ReplayReport, recheck, replay
     from soter.simulate.result import Run
     from soter.simulate.run_options import ENGINES
@@ -57,6 +60,7 @@ __all__ = [
     "SystemReport",
     "ThreadRow",
     "TimingReport",
+    "compare",
     "format_text",
     "load",
     "read_text",
@@ -69,6 +73,7 @@ __all__ = [
 LATER = {
     **dict.fromkeys(("ReplayReport", "replay"), "soter.api.rechecking"),
     "recheck": "soter.api.rechecking",
+    "compare": "soter.api.comparing",
     "Run": "soter.simulate.result",
     "ENGINES": "soter.simulate.run_options",
 }

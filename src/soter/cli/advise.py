@@ -42,6 +42,8 @@ EXAMPLES = """\
   soter advise drone.soter --module SafeMotionPrimitive --report advice.html
   soter advise cart.soter --delay                 how late commands may act, proof by proof
   soter advise cart.soter --rest                  where SC comes to rest, as a clause that proves
+  soter advise cart.soter --buffer                how far from the fence SC takes over, by speed
+  soter advise drone.soter --buffer motion.p.x,motion.v.x
   soter advise cart.soter --json | jq '.modules[].best_s'
 
 Nothing is changed: every row is the program's problem with another period of the decision module.
@@ -54,10 +56,20 @@ proved, and the next one with what is not. Each takes as long as `soter verify`.
 With --rest clauses `rest` are tried in place of the program's hints at a proof, and of `ttf` and
 `safer`, for 120 s of processor time a module: what each gave, and the one that proves.
 
+With --buffer the compiled decision module is asked at 8 speeds how near to the end of `safe` it
+leaves control to AC, and SC is flown from there in the model, without disturbances. Position and
+speed are found where `safe` reads a number whose rate reads another one; else name the two.
+
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
 NONE_PROVES = "none of these proves all of it; a `rest` of the program itself was not asked"
 NO_REST = "no clause `rest` was tried: none came out of runs of the model under SC"
+BAR = 30
+"""Characters of the longest bar."""
+FLOWN = (
+    "█ what SC needs, flown without disturbances; ░ what the decision module keeps for lateness, "
+    "errors, disturbances and whatever AC does until SC acts"
+)
 LARGEST = 100.0
 LONGEST = "YES, the longest"
 """The mark of the row with the longest period that verifies."""
@@ -81,8 +93,15 @@ class Options:
         "--delay", False, "how late commands may act, in place of the periods", SWITCH
     )
     rest: bool = option("--rest", False, "a clause `rest`, in place of the periods", SWITCH)
+    buffer: str | None = option(
+        "--buffer [X,V]", None, "how far from the fence SC takes over, by speed", keyword=False
+    )
     output: str | None = option("-o --report FILE", None, "the figure (.soter/...html)")
-    NEEDS = (("!delay", "rest levels factors output"), ("!rest", "levels factors output"))
+    NEEDS = (
+        ("!delay", "rest buffer levels factors output"),
+        ("!rest", "buffer levels factors output"),
+        ("!buffer", "levels factors output"),
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -94,6 +113,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         return _delays(args, console, program)
     if args.rest:
         return _rests(args, console, program)
+    if args.buffer is not None:
+        return _buffers(args, console, program)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
     with ProgressBar(console) as progress:
         all_advice = program.advise(
@@ -160,6 +181,33 @@ def _rests(args: argparse.Namespace, console: Console, program: Program) -> Comm
     return CommandOutcome(fields=fields)
 
 
+def _buffers(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
+    """Tells, for `--buffer`, where each module takes over, with a bar a speed."""
+    named = tuple(args.buffer.split(",")) if args.buffer else None
+    if named is not None and len(named) != 2:
+        raise UsageError(f"--buffer takes a position and a speed, not `{args.buffer}`")
+    from soter.api.advising import buffers  # noqa: PLC0415 - needs a compiler
+
+    with ProgressBar(console) as progress:
+        what = {"module": args.module, "system": args.system, "params": dict(args.params)}
+        found = buffers(program, named, progress=progress, **what)
+    for b in found:
+        console.say(f"\n{console.paint('bold', b.module)}  {b.position} to {b.fence:.6g}\n")
+        widest = max((r.room for r in b.rows), default=1.0)
+        unit, per = (f" {u}" if u else "" for u in b.units)
+        rows: list[list[Entry]] = []
+        for r in b.rows:
+            bar = "█" * round(BAR * r.used / widest)
+            bar += "░" * (round(BAR * r.room / widest) - len(bar))
+            numbers = (f"{round(x, 6):.4g}{unit}" for x in (r.taken_at, r.room, r.used))
+            rows.append([f"{r.speed:.4g}{per}", *numbers, bar])
+        head = (b.speed, "SC takes over at", "to the fence", "SC needs", "")
+        console.say(console.table(head, rows))
+        faster = f"faster than {b.fastest:.4g}{per} AC has no control where the module starts"
+        console.say(console.paint("muted", f"{FLOWN}\n{faster}"))
+    return CommandOutcome(fields={"buffers": {b.module: BUFFERS.of(b) for b in found}})
+
+
 def _numbers(text: str, option: str, least: float) -> list[float]:
     """The numbers of an option's list, each from `least` to LARGEST; UsageError for others."""
     try:
@@ -214,4 +262,9 @@ DELAY = JsonObject(
     "soter.verify.advice.DelayAdvice",
     "declared_s=declared_ns/s largest_s=largest_ns/s refused_s=refused_ns/s summary tried",
     {"tried": _tried},
+)
+BUFFERS = JsonObject(
+    "soter.api.advising.Buffers",
+    "module position speed units fence fastest rows",
+    rows=JsonObject("soter.api.advising.BufferRow", "speed taken_at room used"),
 )

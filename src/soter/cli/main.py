@@ -53,6 +53,7 @@ COMMANDS = {
     "assure": "a safety case whose leaves are checked as it is made",
     "replay": "run a trace again, step by step",
     "policy": "what the file of a learned policy says",
+    "diff": "what a change of a program leaves standing",
     "measure": "time the steps on this machine",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",

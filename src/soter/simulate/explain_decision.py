@@ -362,7 +362,7 @@ class _PredicateReader:
         while not isinstance(leaf, typed.TopicRead):
             assert isinstance(leaf, (typed.TypedField, typed.Index))
             where, leaf = [getattr(leaf.index, "value", leaf.index), *where], leaf.target
-        return _put(topics[:], [self.module.scope.topics[leaf.topic], *where], x)
+        return with_number(topics[:], [self.module.scope.topics[leaf.topic], *where], x)
 
     def _level_part(
         self, e: typed.TypedExpr, *, for_ttf: bool = False
@@ -413,10 +413,10 @@ class _LazySequence(Sequence[T]):
         return self._of(i)
 
 
-def _put(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
+def with_number(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
     """A value with another number at a place, from the outside in."""
     first, *rest = where
-    return (*value[:first], _put(value[first], rest, x) if rest else x, *value[first + 1 :])
+    return (*value[:first], with_number(value[first], rest, x) if rest else x, *value[first + 1 :])
 
 
 def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic

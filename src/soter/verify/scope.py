@@ -171,8 +171,8 @@ def _is_covered(
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"
     if posed and (module.symbol.verify.abstracts or module.symbol.verify.views):
-        flying_key = _flying_key(flat, module)
-        if not any(_flying_key(*chosen[i]) == flying_key for i in posed):
+        around = flying_key(flat, module)
+        if not any(flying_key(*chosen[i]) == around for i in posed):
             return False, "another vehicle, or other nodes around the module, not verified there"
     if posed:
         return True, ""
@@ -185,9 +185,13 @@ def problem_key(problem: Problem) -> object:
     """A key that is equal where two modules pose the same problem.
 
     It holds all that sets and claims are computed from; components are compared by their
-    declaration and by all of their numbers.
+    declaration and by all of their numbers, but for AC, of which no proof reads the code.
     """
-    components = tuple(_component_key(problem.system, c) for c in problem.system.components)
+    ac = problem.module.ac
+    components = tuple(
+        _ac_key(problem.system, c) if c.index == ac else component_key(problem.system, c)
+        for c in problem.system.components
+    )
     forced = problem.module.forced
     symbol = problem.module.symbol if problem.whole is None else problem.whole.modules[0].symbol
     return (
@@ -220,16 +224,24 @@ def _law_key(problem: Problem) -> object:
     return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
 
 
-def _flying_key(flat: System, module: Module) -> object:
+def flying_key(flat: System, module: Module) -> object:
     """The key of all that flies around a module whose plants are abstractions."""
     return (
         module.name,
-        tuple((c.name, _component_key(flat, c)) for c in flat.components),
+        tuple((c.name, component_key(flat, c)) for c in flat.components),
         tuple((d.topic, d.every_ns, d.values) for d in flat.inputs),
     )
 
 
-def _component_key(system: System, c: Component) -> object:
+def _ac_key(system: System, c: Component) -> object:
+    assert c.node is not None
+    published = tuple((t, _topic_key(system, c.scope.topics[t])) for t in c.node.publishes)
+    held = tuple(c.failsafe.items())
+    return (c.role, c.name, published, held, c.period_ns, c.phase_ns, c.wcet_ns, c.jitter_ns)
+
+
+def component_key(system: System, c: Component) -> object:
+    """A component's declaration and all of its numbers, as `problem_key` compares it."""
     return (
         c.role,
         c.plant or c.node,
@@ -238,7 +250,7 @@ def _component_key(system: System, c: Component) -> object:
         c.initial,
         c.initial_range,
         c.substeps,
-        tuple((d.low, d.high, d.hold_ns) for d in c.disturbances),
+        tuple((d.low, d.high) for d in c.disturbances),
         tuple((m.leaf, m.bound, _topic_key(system, m.topic)) for m in c.measured),
         tuple((s.name, _topic_key(system, i)) for s, i in c.scope.topics.items()),
         tuple((s.name, v) for s, v in c.scope.params.items()),

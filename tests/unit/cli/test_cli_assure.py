@@ -156,7 +156,7 @@ def unasked(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ("program", "the certificate is of another program"),
+        ("program", "the hashes differ; SafeCart poses the same problem"),
         ("parameter", "about other values of the parameters"),
         ("system", "is not about this module of this system"),
         ("forced", "is forced to AC"),

@@ -22,7 +22,7 @@ from soter.language.model.types import BOOL
 from soter.semantics.configuration import AC, NEVER, SC
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step, dm_step
-from soter.verify.deploy.dm_check import _Compiled
+from soter.verify.deploy.dm_check import CompiledDM
 from soter.verify.deploy.dm_test_cases import WRAPPER, ExpectedFacts
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def test_the_compiled_dm_writes_a_plan_with_a_verdict_ac_alone(look: Look) -> No
     system = decided(look.system)
     (module,) = system.modules
     unit = generate(system, lower(system))
-    c = _Compiled(replace(unit, source=unit.source + WRAPPER.format(prefix=unit.prefix)))
+    c = CompiledDM(replace(unit, source=unit.source + WRAPPER.format(prefix=unit.prefix)))
     state = ExpectedFacts(system, module).state(unit, topics_of(system, look))
     now, layout = 1000 * MS, unit.layout
     struct.pack_into("<q", state, 0, now)

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
     from soter.api.arguments import Progress, Tell
     from soter.certificate.folder import Certificate
+    from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
 
 
@@ -150,13 +151,26 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
         return CertifiedProof(path, rejected=f"the manifest is not as it should be: {error}")
     assert checked.program is not None
     if checked.program.sha256 != flat.program.sha256:
-        return CertifiedProof(path, sha256, why=OTHER_PROGRAM)
+        return CertifiedProof(path, sha256, why=_of_another_program(flat, checked, overrides))
     entries = _manifest_entries(certificate, flat)
     if not entries:
         return CertifiedProof(path, sha256, why=OTHER_MODULE)
     if _certified_parameters(checked, flat.name, overrides) != params:
         return CertifiedProof(path, sha256, why=OTHER_PARAMETERS)
     return CertifiedProof(path, sha256, certificate=certificate, entries=entries)
+
+
+def _of_another_program(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
+    """Why a certificate does not fit, and what `soter diff` would say of each module."""
+    from soter.verify.posed_problems import posed_by  # noqa: PLC0415 - needs the prover
+
+    try:
+        before = posed_by(system_to_prove(certified, flat.name, overrides, exact=False))
+    except SoterError:
+        return OTHER_PROGRAM
+    same = {name: before.get(name) == problem for name, problem in posed_by(flat).items()}
+    words = [f"{name} poses {'the same' if s else 'another'} problem" for name, s in same.items()]
+    return "; ".join([OTHER_PROGRAM, *words])
 
 
 def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401

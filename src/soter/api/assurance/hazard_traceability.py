@@ -238,7 +238,7 @@ class Tracing:
         properties = [self._traced_property(case, name) for name in self.how]
         status = {p.name: p.status for p in properties}
         traced = [r for r in rows if r.kind != "assumption"]
-        items = tuple(_traced_items(traced, _reached_properties(traced), status))
+        items = tuple(_traced_items(traced, reached_properties(traced), status))
         for k, p in enumerate(properties):
             hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
             properties[k] = replace(p, hazards=tuple(hazards))
@@ -306,7 +306,7 @@ def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> 
         diagnostics.error(CODE, f"these rows trace to themselves: {said}", by_id[circle[0]].span)
 
 
-def _reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
+def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
     """Id of a row -> the properties that it traces to, directly or not, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}

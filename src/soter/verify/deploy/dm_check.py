@@ -139,10 +139,7 @@ def check_decisions(
     """
     at = leaves_of or {}
     points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
-    unit = generate(system, core)
-    source = unit.source if change is None else change(unit.source)
-    text = source + WRAPPER.format(prefix=unit.prefix)
-    c = _Compiled(replace(unit, source=text))
+    c = CompiledDM(generate(system, core), change or str)
     checks = []
     for module in system.modules:
         check = DMCheck(module.name)
@@ -179,11 +176,15 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     return check_decisions(system, core, level_tables, leaves_of, acted_ns=acted_ns)[0]
 
 
-class _Compiled:
-    """The compiled C of a system, with functions that call parts of a DM."""
+class CompiledDM:
+    """The compiled C of a system, with functions that call parts of a DM.
 
-    def __init__(self, unit: Unit) -> None:
-        self.unit = unit
+    `change` edits the C first (for tests).
+    """
+
+    def __init__(self, unit: Unit, change: Callable[[str], str] = str) -> None:
+        text = change(unit.source) + WRAPPER.format(prefix=unit.prefix)
+        self.unit = unit = replace(unit, source=text)
         self.ffi = interface(
             "unsigned soter_check_decide(unsigned module, void *state);"
             "unsigned soter_check_switch(unsigned mode, unsigned facts);"
@@ -220,12 +221,30 @@ class _Compiled:
         )
         return levels
 
+    def places(self, module: Module) -> dict[str, int]:
+        """The offset of each number that a module keeps in a state, in bytes, by name."""
+        layout = self.unit.layout
+        fields = state_dtype(layout)["modules"].base.fields
+        assert fields is not None
+        own = layout.module_offset + module.index * MODULE.size
+        return {name: own + int(where[1]) for name, where in fields.items()}
+
+    def decide_when_fresh(self, module: Module, state: bytearray) -> int:
+        """The DM's answer where AC has control and all of a state was published just now."""
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(self.unit.layout.topics):
+            struct.pack_into("<q", state, self.unit.layout.stamp_offset + 8 * i, NOW_NS)
+        at = self.places(module)
+        struct.pack_into("<I", state, at["clean_needed"], 0)
+        state[at["mode"]], state[at["gate_fault"]] = AC, 0
+        return self.decide(module.index, state)
+
     def decide(self, module: int, state: bytearray) -> int:
         """The DM's answer in a state; it writes the facts into `state`."""
         return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
 
 
-def _try_all_facts(c: _Compiled, check: DMCheck) -> None:
+def _try_all_facts(c: CompiledDM, check: DMCheck) -> None:
     """Tries all 64 combinations of two modes and five facts."""
     names = ("stale", "ttf", "safer", "gate_fault", "clean")
     for mode in (SC, AC):
@@ -250,14 +269,11 @@ def _name_of(mode: int) -> str:
 class _Inputs:
     """Tries a DM on states of every class: values of topics, their ages, states of the gate."""
 
-    def __init__(self, c: _Compiled, system: System, module: Module, check: DMCheck) -> None:
+    def __init__(self, c: CompiledDM, system: System, module: Module, check: DMCheck) -> None:
         self.c, self.system, self.module, self.check = c, system, module, check
         self.chance = random.Random(1)  # noqa: S311 - test points
         layout = c.unit.layout
-        fields = state_dtype(layout)["modules"].base.fields
-        assert fields is not None
-        own = layout.module_offset + module.index * MODULE.size
-        self.at = {name: own + int(where[1]) for name, where in fields.items()}
+        self.at = c.places(module)
         self.stamps = layout.stamp_offset
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
     from soter.codegen.unit import Unit
     from soter.core.layout import StateLayout
+    from soter.language.evaluate.expressions import Compiled
     from soter.language.model.system import Bound, Module, System
     from soter.language.model.types import Type, Value
 
@@ -180,6 +181,7 @@ class ExpectedFacts:
         evaluator.looked_at = maybe_nan(system, module)  # topics are NaN here, which none ever is
         self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
         self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
+        self._safe = evaluator.expression(symbol.safe)
         self.period_ns = module.period_ns
         self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
         self._image = bytearray()
@@ -187,7 +189,15 @@ class ExpectedFacts:
 
     def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
         """(ttf, safer); a fault counts as unsafe. `ages`: of topics not published now, in ns."""
-        env = Environment(
+        env = self._environment(topics, ages)
+        return self._truth(self._ttf, env, fault=True), self._truth(self._safer, env, fault=False)
+
+    def safe(self, topics: tuple[Value, ...]) -> bool:
+        """Whether `safe` holds of these values; a fault counts as unsafe."""
+        return self._truth(self._safe, self._environment(topics, {}), fault=False)
+
+    def _environment(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> Environment:
+        return Environment(
             topics=topics,
             stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
             time_ns=NOW_NS,
@@ -196,13 +206,12 @@ class ExpectedFacts:
             mode=lambda _: SC,
             truth=lambda _: (),
         )
-        truths = []
-        for predicate, unknown in ((self._ttf, True), (self._safer, False)):
-            try:
-                truths.append(unknown if predicate is None else bool(predicate(env)))
-            except StepFault:
-                truths.append(unknown)
-        return truths[0], truths[1]
+
+    def _truth(self, predicate: Compiled | None, env: Environment, *, fault: bool) -> bool:
+        try:
+            return fault if predicate is None else bool(predicate(env))
+        except StepFault:
+            return fault
 
     def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
         """The bytes of a state that holds these values of topics."""

@@ -1,0 +1,279 @@
+"""How far from the fence a decision module gives control to SC, by speed (`soter advise --buffer`).
+
+Purpose: `buffers` puts a number of an estimate, the position, nearer and nearer to where `safe`
+ends, and asks the compiled DM at each speed where it takes control from AC; from there SC is flown
+in the model.
+Non-goals: proofs; the worst run: in that flight nothing disturbs and nothing is measured wrongly;
+other advice (`Program.advise`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.api.arguments import complete
+from soter.codegen.unit import generate
+from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.diagnostic import mistake
+from soter.diagnostics.similar_names import did_you_mean
+from soter.language.elaborate import derived_systems
+from soter.language.elaborate.derived_systems import faultless, without_held_topics
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.types import leaf_name, leaves, positions
+from soter.simulate.explain_decision import with_number
+from soter.simulate.run import NativeProgram
+from soter.verify.deploy.dm_check import CompiledDM
+from soter.verify.deploy.dm_test_cases import AC, ExpectedFacts
+from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import FARTHEST
+from soter.verify.tubes.expression_graph import middle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from soter.api.arguments import Progress
+    from soter.api.program import Program
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Value
+    from soter.verify.problem.problem import Problem
+
+STEPS, HALVINGS = 256, 24
+"""Into how many steps the way to the fence is cut, and how often the last one is halved."""
+FARTHEST_2 = 20
+"""Where a position has no declared end the fence is looked for up to 2 to this power away."""
+SPEEDS = 8
+NAME_THEM = "name two numbers of the estimate: `--buffer POSITION,SPEED`, as `motion.x,motion.v`"
+UNTIL_NS = 60 * 10**9
+"""For how long SC is flown."""
+
+
+@dataclass(frozen=True)
+class BufferRow:
+    """At one speed: where the DM gives control to SC, and how far SC goes on from there.
+
+    `room`: from there to the fence; `used`: how much of it SC takes.
+    """
+
+    speed: float
+    taken_at: float
+    room: float
+    used: float
+
+
+@dataclass(frozen=True)
+class Buffers:
+    """A module's rows, for speeds up to `fastest`, above which AC has no control at the start.
+
+    `position`, `speed`: numbers of topics; `fence`: where `safe` ends.
+    """
+
+    module: str
+    position: str
+    speed: str
+    units: tuple[str, str]
+    fence: float
+    fastest: float
+    rows: tuple[BufferRow, ...]
+
+
+def buffers(
+    program: Program,
+    named: tuple[str, str] | None = None,
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, object] | None = None,
+    progress: Progress | None = None,
+) -> tuple[Buffers, ...]:
+    """How far from the fence each module gives control to SC, by speed.
+
+    Of modules of `system`, by default the program's own choice; `named`: position and speed, as
+    `topic.field`; None: they are found. `SoterError` R... for a module without a problem, U001
+    where no position, speed or end of `safe` is found.
+    """
+    with telling_shares(progress):
+        flying = program.declared(system, params)
+        proved = faultless(without_held_topics(flying))
+        problems = {m.name: extract(proved, m) for m in proved.modules if m.forced is None}
+        complete(flying)
+        named_ones = [m for m in flying.modules if m.name in problems]
+        chosen = [m for m in named_ones if module in (None, m.name, m.symbol.name)]
+        return tuple(_buffers_of(flying, m, problems[m.name], named) for m in chosen)
+
+
+def _buffers_of(
+    flat: System, module: Module, problem: Problem, named: tuple[str, str] | None
+) -> Buffers:
+    """Asks the DM of a module of a flat system whose predicates are known.
+
+    `named`: position and speed, as `topic.field`; None: they are found. `SoterError` U001 where a
+    name is none of a state's, where nothing is found, or where `safe` has no end that way.
+    """
+    names = {
+        leaf_name(problem.system.topics[t].name, _path(problem, t, k)): s
+        for s, (t, k) in problem.topic_leaf_of_state.items()
+    }
+    pairs = [*_found(problem, names)] if named is None else [named]
+    for name in pairs[0] if named else ():
+        if name not in names:
+            raise mistake("U001", f"`{name}` shows no state", *did_you_mean(name, names), NAME_THEM)
+    for position, speed in pairs:
+        asked = _Asked(flat, module, problem, names[position], names[speed])
+        fence = asked.fence()
+        if fence is not None:
+            units = [problem.quantities.states[names[n]].unit for n in (position, speed)]
+            fastest = asked.fastest_in_ac()
+            rows = tuple(asked.rows(fence, fastest))
+            pair = units[0], units[1]
+            return Buffers(module.name, position, speed, pair, fence, fastest, rows)
+    what = "`safe` has no end in the direction of the speed" if named else "no position was found"
+    raise mistake("U001", f"{module.name}: {what}", NAME_THEM)
+
+
+def _path(problem: Problem, topic: int, leaf: int) -> tuple[str, ...]:
+    return tuple(list(leaves(problem.system.topics[topic].type))[leaf][0])
+
+
+def _found(problem: Problem, names: Mapping[str, int]) -> Iterator[tuple[str, str]]:
+    """Pairs of a number that `safe` reads, and one that its rate reads."""
+    read = {problem.module.scope.topics[t] for t in topic_reads(problem.module.symbol.safe)}
+    of_state = {s: n for n, s in names.items()}
+    states = problem.quantities.states
+    for name, s in names.items():
+        plant = problem.system.components[states[s].owner].plant
+        if problem.topic_leaf_of_state[s][0] not in read or plant is None:
+            continue
+        rate = next((e for v, e in plant.der.items() if v.name == states[s].member), None)
+        moved_by = {n.variable.name for n in nodes([rate]) if isinstance(n, typed.VarRead)}
+        for other, shown in of_state.items():
+            if other != s and states[other].member in moved_by:
+                yield name, shown
+
+
+class _Asked:
+    """A DM and a model, asked about estimates in which two numbers are not as at the start."""
+
+    def __init__(
+        self, flat: System, module: Module, problem: Problem, position: int, speed: int
+    ) -> None:
+        self.flat, self.module, self.problem = flat, module, problem
+        self.position, self.speed = position, speed
+        self.unit = generate(flat)
+        self.dm = CompiledDM(self.unit)
+        self.facts = ExpectedFacts(flat, module)
+        by_name = {t.name: t.index for t in flat.topics}
+        own = problem.system.topics
+        self.at = {
+            s: (by_name[own[t].name], positions(own[t].type, _path(problem, t, k)))
+            for s, (t, k) in problem.topic_leaf_of_state.items()
+        }
+        self.fastest: float | None = None
+        self.way = 1.0
+        self.initial = {s: middle(problem.initial[s]) for s in self.at}
+
+    def topics(self, x: float, v: float) -> tuple[Value, ...]:
+        """The values of all topics where the estimate has this position and speed."""
+        values: list[Any] = [t.default for t in self.flat.topics]
+        for state, number in {**self.initial, self.position: x, self.speed: v}.items():
+            topic, where = self.at[state]
+            values[topic] = with_number(values[topic], where, number) if where else number
+        return tuple(values)
+
+    def keeps(self, x: float, v: float) -> bool:
+        """Whether the DM leaves control to AC."""
+        state = self.facts.state(self.unit, self.topics(x, v))
+        return self.dm.decide_when_fresh(self.module, state) == AC
+
+    def fence(self) -> float | None:
+        """Where `safe` ends in the direction in which a speed leads; None: nowhere, or no speed."""
+        self.fastest = self._end(self.speed)
+        if self.fastest is None:
+            return None
+        self.way = math.copysign(1.0, self.flown(self.initial[self.position], self.fastest, 0.0))
+        start, last = self.initial[self.position], self._end(self.position)
+        ends = [start + self.way * 2.0**k for k in range(FARTHEST_2)] if last is None else [last]
+        for end in ends:
+            at = _last(start, end, lambda x: self.facts.safe(self.topics(x, 0.0)))
+            if at is None or at != end:
+                return at
+        return None
+
+    def rows(self, fence: float, fastest: float) -> Iterator[BufferRow]:
+        """A row a speed, up to the fastest one."""
+        for k in range(1, SPEEDS + 1):
+            v = fastest * k / SPEEDS
+            at = _last(self.initial[self.position], fence, partial(self.keeps, v=v))
+            if at is not None:
+                yield BufferRow(v, at, abs(fence - at), self.flown(at, v, self.way))
+
+    def fastest_in_ac(self) -> float:
+        """Up to which speed AC has control where the position is that of the start."""
+        assert self.fastest is not None
+        v = _last(0.0, self.fastest, lambda v: self.keeps(self.initial[self.position], v))
+        return 0.0 if v is None else v
+
+    def _end(self, state: int) -> float | None:
+        """The end of what a number may be, in the direction of the fence; None: there is none."""
+        own, leaf = self.problem.topic_leaf_of_state[state]
+        bound, of = self.problem.system.topics[own].bounds[leaf], self.problem.states[state]
+        low, high = (of.low, of.high) if bound is None else (bound.low, bound.high)
+        end = high if state == self.speed or self.way > 0.0 else low
+        return end if abs(end) < FARTHEST else None
+
+    def flown(self, x: float, v: float, way: float) -> float:
+        """How far SC goes on from there in the model; where `way` is 0 the first move instead."""
+        states = self.problem.quantities.states
+        changed = [self._calm(c, x, v) for c in self.flat.components if c.plant is not None]
+        system = derived_systems.with_components(self.flat, changed)
+        system = derived_systems.forced(system, self.module.index, "sc")
+        leaf = states[self.position]
+        name = self.problem.system.components[leaf.owner].name
+        run = NativeProgram(system).run(UNTIL_NS, 1, keep_trace=(f"{name}.truth",))
+        path = ".".join((f"{name}.truth", leaf.member, *leaf.path))
+        moves = run.array(path) - x
+        if way == 0.0:
+            return float(moves[np.flatnonzero(moves)[:1]].sum())
+        return max(0.0, float((way * moves).max()))
+
+    def _calm(self, c: Component, x: float, v: float) -> Component:
+        """A plant that nothing disturbs, measured exactly, from this position and speed."""
+        assert c.plant is not None
+        initial: list[Any] = list(c.initial)
+        names = [d.name for d in c.plant.states]
+        for s, number in ((self.position, x), (self.speed, v)):
+            leaf = self.problem.quantities.states[s]
+            if self.problem.system.components[leaf.owner].name == c.name:
+                k = names.index(leaf.member)
+                where = positions(c.plant.states[k].type, leaf.path)
+                initial[k] = with_number(initial[k], where, number) if where else number
+        middles = [0.5 * (d.low + d.high) for d in c.disturbances]
+        pairs = zip(c.disturbances, middles, strict=True)
+        return replace(
+            c,
+            initial=tuple(initial),
+            initial_range=(None,) * len(initial),
+            disturbances=tuple(replace(d, low=m, high=m) for d, m in pairs),
+            measured=tuple(replace(m, bound=0.0) for m in c.measured),
+        )
+
+
+def _last(start: float, end: float, holds: Callable[[float], bool]) -> float | None:
+    """The last number on the way from `start` to `end` up to which it holds; None: not at all."""
+    if not holds(start):
+        return None
+    for k in range(STEPS):
+        a, b = (start + (end - start) * i / STEPS for i in (k, k + 1))
+        if not holds(b):
+            break
+    else:
+        return end
+    for _ in range(HALVINGS):
+        middle = 0.5 * (a + b)
+        a, b = (middle, b) if holds(middle) else (a, middle)
+    return a

@@ -1,0 +1,267 @@
+"""What a change of a program leaves standing: `compare` does what `soter diff` does.
+
+Purpose: `compare` reads two versions, each a program or a certificate, and says which declarations
+differ, which proofs stand since their problem is the same to the byte, and what hangs on the
+others: times, flights and tests, requirements. Nothing is proved, compiled or run.
+Non-goals: what a problem is (`verify/posed_problems.py`); accepting a certificate of another
+program: `run`, `build` and `assure` ask for the program's hash.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from difflib import unified_diff
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.addons import by_name
+from soter.api.arguments import write_sections
+from soter.api.rechecking import no_certificate
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import CheckResult, check_file, system_of, system_of_test
+from soter.language.model import typed
+from soter.language.model.canonical_text import canonical_text
+from soter.report.templates import PageSection
+from soter.verify.posed_problems import PosedProblem, posed_problems, step_text, text_with_names
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.language.model.system import System
+
+KINDS = {
+    "consts": "const",
+    "params": "param",
+    "funs": "fun",
+    "topics": "topic",
+    "nodes": "node",
+    "modules": "rta",
+    "plants": "plant",
+    "systems": "system",
+    "tests": "test",
+}
+"""Table of a program -> the word that declares what is in it."""
+WHATS = {
+    "times": "times of steps",
+    "runs": "runs of systems",
+    "test": "tests",
+    "requirement": "evidence for requirements",
+}
+"""What `also` of a headline calls each kind of consequence."""
+STANDS, AGAIN, GONE, NEW = "stands", "again", "gone", "new"
+
+
+@dataclass(frozen=True)
+class DeclarationChange:
+    """A declaration that means something else: `how` is "changed", "gone" or "new".
+
+    `lines`: those of the program that differ, `-` before old and `+` before new ones.
+    """
+
+    kind: str
+    name: str
+    how: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Consequence:
+    """What becomes of a proof, of times, of the runs of a system or test, or of a requirement.
+
+    `status`: "stands", "again" (it has to be made again), "gone" or "new"; `because`: the names of
+    changed declarations that are in it.
+    """
+
+    what: str
+    name: str
+    status: str
+    because: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How two versions of a program differ, and what hangs on it."""
+
+    old: str
+    new: str
+    declarations: tuple[DeclarationChange, ...]
+    consequences: tuple[Consequence, ...]
+
+    @property
+    def again(self) -> tuple[Consequence, ...]:
+        """What has to be made again, or for the first time."""
+        return tuple(c for c in self.consequences if c.status in (AGAIN, NEW))
+
+    @property
+    def headline(self) -> str:
+        """One sentence."""
+        if not self.again:
+            return "Nothing has to be made again: no proof, flight or test depends on what differs"
+        proofs = [c.status for c in self.consequences if c.what == "proof"]
+        counts = Counter(c.what for c in self.again if c.what != "proof")
+        also = ", ".join(f"{WHATS[what]} of {n}" for what, n in counts.items())
+        stand = f"{proofs.count(STANDS)} of {len(proofs)} proofs stand"
+        return f"{stand}; to be made again, too: {also}" if also else stand
+
+    def write_page(self, path: Path) -> None:
+        """Writes the page; `SoterError` D006."""
+        changes = tuple((d.how, d.kind, d.name, "\n".join(d.lines)) for d in self.declarations)
+        rows = tuple((c.what, c.name, c.status, ", ".join(c.because)) for c in self.consequences)
+        sections = (
+            PageSection("What differs", (), ("", "kind", "name", "lines"), changes),
+            PageSection("What hangs on it", (RULE,), ("what", "of", "status", "because of"), rows),
+        )
+        title = f"{self.old} → {self.new}"
+        write_sections(path, title, self.headline, "" if self.again else "good", sections)
+
+
+RULE = (
+    "A proof stands where its problem is the same to the byte; certificates are bound to the hash "
+    "of a program all the same, and `run`, `build` and `assure` ask for it."
+)
+
+
+@dataclass(frozen=True)
+class Version:
+    """One of the two: its path, the checked program, and parameters that its certificate sets."""
+
+    path: str
+    checked: CheckResult
+    params: Mapping[str, Any]
+
+    @property
+    def program(self) -> typed.TypedProgram:
+        """The checked program."""
+        assert self.checked.program is not None
+        return self.checked.program
+
+    def lines(self, symbol: typed.Symbol | None) -> list[str]:
+        """The lines of a declaration; none of one that the program does not write down."""
+        assert self.checked.loaded is not None
+        if symbol is None:
+            return []
+        at = symbol.span
+        declared = [d for f in self.checked.loaded.files for d in f.file.declarations]
+        whole = [
+            d.span
+            for d in declared
+            if d.span.source is at.source and d.span.start <= at.start < d.span.end
+        ]
+        return [x for s in whole[:1] for x in s.source.text[s.start : s.end].splitlines()]
+
+    def parts(self) -> dict[tuple[str, str], PosedProblem]:
+        """What is proved, timed, flown and tested, by kind and name."""
+        parts: dict[tuple[str, str], PosedProblem] = {}
+        posed = posed_problems(self.checked, self.params)
+        for (system, module), problem in posed.items():
+            parts["proof", f"{module} in {system}" if system else module] = problem
+        for name in self.checked.systems or [""]:
+            flat = system_of(self.checked, name, self.params, exact=False)
+            parts |= {("times", n): text for n, text in _timed(flat, posed).items()}
+            parts["runs", name or "the program"] = text_with_names(flat)
+        for name in self.checked.tests:
+            parts["test", name] = text_with_names(system_of_test(self.checked, name, self.params))
+        return parts
+
+
+def compare(old: str | Path, new: str | Path, hazards: str | Path | None = None) -> Comparison:
+    """Compares two programs or certificates; `hazards`: rows of `soter assure --hazards`.
+
+    `SoterError` with the diagnostics of a program with errors, D009 where a folder is no
+    certificate, D006 and D021 for `hazards`.
+    """
+    before, after = _version(Path(old)), _version(Path(new))
+    declarations = _declarations(before, after)
+    changed = {d.name for d in declarations}
+    olds, news = before.parts(), after.parts()
+    consequences = [_consequence(k, olds.get(k), news.get(k), changed) for k in {**olds, **news}]
+    if hazards is not None:
+        consequences += _requirements(Path(hazards), consequences)
+    return Comparison(str(old), str(new), declarations, tuple(consequences))
+
+
+def _version(path: Path) -> Version:
+    params: Mapping[str, Any] = {}
+    if path.is_dir():
+        from soter.certificate import folder  # noqa: PLC0415 - needs NumPy
+
+        try:
+            checked, params = folder.program_of(folder.read_certificate(path))
+        except folder.NotACertificateError as error:
+            raise no_certificate(error) from None
+    else:
+        checked = check_file(str(path))
+    if not checked.ok:
+        raise SoterError(checked.diagnostics.items)
+    return Version(str(path), checked, params)
+
+
+# ---------------------------------------------------------------- declarations
+
+
+def _declarations(before: Version, after: Version) -> tuple[DeclarationChange, ...]:
+    changes = []
+    for table, kind in KINDS.items():
+        olds, news = getattr(before.program, table), getattr(after.program, table)
+        for name in {**olds, **news}:
+            old, new = olds.get(name), news.get(name)
+            if old is None or new is None or _own_text(old) != _own_text(new):
+                how = "new" if old is None else "gone" if new is None else "changed"
+                patch = unified_diff(before.lines(old), after.lines(new), n=0, lineterm="")
+                lines = tuple(x for x in [*patch][2:] if x[0] in "+-" and x[1:].strip())
+                changes.append(DeclarationChange(kind, name, how, lines))
+    return tuple(changes)
+
+
+def _own_text(symbol: typed.Symbol) -> str:
+    """The text of a declaration by itself: others are their names in it."""
+
+    def instead(part: object) -> object:
+        if isinstance(part, typed.Literal) and part.name is not None:
+            return part.name
+        return part.name if isinstance(part, typed.Symbol) and part is not symbol else part
+
+    return canonical_text(symbol, instead)
+
+
+# ---------------------------------------------------------------- what hangs on them
+
+
+def _consequence(
+    key: tuple[str, str], old: PosedProblem | None, new: PosedProblem | None, changed: set[str]
+) -> Consequence:
+    if new is None:
+        return Consequence(*key, GONE)
+    if old is None:
+        return Consequence(*key, NEW)
+    if old.text == new.text:
+        return Consequence(*key, STANDS)
+    return Consequence(*key, AGAIN, tuple(sorted(changed & (old.names | new.names))))
+
+
+def _timed(flat: System, posed: Mapping[tuple[str, str], PosedProblem]) -> dict[str, PosedProblem]:
+    """What the steps of the trusted thread are made of, and each DM, by `component in system`."""
+    where = f" in {flat.name}" if flat.name else ""
+    timed = {c.name + where: step_text(flat, c) for c in flat.components if c.in_thread and c.node}
+    dms = {m.name: posed.get((flat.name, m.name)) for m in flat.modules}
+    return timed | {f"the DM of {name}{where}": p for name, p in dms.items() if p is not None}
+
+
+def _requirements(path: Path, found: list[Consequence]) -> list[Consequence]:
+    """Each hazard and requirement, by what it traces to."""
+    rows_of = by_name("soter.api.assurance.hazard_traceability")
+    rows = [r for r in rows_of.read_hazards(path).rows if r.kind != "assumption"]
+    todo = {}
+    for id_, properties in rows_of.reached_properties(rows).items():
+        names = {p.rpartition(".")[0] or p for p in properties}
+        hang = [c for c in found if c.status != STANDS and _is_of(c, names)]
+        because = tuple(f"{c.what} of {c.name}" for c in hang)
+        todo[id_] = Consequence("requirement", id_, AGAIN if hang else STANDS, because)
+    return [todo[r.id] for r in rows]
+
+
+def _is_of(c: Consequence, names: set[str]) -> bool:
+    """Whether a property of one of these modules, tests or conditions rests on it."""
+    flown = c.what == "runs" and any(n.startswith(("always ", "never ")) for n in names)
+    return flown or (c.what in ("proof", "test") and c.name.partition(" in ")[0] in names)
