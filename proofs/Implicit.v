@@ -92,6 +92,41 @@ Proof. intros near alpha H N_T C A CS RP x u act al out t0 b F [Some None].
   - destruct None as [In Late]; [intros N HN R; apply No; eauto |]. split; auto. intros L. lra.
 Qed.
 
+(* A run settles if it is in C until one of its outputs, by which it is at rest. *)
+Lemma settles_by : forall near alpha H C x u act al out t0 b N_T, fall_back near alpha H x u act al out t0 b ->
+  (exists N, (N <= N_T)%nat /\ (forall t, 0 <= t <= Rmin b (al N) -> C (x t)) /\ (al N <= b -> rests C x al b N)) ->
+  settles C x al b N_T.
+Proof. intros near alpha H C x u act al out t0 b N_T F (N & HN & In & At).
+  assert (Mono : forall k m, (k <= m)%nat -> al k <= al m).
+  { intros k m Hk. destruct (Nat.eq_dec k m) as [-> | Ne]; [lra |]. assert (Lt : (S k <= m)%nat) by lia.
+    apply le_INR in Lt. rewrite S_INR in Lt. destruct (fall_back_ordered _ _ _ _ _ _ _ _ _ _ k F) as [Wk _].
+    destruct (fall_back_ordered _ _ _ _ _ _ _ _ _ _ m F) as [Wm _]. nra. }
+  split; [intros k _ [Rb Rk] Least t Ht | intros None].
+  - destruct (Nat.le_gt_cases k N) as [L | G].
+    + apply In. pose proof (Mono _ _ L). unfold Rmin. destruct (Rle_dec b (al N)); lra.
+    + pose proof (Mono N k ltac:(lia)). exfalso. apply (Least N G), At. lra.
+  - assert (b < al N) by (apply Rnot_le_lt; intros L; apply (None N HN), At, L). pose proof (Mono _ _ HN).
+    split; [intros t Ht; apply In; unfold Rmin; destruct (Rle_dec b (al N)) |]; lra.
+Qed.
+
+(* A set B on the way: a run is in B at output N of its own, n1 at most, and every rest run from B is at rest n2 outputs later
+   at most. B may ask of what was before. So the run settles by n1 + n2; this is asked of each run by itself, as in `good` and in `gated_good`. *)
+Theorem settles_collected : forall near alpha H (B : (R -> state P) -> R -> Prop) C x u act al out t0 b n1 n2,
+  fall_back near alpha H x u act al out t0 b -> 0 <= alpha -> (forall z, C z -> shown z) ->
+  (exists N, (N <= n1)%nat /\ (forall t, 0 <= t <= Rmin b (al N) -> C (x t)) /\ (al N <= b -> B x (al N))) ->
+  (forall x u act al out t0 b, rest_run x u act al out t0 b -> B x (al 0%nat) -> exists N, (N <= n2)%nat /\
+    (forall t, al 0%nat <= t <= Rmin b (al N) -> C (x t)) /\ (al N <= b -> rests C x al b N)) ->
+  settles C x al b (n1 + n2).
+Proof. intros near alpha H B C x u act al out t0 b n1 n2 F A CS (N & HN & In & At) Second.
+  apply (settles_by near alpha H C x u act al out t0 b); auto. destruct (Rle_or_lt (al N) b) as [L | G].
+  - assert (In' : forall t, 0 <= t <= al N -> C (x t)) by (intros t Ht; apply In; unfold Rmin; destruct (Rle_dec b (al N)); lra).
+    assert (R := fall_back_suffix _ _ _ _ _ _ _ _ _ _ N F A L (fun t Ht => CS _ (In' t Ht))).
+    destruct (Second _ _ _ _ _ _ _ R) as (N' & HN' & In2 & At2); [rewrite Nat.add_0_r; auto |].
+    rewrite Nat.add_0_r in In2. exists (N + N')%nat. split; [lia | split; [| exact At2]].
+    intros t Ht. destruct (Rle_or_lt t (al N)); [apply In' | apply In2]; lra.
+  - exists N. split; [lia | split; [exact In | intros; lra]].
+Qed.
+
 (* The first rule: a box B that every rest run leaves for Y only, and is in again N outputs later. *)
 Theorem box_rests : forall (B Y : state P -> Prop) N, (1 <= N)%nat -> (forall z, Y z -> shown z) ->
   (forall x u act al out t0 b, rest_run x u act al out t0 b -> B (x (al 0%nat)) ->

@@ -1,5 +1,5 @@
 (* Runs under SC, cores, and how chains show a core and a return.
-   Purpose: "SC-run" and "Core" of docs/proof.md, "Chains" and the sets of "P2b" of proof-sets.md.
+   Purpose: "SC-run" and "Core" of docs/proof.md, "Chains" and the sets of "P2b" of proof-sets.md, rests on the way in proof-flight.md.
    Non-goals: how K, Q and W are computed. *)
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories.
@@ -46,17 +46,15 @@ Proof. intros x u act al out t0 b N H Hb HC. pose proof (last_window _ _ _ _ _ _
   - intros k i t Ht Hb'. apply Cm; auto. replace (S (N + k)) with (N + S k)%nat by lia. exact Ht.
 Qed.
 
-(* Chains: from every state of K some number N >= 1 of outputs leads back to K, in S all the way. *)
-Definition chained (K S : state P -> Prop) := forall z, K z -> exists N, (1 <= N)%nat /\
-  forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
-    (forall t, al 0%nat <= t <= Rmin b (al N) -> S (x t)) /\ (al N <= b -> K (x (al N))).
+(* Every run from K leads back to K, in S all the way, after some number N >= 1 of outputs, which is the run's own. *)
+Definition returns (K S : state P -> Prop) := forall x u act al out t0 b, sc_run x u act al out t0 b -> K (x (al 0%nat)) ->
+  exists N, (1 <= N)%nat /\ (forall t, al 0%nat <= t <= Rmin b (al N) -> S (x t)) /\ (al N <= b -> K (x (al N))).
 
-Theorem keeps_of_chains : forall (K S : state P -> Prop), (forall z, S z -> C z) -> chained K S -> keeps K S.
+Theorem keeps_of_returns : forall (K S : state P -> Prop), (forall z, S z -> C z) -> returns K S -> keeps K S.
 Proof.
   intros K S SC HK. assert (Q : forall n x u act al out t0 b, sc_run x u act al out t0 b -> K (x (al 0%nat)) ->
     forall t, al 0%nat <= t <= b -> t <= al 0%nat + INR n * (delta - j) -> S (x t)).
-  { induction n; intros x u act al out t0 b H K0 t Ht Hn; destruct (HK _ K0) as [N [N1 Ch]];
-      destruct (Ch x u act al out t0 b H eq_refl) as [CC KN];
+  { induction n; intros x u act al out t0 b H K0 t Ht Hn; destruct (HK _ _ _ _ _ _ _ H K0) as (N & N1 & CC & KN);
       pose proof (last_window _ _ _ _ _ _ _ 0%nat H) as W0; pose proof (last_window _ _ _ _ _ _ _ N H) as WN;
       assert (1 <= INR N) by (apply (le_INR 1); exact N1); simpl in W0.
     - apply CC. simpl in Hn. unfold Rmin. destruct (Rle_dec b (al N)); nra.
@@ -67,6 +65,34 @@ Proof.
           rewrite ?Nat.add_0_r; [apply KN; lra | lra |]. rewrite S_INR in Hn. nra. }
   intros x u act al out t0 b H K0 t Ht. destruct (enough_steps (t - al 0%nat) (delta - j)) as [n Hn]; [lra |].
   apply (Q n _ _ _ _ _ _ _ H K0 t Ht). lra.
+Qed.
+
+(* Chains: N may be another one for each state of K, and is the same for all runs from there. *)
+Definition chained (K S : state P -> Prop) := forall z, K z -> exists N, (1 <= N)%nat /\
+  forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
+    (forall t, al 0%nat <= t <= Rmin b (al N) -> S (x t)) /\ (al N <= b -> K (x (al N))).
+Corollary keeps_of_chains : forall (K S : state P -> Prop), (forall z, S z -> C z) -> chained K S -> keeps K S.
+Proof. intros K S SC HK. apply keeps_of_returns; auto. intros x u act al out t0 b H K0. destruct (HK _ K0) as (N & N1 & Ch).
+  exists N. destruct (Ch _ _ _ _ _ _ _ H eq_refl). auto.
+Qed.
+
+(* A set B on the way: every run from K is in B at one of its outputs, and every run from B leads on to K. *)
+Theorem returns_collected : forall K B S : state P -> Prop, (forall z, S z -> C z) ->
+  (forall x u act al out t0 b, sc_run x u act al out t0 b -> K (x (al 0%nat)) -> exists N,
+    (forall t, al 0%nat <= t <= Rmin b (al N) -> S (x t)) /\ (al N <= b -> B (x (al N)))) ->
+  (forall x u act al out t0 b, sc_run x u act al out t0 b -> B (x (al 0%nat)) -> exists N, (1 <= N)%nat /\
+    (forall t, al 0%nat <= t <= Rmin b (al N) -> S (x t)) /\ (al N <= b -> K (x (al N)))) -> returns K S.
+Proof. intros K B S SC First Second x u act al out t0 b H K0. destruct (First _ _ _ _ _ _ _ H K0) as (N & In & At).
+  pose proof (last_window _ _ _ _ _ _ _ N H) as W. pose proof (last_window _ _ _ _ _ _ _ (Datatypes.S N) H) as W'.
+  rewrite S_INR in W'. destruct (Rle_or_lt (al N) b) as [L | G].
+  - assert (R := run_suffix _ _ _ _ _ _ _ N H L
+      ltac:(intros q Hq; apply SC, In; unfold Rmin; destruct (Rle_dec b (al N)); lra)).
+    destruct (Second _ _ _ _ _ _ _ R) as (N' & N1 & In' & At'); [rewrite Nat.add_0_r; auto |].
+    rewrite Nat.add_0_r in In'. exists (N + N')%nat. split; [lia |]. split; auto.
+    intros t Ht. destruct (Rle_or_lt t (al N)); [apply In | apply In'; lra].
+    unfold Rmin. destruct (Rle_dec b (al N)); lra.
+  - exists (Datatypes.S N). split; [lia |]. split; [| intros; lra].
+    intros t Ht. apply In. unfold Rmin in *. destruct (Rle_dec b (al N)); destruct (Rle_dec b (al (Datatypes.S N))); lra.
 Qed.
 
 Corollary core_of_chains : forall K, chained K C -> core K.

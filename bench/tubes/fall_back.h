@@ -156,6 +156,7 @@ static void fall_back(const config *c, policy *p, double *x, const double *y, bo
         errors(c, p, e);
         for (int i = 0; i < N; i++) seen[i] = x[i] + e[i];
         if (p->error == GREEDY && !tube) worst_read(c, p, x, seen);
+        keeps(p);
         law(seen, f.u[k]);
         if (tube && k < trace.laws) {
           found(&f, outside(trace.law[k], f.u[k], f.eps, M), t, 14);

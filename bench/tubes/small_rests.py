@@ -1,7 +1,8 @@
 """Small modules with `rest`, drawn at random: one to four states, one or two commands.
 
 Purpose: `drawn`, a program whose SC is a clamped feedback, or a brake, on a plant with terms of all
-kinds; errors, disturbances, ages, latenesses and delays are drawn, too.
+kinds; errors, disturbances, ages, latenesses and delays are drawn, too. `keeps`: SC keeps an
+integral, a filtered value, a truth or a count, and adds a little of it to each command.
 Non-goals: whether its rest is kept (most are), runs of it (`tube_loop.c`).
 """
 
@@ -22,7 +23,16 @@ class _Plant:
     within_s: int = 3
 
 
-def drawn(number: int) -> str:
+KEPT = (
+    ("i: float = 0.3", "{v} = clamp({v} - 0.1 * see.s0, -0.25, 0.3);", "{v}"),
+    ("f: float", "{v} = {v} + 0.2 * (see.s0 - {v});", "0.08 * {v}"),
+    ("b: bool", "if abs(see.s0) > 0.3 {{ {v} = !{v}; }}", "({v} ? 0.3 : -0.1)"),
+    ("n: int in [0, 5]", "if {v} < 5 {{ {v} = {v} + 1; }}", "0.06 * float({v})"),
+)
+"""What SC may keep: its declaration, what a step makes of it, what is added to a command."""
+
+
+def drawn(number: int, *, keeps: bool = False) -> str:
     """The program of a number."""
     r = random.Random(number)  # noqa: S311 - drawn examples
     plant = r.choice((_speeds, _speeds, _sprung, _braked, _turned))(r)
@@ -35,6 +45,9 @@ def drawn(number: int) -> str:
     errors = [f"see.s{i} within {r.choice((0.0, 0.001, 0.01))}" for i in range(n)]
     push = r.choice((0.0, 0.01, 0.05))
     laws = ", ".join(f"u{k}: clamp({law}, -1.0, 1.0)" for k, law in enumerate(plant.laws))
+    kept = KEPT[number % len(KEPT)] if keeps else ("", "", "")
+    if keeps:
+        laws = laws.replace(", -1.0, 1.0)", f" + {kept[2].format(v=kept[0][0])}, -1.0, 1.0)")
     wild = ", ".join(f"u{k}: choose {{ -1.0, 1.0 }}" for k in range(m))
     return "\n".join([
         "soter 1;",
@@ -43,7 +56,7 @@ def drawn(number: int) -> str:
         f"topic see: See in {{ {sets} }} max_age {r.choice((20, 40))}ms;",
         f"topic act: Do in [-1.0, 1.0] = {{ {', '.join(f'u{k}: 0.0' for k in range(m))} }};",
         f"node Ac period 20ms {{ publishes act; step {{ publish act = {{ {wild} }}; }} }}",
-        *_module(r, laws, " && ".join(bounds), plant),
+        *_module(r, laws, " && ".join(bounds), plant, kept),
         "plant Body period 10ms {",
         "  reads act;",
         f"  drives see = {{ {', '.join(f'{s}: {s}' for s in names)} }};",
@@ -60,7 +73,9 @@ def _pushed(r: random.Random, push: float, moving: list[int]) -> str:
     return f" + {r.choice((0.5, 1.0))} * w" if push and not moving else ""
 
 
-def _module(r: random.Random, laws: str, safe: str, plant: _Plant) -> list[str]:
+def _module(
+    r: random.Random, laws: str, safe: str, plant: _Plant, kept: tuple[str, str, str]
+) -> list[str]:
     """SC and the module, with times that keep R015."""
     sc = r.choice((20, 40, 50))
     dm = sc * r.choice((1, 2))
@@ -70,7 +85,8 @@ def _module(r: random.Random, laws: str, safe: str, plant: _Plant) -> list[str]:
         f"late dm {late[0]}ms, sc {late[1]}ms; response dm {late[2]}ms, sc {late[3]}ms; "
         f"acts within {acts}ms;"
     )
-    step = f"step {{ publish act = {{ {laws} }}; }}"
+    declared, changed = f"var {kept[0]}; " * bool(kept[0]), kept[1].format(v=kept[0][:1])
+    step = f"{declared}step {{ {changed}publish act = {{ {laws} }}; }}"
     return [
         f"node Sc period {sc}ms {{ subscribes see; publishes act; {step} }}",
         f"rta M {{ ac Ac; sc Sc; period {dm}ms; safe {safe};",

@@ -95,6 +95,14 @@ static void moved(double *x, const double *u, const double *w, double h) {
   for (int i = 0; i < N; i++) x[i] += h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * d[i] + e[i]);
 }
 
+/* SC has kept what it has, or anything else that it may have kept. */
+static void keeps(policy *p) {
+  int kind = KEPT_AT[0] == NULL ? 0 : (int)(draw(p) % 3);
+  for (int k = 0; kind > 0 && KEPT_AT[k] != NULL; k++) {
+    *KEPT_AT[k] = between(p, KEPT_ENDS[k][0], KEPT_ENDS[k][1], kind == 1 ? UNIFORM : ENDS);
+  }
+}
+
 static void law(const double *y, double *u) {
   observe(y, 0, 0);
   if (answer(u)) {

@@ -112,10 +112,12 @@ def _hooked(source: str) -> str:
             body = body.replace(gone, f"trace_span(passed, time, step);\n{gone}")
         else:
             body = re.sub(r"m_flow_fn\(([^;]*), &(\w+), fault\);", _flow_hook, body)
-        body = re.sub(r"m_law_fn\([^;]*&(\w+)(?:, fault)?\);", r"\g<0>\n    trace_law(&\1);", body)
+        answer = r"m_(?:law|answer_to)_fn\([^;]*(&[\w>-]+)(?:, fault)?\);"
+        body = re.sub(answer, r"\g<0>\n    trace_law(\1);", body)
         end_hook = f"trace_end({'passed' if timed else '0.0'});"
         body = re.sub(r"(    if \(there\) \{)", rf"\1\n      {end_hook}", body)
         source = source[: start.start()] + body + source[end:]
+    assert "trace_law(&" in source, "no answer of SC is compared"
     estimated = r"m_estimated_fn\([^;]*&(\w+), fault\);"
     return re.sub(estimated, r"\g<0>\n  trace_begin(&\1);", source)
 
@@ -148,10 +150,13 @@ class _Shim:
         n, m, w = len(q.states), len(q.controls), len(q.disturbances)
         followed = ", ".join(map(str, self.check.states))
         read, commands, rates = self._read(), self._controls(), self._rates()
+        places, ends = self._kept()
         return f"""
 static m_state S;
 enum {{ N = {n}, M = {m}, W = {w}, AIMS = {len(self._aims())}, SAFES = {self._safes()} }};
 static const int FOLLOWED[NS] = {{{followed}}};
+static double *const KEPT_AT[] = {{{places}NULL}};
+static const double KEPT_ENDS[][2] = {{{ends}{{0.0, 0.0}}}};
 static bool decide(bool ac) {{
   S.modules[0].mode = ac ? SOTER_AC : SOTER_SC;
   S.modules[0].gate_fault = 0;
@@ -194,6 +199,13 @@ static double resting(const double *x) {{
   return aim[0];
 }}
 """
+
+    def _kept(self) -> tuple[str, str]:
+        """Where SC keeps floats, and between which ends these may be."""
+        sc = _name(self.system.components[self.p.module.sc].name)
+        places = "".join(f"&S.{sc}.{name}, " for name in self.check.variables)
+        ends = (f"{{{r.low!r}, {r.high!r}}}, " for r in self.check.variables.values())
+        return places, "".join(ends)
 
     def _step(self, index: int) -> str:
         return f"m_{self.system.components[index].name.replace('.', '_')}_step"
@@ -418,7 +430,7 @@ def config_of(module: Module) -> Config:
         c.x_low[i] = max(told.low, first.low - AROUND)
         c.x_high[i] = min(told.high, first.high + AROUND)
         drift, way = p.drifts.get(i), module.claims.ways.get(i)
-        if not module.kept:
+        if not module.kept or i in check.turning:  # whole turns are all anywhere
             drift = way = None
         c.below[i], c.above[i] = (inf, inf) if drift is None else (drift.below, drift.above)
         c.y_low[i], c.y_high[i] = (-inf, inf) if way is None else (way.low, way.high)

@@ -40,6 +40,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("gym.md", "Learning with Gymnasium"),
             ("migrating.md", "From somebody else's filter"),
             ("buffer.md", "How large a buffer"),
+            ("companion-dies.md", "When the companion computer dies"),
             ("campaigns.md", "Fly for a hundred hours"),
             ("timing.md", "Execution times"),
             ("deploy.md", "In your firmware"),

@@ -376,7 +376,7 @@ def test_an_sc_that_is_no_source_reads_nothing_that_is_known() -> None:
     for node in (None, SimpleNamespace(extern=True, step=())):
         with pytest.raises(NotRecheckedError, match="not Soter source"):
             module_facts.topics_read_by_sc(SimpleNamespace(node=node))  # type: ignore[arg-type]
-    plain: Any = SimpleNamespace(node=SimpleNamespace(extern=False, step=()))
+    plain: Any = SimpleNamespace(node=SimpleNamespace(extern=False, takeover=None, step=()))
     assert module_facts.topics_read_by_sc(plain) == []
 
 

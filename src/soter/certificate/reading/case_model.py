@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.module_facts import driven_topics, reads_mode, topics_of_others
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from flint import arb
 
     from soter.certificate.reading.module_facts import Facts, Input
+    from soter.certificate.reading.symbolic_reading import Ranges
     from soter.language.model import typed
     from soter.language.model.system import Component
 
@@ -157,7 +159,7 @@ class CaseModel:
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
         with_modes = partial(step_of_sc, terms, sc, known)
         if sc.node.locals or reads_mode(sc.node.step):
-            published = list(every_step(terms, sc.node, with_modes))
+            published = list(every_step(terms, sc.node, with_modes, self.facts.local_ranges))
         else:
             published = [with_modes({})({})]
         return [command_term(terms, control, published) for control in self.facts.controls]
@@ -291,15 +293,25 @@ class CaseModel:
 
 
 def step_of_sc(
-    terms: Terms, sc: Component, known: Mapping[typed.TopicSymbol, Any], modes: Mapping[Any, Any]
+    terms: Terms,
+    sc: Component,
+    known: Mapping[typed.TopicSymbol, Any],
+    modes: Mapping[Any, Any],
+    claimed: Ranges = MappingProxyType({}),
 ) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
-    """A function of SC's locals: what a step publishes, by topic, where it reads `known` topics."""
+    """A function of SC's locals: what a step publishes, by topic, where it reads `known` topics.
+
+    `claimed`: ranges in which it, and `on takeover`, leave floats: more obligations of the terms.
+    """
     around = Surroundings(sc.scope.params, known, seconds(sc.period_ns), modes=modes)
     reader = SymbolicReader(terms, around)
 
     def published(own: Mapping[typed.Variable, Any]) -> dict[int, Any]:
         assert sc.node is not None
-        return {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, own).items()}
+        if claimed:
+            reader.step(sc.node.takeover or (), own, claimed)
+        found = reader.step(sc.node.step, own, claimed)
+        return {sc.scope.topics[t]: v for t, v in found.items()}
 
     return published
 

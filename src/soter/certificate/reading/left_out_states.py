@@ -22,6 +22,7 @@ off by less.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -170,10 +171,11 @@ def refuse_turns_read(model: CaseModel) -> None:
     """RejectedError where something that is asked is not the same a turn further."""
     facts, far = model.facts, (-THIRD, THIRD)
     extents = tuple(far if i in facts.turning else e for i, e in enumerate(model.extents))
-    model = CaseModel(facts, model.parameter, extents)
+    model = replace(model, extents=extents)
     terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.commands(terms, states))
-    asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
+    true = [facts.symbol.safe, *([facts.symbol.rest.condition] if facts.symbol.rest else [])]
+    asked += [model.predicate(terms, states, e, errors=False) for e in true]
     seen = [e for e in (facts.ttf, facts.symbol.safer) if e is not None]
     asked += [model.predicate(terms, states, e, errors=True) for e in seen]
     asked += [model.in_set(terms, states, topic) for topic in bounded_topics(facts)]

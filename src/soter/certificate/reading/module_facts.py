@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from soter.certificate.reading.derived_times import DerivedTimes, TimingSetting, Ways
+    from soter.certificate.reading.symbolic_reading import Ranges
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
@@ -113,6 +114,8 @@ class Facts:
     in_sets: tuple[int, ...] = ()
     """The topics of which it was shown that all that is published of a state that SC keeps lies in
     their sets; none before P2a is shown."""
+    local_ranges: Ranges = field(default_factory=dict)
+    """In which ranges the floats of SC's locals stay, as a certificate says."""
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""
 
@@ -248,10 +251,10 @@ def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
 
 
 def topics_read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
-    """The topics that the step of SC reads; NotRecheckedError where SC is extern."""
+    """The topics that SC reads, in `on takeover`, too; NotRecheckedError where SC is extern."""
     if sc.node is None or sc.node.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
-    return list(topic_reads(*sc.node.step))
+    return list(topic_reads(*(sc.node.takeover or ()), *sc.node.step))
 
 
 def number_of(facts: Facts, expr: typed.TypedExpr | None) -> Any:  # noqa: ANN401  a Soter value

@@ -10,12 +10,12 @@ What a module waits for (P2b is not claimed of one that waits); sharing code wit
 `verify/problem/verification_system.py`, which reads topics in their place.
 
 Truths, enumerations and short ranges are taken value by value; what would make too many
-combinations becomes an input over its range.
+combinations becomes an input over its range, as a float does over the range that is claimed of it.
 """
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import product, repeat
 from math import prod
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.reading.symbolic_reading import Ranges
     from soter.certificate.report import Said
     from soter.certificate.terms.terms import Linear, Proposition, Terms
     from soter.language.model.types import Type
@@ -107,20 +108,27 @@ WIDEST = 2**31
 
 
 def every_step(
-    terms: Terms, sc: typed.NodeSymbol, with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]]
+    terms: Terms,
+    sc: typed.NodeSymbol,
+    with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]],
+    claimed: Ranges,
 ) -> Iterator[dict[int, Any]]:
     """What each step of SC may publish; `with_modes`: a function of modes, then of its locals."""
     for modes in every_mode(sc.step):
         published = with_modes(modes)
-        for known_locals in _local_values(terms, sc.locals):
+        for known_locals in local_values(terms, sc.locals, claimed):
             yield published(known_locals)
 
 
-def _local_values(
-    terms: Terms, variables: Sequence[typed.Variable]
+def local_values(
+    terms: Terms, variables: Sequence[typed.Variable], claimed: Ranges
 ) -> Iterator[dict[typed.Variable, Any]]:
-    """Every combination of values; without locals the empty one."""
-    parts = [of for v in variables for _, of in _local_leaves(v)]
+    """Every combination of values; without locals the empty one. `claimed`: ranges of floats."""
+    parts: list[Any] = [
+        ends or of
+        for v in variables
+        for ends, (_, of) in zip(claimed.get(v, repeat(None)), _local_leaves(v), strict=False)
+    ]
     sizes = [_count_values(of) for of in parts]
     by_size = sorted(range(len(parts)), key=lambda k: sizes[k])
     single: set[int] = set()
@@ -147,7 +155,9 @@ def _local_leaves(variable: typed.Variable) -> list[tuple[tuple[str, ...], Type]
     return variable_leaves
 
 
-def _count_values(of: Type) -> int:
+def _count_values(of: Type | tuple[float, float]) -> int:
+    if isinstance(of, tuple):
+        return COMBINATIONS_MAX + 1
     if isinstance(of, BoolType):
         return 2
     if isinstance(of, EnumType):
@@ -165,7 +175,9 @@ def _values_of_type(of: Type) -> list[Any]:
     return list(range(_count_values(of)))
 
 
-def _input_of_type(terms: Terms, of: Type) -> Linear | Proposition:
+def _input_of_type(terms: Terms, of: Type | tuple[float, float]) -> Linear | Proposition:
+    if isinstance(of, tuple):
+        return terms.add_input("box", "local", *map(exact, of))
     if isinstance(of, BoolType):
         free = terms.add_input("box", "local", exact(0.0), exact(1.0))
         return terms.below_zero(terms.combine(((ONE, free),), exact(-0.5)))

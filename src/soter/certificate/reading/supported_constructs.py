@@ -115,7 +115,7 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
     assert facts.sc.node is not None
-    _safe_controller(facts.sc.node)
+    _safe_controller(facts.sc.node, followed=followed)
     if facts.modes:
         require_modes_of_others(facts)
     _require_own_topics(facts)
@@ -147,18 +147,18 @@ def _only_known_fields(of: type) -> None:
 # ---------------------------------------------------------------- declarations
 
 
-def _safe_controller(sc: t.NodeSymbol) -> None:
+def _safe_controller(sc: t.NodeSymbol, *, followed: bool = False) -> None:
     """NotRecheckedError unless SC only does its step, and all parts of that are on the list."""
     if sc.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
-    if sc.takeover:
+    if sc.takeover and not followed:
         raise NotRecheckedError("an SC with `on takeover` is not rechecked yet")
     for subscribed in sc.subscribes:
         if subscribed.queue is not None:
             raise NotRecheckedError(f"SC has a queue of `{subscribed.topic.name}`")
     if sc.bursts:
         raise NotRecheckedError("SC publishes several messages a step")
-    for s in sc.step:
+    for s in (*(sc.takeover or ()), *sc.step):
         _require_known_code(s, "SC")
 
 

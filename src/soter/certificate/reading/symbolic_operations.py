@@ -348,7 +348,7 @@ class Operations:
         width = range(len(rows.elements[0]))
         return tuple(self.select([row[k] for row in rows.elements], rows.index) for k in width)
 
-    def narrow(self, x: Value, low: int, high: int) -> Value:
+    def narrow(self, x: Value, low: Value, high: Value) -> Value:
         """`x`, which faults unless it lies between `low` and `high`."""
         if not isinstance(x, Linear):
             return arith.narrow(x, low, high)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from soter.certificate.reading.symbolic_operations import PRELUDE, Operations
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 
     from soter.language.model.types import Type
 
+    Ranges = Mapping[t.Variable, Sequence[tuple[float, float] | None]]
+    """Variable -> the range in which each of its leaves stays; None: nothing is claimed of it."""
 
 STEPS_MAX = 200_000
 
@@ -355,11 +358,25 @@ class SymbolicReader(CodeReader):
         return value
 
     def step(
-        self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
+        self,
+        body: Sequence[t.TypedStmt],
+        variables: Mapping[t.Variable, Value],
+        claimed: Ranges = MappingProxyType({}),
     ) -> dict[t.TopicSymbol, Value]:
-        """The value that a step publishes on each topic; NotRecheckedError if it always faults."""
+        """The value that a step publishes on each topic; NotRecheckedError if it always faults.
+
+        That it leaves each number of a variable in its range `claimed` becomes an obligation.
+        """
         frame = CallFrame(dict(variables))
-        if not self.attempt(self.operations.path, lambda: self.block(body, frame))[0]:
+
+        def run() -> None:
+            self.block(body, frame)
+            for v, ranges in claimed.items():
+                for x, ends in zip(scalar_leaves(frame.variables[v]), ranges, strict=True):
+                    if ends is not None:
+                        self.operations.demand(self.operations.narrow(x, *ends))
+
+        if not self.attempt(self.operations.path, run)[0]:
             raise NotRecheckedError("SC faults wherever it steps")
         if any(says is not True for says, _ in frame.published.values()):
             raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")

@@ -24,13 +24,17 @@ from soter.certificate.report import (
     RejectedError,
 )
 from soter.certificate.scope import assumptions_of
-from soter.certificate.tubes.rest_claims import show_answers, show_rule_1, show_rule_2
+from soter.certificate.terms.linear_enclosures import exact
+from soter.certificate.tubes.collecting_tube import CollectingTube
+from soter.certificate.tubes.rest_claims import show_rule_1, show_rule_2
 from soter.certificate.tubes.rest_problem import (
     LARGEST,
     may_be_anywhere,
     read_rest,
+    read_turns,
     shield_constants,
 )
+from soter.certificate.tubes.sc_answers import show_answers
 from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.certificate.vacuous_proofs import why_safe_says_nothing
 from soter.language.model.typed import Literal, TopicRead, TypedBinary, TypedIf
@@ -47,6 +51,8 @@ KEYS = "system module plants claims recover_ns times inputs rest"
 PLANS_KEYS, PLAN_KEYS = "system module claims recover_ns plans", "plants times inputs rest"
 REST_KEYS, KEPT_KEYS = "within_ns alpha_ns switches reads moves", "box ways"
 """What an entry has of the check of its DM, and what P2a rests on."""
+COLLECTS = "collects"
+"""Where the check collects, if it does: `{"state": a name, "at": [low, high]}`."""
 SOUND = (
     "tubes",
     "the check that the DM is compiled with encloses what SC and the plants do: tested, not proved",
@@ -57,7 +63,8 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
     problem, box, ways = _compare_entry(flat, entry)
     facts, claims = problem.facts, proved_claims(entry["claims"])
-    for show in _ways_to_show(problem, claims, box, ways):
+    tube = partial(_tube, problem, ways, entry["rest"].get(COLLECTS))
+    for show in _ways_to_show(problem, claims, box, ways, tube):
         try:
             show()
         except NotRecheckedError:
@@ -183,18 +190,34 @@ def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
     """Read an entry, compare it with the program, and show no claim; raises as `recheck_rest`."""
-    problem, _, ways = _compare_entry(flat, entry)
-    ModuleTube(problem, ways)
+    tube_of_entry(flat, entry)
 
 
 def tube_of_entry(flat: System, entry: dict[str, Any]) -> ModuleTube:
     """The tube that follows SC as the DM of an entry does; raises as `recheck_rest`."""
     problem, _, ways = _compare_entry(flat, entry)
-    return ModuleTube(problem, ways)
+    return _tube(problem, ways, entry["rest"].get(COLLECTS))
+
+
+def _tube(problem: RestProblem, ways: dict[int, Range], collects: object) -> ModuleTube:
+    """The tube of a module; RejectedError where it collects in no state, or at no numbers."""
+    if collects is None:
+        return ModuleTube(problem, ways)
+    only_keys(collects, "state at", COLLECTS)
+    assert isinstance(collects, dict)
+    names = [problem.facts.states[s].name for s in problem.followed]
+    low, high = (exact(hexadecimal(x, COLLECTS)) for x in collects["at"])
+    if collects["state"] not in names or not low < high:
+        raise RejectedError("the check collects in no state that is followed, or at no numbers")
+    return CollectingTube(problem, ways, names.index(collects["state"]), (low, high))
 
 
 def _ways_to_show(
-    problem: RestProblem, claims: set[str], box: dict[int, Range], ways: dict[int, Range]
+    problem: RestProblem,
+    claims: set[str],
+    box: dict[int, Range],
+    ways: dict[int, Range],
+    tube: Callable[[], ModuleTube],
 ) -> Iterator[Callable[[], None]]:
     """Functions that show every claim, raising NotRecheckedError or RejectedError where not."""
     if "P2a" in claims:
@@ -204,15 +227,15 @@ def _ways_to_show(
     if "start" in claims:
         if "P2a" not in claims:
             raise RejectedError("start: that SC keeps where it rests (P2a) is not claimed")
-        yield partial(_show_start, problem, ways)
+        yield partial(_show_start, problem, tube)
 
 
-def _show_start(problem: RestProblem, ways: dict[int, Range]) -> None:
+def _show_start(problem: RestProblem, tube: Callable[[], ModuleTube]) -> None:
     for c in problem.facts.controls:
         default = problem.facts.system.topics[c.owner].default
         if not c.low <= scalar_leaves(default)[c.leaf] <= c.high:
             raise RejectedError(f"the default of `{c.name}` is outside its set")
-    if why := ModuleTube(problem, ways).why_starts_not_good():
+    if why := tube().why_starts_not_good():
         raise NotRecheckedError(f"start: {why}")
 
 
@@ -246,10 +269,12 @@ def _compare_entry(
     """The problem, B and Y (`rest_claims.py`); RejectedError where an entry differs otherwise."""
     only_keys(entry, KEYS, "a module")
     rest = entry["rest"]
-    problem = read_rest(flat, entry["module"])
+    problem = read_rest(flat, entry["module"], rest.get("keeps", {}))
     judged, claims = shield_constants(problem), proved_claims(entry["claims"])
     needed = [REST_KEYS, *["shield"] * bool(judged), *[KEPT_KEYS] * ("P2a" in claims)]
-    only_keys(rest, " ".join(needed), "`rest`", KEPT_KEYS)
+    only_keys(rest, " ".join(needed), "`rest`", f"{KEPT_KEYS} keeps wraps {COLLECTS}")
+    if "wraps" in rest:
+        read_turns(problem, rest["wraps"])
     facts = problem.facts
     if entry["recover_ns"] is not None:
         raise RejectedError("no claim rests on the time to return")

@@ -1,7 +1,7 @@
 """What a module with `rest` claims before anything flies, checked again by another tube.
 
-Purpose: `show_answers` shows condition 3, `show_rule_1` and `show_rule_2` the two rules of rest
-("Decisions by tubes", proof-flight.md). Rule 1 is about the box B and the ways Y that a certificate
+Purpose: `show_rule_1` and `show_rule_2` show the two rules of rest ("Decisions by tubes",
+proof-flight.md). Rule 1 is about the box B and the ways Y that a certificate
 names, a range each for every followed state that `moves` does not name: `rest` holds only in B, and
 SC then keeps the states in Y. Rule 2 is about what `moves` says. `slope` encloses derivatives of a
 term.
@@ -36,11 +36,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from flint import arb
 
-from soter.certificate.case_check import is_step_harmless
 from soter.certificate.grid.flow_chains import NOW
-from soter.certificate.reading.case_model import boxes_of, control_inputs
-from soter.certificate.reading.module_facts import topics_read_by_sc
-from soter.certificate.reading.symbolic_values import value_of_leaves
+from soter.certificate.reading.case_model import (
+    boxes_of,
+    control_inputs,
+)
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
 from soter.certificate.terms.linear_enclosures import (
@@ -55,14 +55,18 @@ from soter.certificate.terms.linear_enclosures import (
 )
 from soter.certificate.terms.straight_line import NotCertainError
 from soter.certificate.terms.terms import Terms, atoms_under, inputs_of
-from soter.certificate.tubes.rest_problem import LARGEST, NANOSECOND, RestModel, cut_point
+from soter.certificate.tubes.rest_problem import (
+    A_TURN,
+    NANOSECOND,
+    RestModel,
+    cut_point,
+)
 from soter.certificate.tubes.tube_chains import (
     ConditionOnBoxes,
     StateSet,
     TubeChain,
     TubeFlow,
 )
-from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -174,27 +178,6 @@ PARTS = 16
 """Into so many parts Y is cut on each side of 0, for rule 2."""
 
 
-def show_answers(problem: RestProblem) -> None:
-    """Show that SC faults on nothing that its topics may hold, and answers within its sets.
-
-    What has no set may be anything up to `LARGEST`. NotRecheckedError where that is not shown,
-    and where SC reads what is no float.
-    """
-    facts, terms, known = problem.facts, Terms(), {}
-    for symbol in topics_read_by_sc(facts.sc):
-        topic, parts = facts.system.topics[facts.sc.scope.topics[symbol]], []
-        for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True):
-            if not isinstance(of, FloatType):
-                raise NotRecheckedError(f"SC reads what is no float of `{topic.name}`")
-            ends = (-LARGEST, LARGEST) if b is None else (b.low, b.high)
-            parts.append(terms.add_input("box", topic.name, *map(exact, ends)))
-        known[symbol] = value_of_leaves(topic.type, parts)
-    if not is_step_harmless(facts, terms, known):
-        raise NotRecheckedError(
-            "P2a: SC may fault on something that it may read, or answer outside of its sets"
-        )
-
-
 # ---------------------------------------------------------------- rule 1
 
 
@@ -214,11 +197,16 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         return
     model = RestModel(problem.facts, (), problem.facts.extents)
     times = problem.times
-    for group in _state_groups(model, own):
+    turning = problem.facts.turning
+    turns, free = (dict.fromkeys(turning, ends) for ends in (A_TURN, (-inf, inf)))
+    every = {**box, **turns}, {**ways, **free}, {**box, **free}
+    for group in _state_groups(model, [*own, *turning]):
+        if turning.issuperset(group):
+            continue
         flow = TubeFlow(model, group)
         chain = TubeChain(model, group, flow, times.holds, problem.messages(group))
-        way, end = _ends(ways, group), _ends(box, group)
-        if not _box_returns(chain, end, way, end, times.switches, 0):
+        start, way, end = (_ends(of, group) for of in every)
+        if not _box_returns(chain, start, way, end, times.switches, 0):
             raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
 
 
@@ -245,7 +233,7 @@ def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, c
     if cut == SPLITS:
         return False
     sizes = [
-        float((b - a) / (d - c)) if d > c else 0.0
+        float((b - a) / (d - c if d.is_finite() else ONE)) if d > c else 0.0
         for (a, b), (c, d) in zip(start, end, strict=True)
     ]
     axis = sizes.index(max(sizes))

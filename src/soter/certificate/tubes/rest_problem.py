@@ -19,15 +19,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import inf
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
 from soter.certificate.case_check import survives_the_start
+from soter.certificate.folder import hexadecimal
 from soter.certificate.grid.estimates_and_shield import command_cells
 from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.reading.case_model import CaseModel, control_inputs
-from soter.certificate.reading.left_out_states import degree
+from soter.certificate.reading.left_out_states import THIRD, degree, refuse_turns_read
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
@@ -41,10 +43,10 @@ from soter.certificate.reading.module_facts import (
 from soter.certificate.reading.module_times import acted_ns
 from soter.certificate.reading.problem import read_facts, state_published
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.symbolic_values import value_of_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, above, below, exact
-from soter.certificate.terms.terms import Terms, both, inputs_of
+from soter.certificate.terms.terms import Terms, atoms_under, both, inputs_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves
 
@@ -52,14 +54,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
+    from soter.certificate.reading.symbolic_reading import Ranges
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model.system import System
-    from soter.language.model.typed import RestSymbol
+    from soter.language.model.typed import RestSymbol, Variable
     from soter.language.model.types import Value
 
     Range = tuple[float, float]
 
 NANOSECOND = Fraction(1, 10**9)
+A_TURN = -3.15, 3.15
+"""A full turn, and a little more."""
 UNKNOWN_END = 2.0**1000
 """The ends of a map's numbers that are not known; a box beyond it is not certainly in C."""
 LARGEST = 1e100
@@ -122,8 +127,9 @@ class RestProblem:
 
     @property
     def own(self) -> tuple[int, ...]:
-        """Followed states that `moves` does not name."""
-        return tuple(s for s in self.followed if s not in self.drifts)
+        """Followed states that `moves` does not name, and that have to come back."""
+        other = {*self.drifts, *self.facts.turning}
+        return tuple(s for s in self.followed if s not in other)
 
     @property
     def moving(self) -> tuple[int, ...]:
@@ -197,12 +203,16 @@ class RestModel(CaseModel):
         return found
 
 
-def read_rest(flat: System, name: str) -> RestProblem:
-    """The problem of the module called `name`.
+def read_rest(
+    flat: System, name: str, keeps: Mapping[str, Sequence[str]] = MappingProxyType({})
+) -> RestProblem:
+    """The problem of the module called `name`; `keeps`: the range of each float that SC keeps.
 
-    DiffersError where it is none with `rest`, NotRecheckedError where it is not understood.
+    DiffersError where it is none with `rest`, NotRecheckedError where it is not understood,
+    RejectedError where SC keeps others, or begins elsewhere.
     """
     facts = read_facts(flat, name)
+    facts.local_ranges = _local_ranges(facts, keeps)
     rest = facts.symbol.rest
     if rest is None:
         raise DiffersError(f"`{name}` has no `rest`")
@@ -235,6 +245,48 @@ def read_rest(flat: System, name: str) -> RestProblem:
         drifts=drifts,
         maps=maps,
     )
+
+
+def _local_ranges(facts: Facts, keeps: Mapping[str, Sequence[str]]) -> Ranges:
+    found: dict[Variable, list[Range | None]] = {}
+    left, node = dict(keeps), facts.sc.node
+    for v, value in zip(node.locals if node else (), facts.sc.initial, strict=True):
+        found[v] = []
+        for (path, of), first in zip(leaves(v.type), scalar_leaves(value), strict=False):
+            name = leaf_name(v.name, path)
+            if not isinstance(of, FloatType):
+                found[v].append(None)
+                continue
+            low, high = (hexadecimal(x, name) for x in left.pop(name, ("", "")))
+            if not low <= first <= high:
+                raise RejectedError(f"`{name}` begins outside of its range")
+            found[v].append((low, high))
+    if left:
+        raise RejectedError(f"SC keeps no float `{min(left)}`")
+    return found
+
+
+def read_turns(problem: RestProblem, names: object) -> None:
+    """Enter the angles that need not come back; RejectedError where one may not be one.
+
+    Each is taken to be within three times `THIRD`, where every term is then read.
+    """
+    facts, of = problem.facts, {problem.facts.states[s].name: s for s in problem.own}
+    if not isinstance(names, list) or not names or not of.keys() >= {*map(str, names)}:
+        raise RejectedError("`wraps` names what is no angle without a set")
+    facts.turning = {of[n] for n in names}
+    if any(problem.sets[s] != (-inf, inf) for s in facts.turning):
+        raise RejectedError("`wraps` names an angle whose topic has a set")
+    facts.unbounded -= facts.turning
+    far = dict.fromkeys(facts.turning, (-THIRD, THIRD))
+    problem.sets |= far
+    facts.extents = tuple(far.get(s, ends) for s, ends in enumerate(facts.extents))
+    model = RestModel(facts, (), facts.extents)
+    refuse_turns_read(model)
+    terms, states = model.new_terms()
+    rates, _ = model.rates(terms, states, control_inputs(facts, terms))
+    if any(terms.atoms[a].kind == "wrap_angle" for a in atoms_under(terms, rates)):
+        raise NotRecheckedError("a rate that jumps beside an angle that turns")
 
 
 def map_topics(facts: Facts) -> tuple[int, ...]:
@@ -274,7 +326,6 @@ def _require_covered(facts: Facts) -> None:
         "modes of other modules": facts.modes,
         "a grid": bool(symbol.verify.groups),
         "predicates of its own": symbol.ttf is not None or symbol.safer is not None,
-        "variables of SC": bool(facts.sc.node is None or facts.sc.node.locals),
     }
     for what in (what for what, there in wrong.items() if there):
         raise NotRecheckedError(f"`rest` beside {what}")

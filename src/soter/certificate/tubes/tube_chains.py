@@ -44,6 +44,7 @@ from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
 from soter.certificate.tubes.rest_problem import (
+    A_TURN,
     LARGEST,
     NANOSECOND,
     UNKNOWN_END,
@@ -293,7 +294,7 @@ class ConditionOnBoxes:
         boxes = boxes_of(model, states, members)
         self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
         self._ends = [
-            ends if i in model.facts.unbounded else (exact(low), exact(high))
+            ends if i in model.facts.unbounded | model.facts.turning else (exact(low), exact(high))
             for i, ends, (low, high) in zip(
                 members, known, (model.extents[i] for i in members), strict=True
             )
@@ -335,8 +336,8 @@ class ModuleTube:
     """
 
     def __init__(self, problem: RestProblem, ways: Mapping[int, Range]) -> None:
-        self.problem, self.ways = problem, dict(ways)
         facts, members = problem.facts, problem.followed
+        self.problem, self.ways = problem, dict.fromkeys(facts.turning, A_TURN) | dict(ways)
         model = RestModel(facts, (), facts.extents)
         self._seen: list[str] | None = None
         self._within(problem.first_map)
@@ -418,7 +419,7 @@ class ModuleTube:
             why = None
             if not self.is_within_c(inside.box):
                 why = "any command may lead out of C before SC acts"
-            why = why or self._why_not_settled_at(inside, PIECES[cut])
+            why = why or self.why_not_settled_at(inside, PIECES[cut])
             if why is None or cut == CUTS:
                 return why
             if not span:
@@ -428,12 +429,12 @@ class ModuleTube:
         except NotCertainError:
             return "a tube has no end"
 
-    def _why_not_settled_at(self, body: StateSet, pieces: int) -> str | None:
-        """As `why_not_settled`, where an output of SC begins to act in the states of `body`."""
+    def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
+        """As `why_not_settled`, where output `used` of SC begins to act in the states of `body`."""
         if self.is_settled(body.box):
             return None
         late = bool(self.chain.span)
-        for n in range(self.problem.times.switches + 1):
+        for n in range(self.problem.times.switches + 1 - used):
             if n and not late and self.is_settled(body.box):
                 return None
             body, boxes = self.chain.hold(body, pieces)

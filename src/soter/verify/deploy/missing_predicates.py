@@ -38,6 +38,7 @@ from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.proof_methods import pairs_of, tables_of_groups
 from soter.verify.tubes.generated_functions import TooLongError
+from soter.verify.tubes.kinks import kinks_of
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
@@ -152,9 +153,8 @@ def _install_tube_predicates(
     install(flat, module, problem, levels)
     module.unshown = _unshown_in_words(claims)
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
-    where = "SC, followed from there, comes to rest" + (
-        "" if any(c.given for c in claims) else ", not at the start"
-    )
+    given = any(c.given for c in claims)
+    where = "SC, followed from there, comes to rest" + ", not at the start" * (not given)
     return f"{module.name}: AC may have control where {where}{missing}"
 
 
@@ -186,8 +186,10 @@ def _followed_cost(check: TubeCheck) -> Cost:
         cost = check.cost()
     except TooLongError:
         raise too_long(check) from None
-    check.cut = MOST if check.read_by_law else PLAIN
+    check.cut = MOST if check.answers_vary else PLAIN
     with contextlib.suppress(TooLongError):  # what fits stays
+        cost = check.cost()
+        check.kink = next(kinks_of(check.law), None)
         cost = check.cost()
     return cost
 
@@ -206,7 +208,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
     claims = RestClaims.read(folder / REST)
-    check.cut = claims.cut
+    check.cut, check.kink = claims.cut, claims.kink
     return claims
 
 

@@ -221,16 +221,7 @@ def _check_controller(
     _refuse_unknown_facts(node.step, f"the safe controller `{node.name}`", diagnostics)
     for variable in node.locals:
         unbounded = [t for _, t in leaves(variable.type) if not _is_bounded(t)]
-        if symbol.rest is not None:
-            diagnostics.error(
-                "R007",
-                f"`rest` beside a safe controller that keeps `{variable.name}`",
-                variable.span,
-                "is not followed",
-                notes=("what it keeps may have any value when it takes over",),
-                helps=("leave it out: let SC answer what it reads", "or a `grid`, without `rest`"),
-            )
-        elif unbounded:
+        if unbounded and symbol.rest is None:
             diagnostics.error(
                 "R004",
                 f"the safe controller `{node.name}` keeps `{variable.name}`, which has no bounds",

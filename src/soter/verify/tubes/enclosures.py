@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order
-from soter.verify.tubes.generated_functions import Caller, function, shared_text
+from soter.verify.tubes.generated_functions import Caller, function, numbers_text, shared_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,22 +21,25 @@ if TYPE_CHECKING:
     Ranges = Mapping[tuple[str, int], Interval]
 
 
-RANGES = "const SYMBOLS: int = 1;\nconst NONE: float[SYMBOLS] = [0.0];"
-"""Constants for forms with one symbol, so that no two of them share an error."""
-
-
 def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     """A range that holds each expression, over `ranges`; endless where nothing is known."""
     return Enclosures([nodes]).of(0, ranges)
 
 
 class Enclosures:
-    """Lists of expressions, written out once and enclosed over several ranges."""
+    """Lists of expressions, written out once and enclosed over several ranges.
 
-    def __init__(self, lists: Sequence[Sequence[Node]]) -> None:
+    `shared`: of each input it is known that it is one number wherever it stands; else no two forms
+    share a symbol.
+    """
+
+    def __init__(self, lists: Sequence[Sequence[Node]], *, shared: bool = False) -> None:
         self._count = [len(nodes) for nodes in lists]
         self._used = [[e for e in in_order(nodes) if e.op == "input"] for nodes in lists]
-        text = [RANGES, shared_text("forms.soter")]
+        self._shared, symbols = shared, max(1, *map(len, self._used)) if shared else 1
+        sizes = f"const SYMBOLS: int = {symbols};"
+        none = f"const NONE: float[SYMBOLS] = {numbers_text([0.0] * symbols)};"
+        text = [sizes, none, shared_text("forms.soter")]
         for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
             over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
             many = f"Form[{max(1, len(used))}]"
@@ -46,10 +49,13 @@ class Enclosures:
     def of(self, k: int, ranges: Ranges) -> list[Interval]:
         """Ranges of the expressions of list `k`, over `ranges`; endless where nothing is known."""
         value = self._caller.value
-        inputs: list[Any] = [
-            value("f_range", ranges[e.of].low, ranges[e.of].high) for e in self._used[k]
-        ] or [value("f_number", 0.0)]
+        inputs: list[Any] = [self._form(i, ranges[e.of]) for i, e in enumerate(self._used[k])]
+        inputs = inputs or [value("f_number", 0.0)]
         found = value(f"asked_{k}", inputs)
         if found is None:
             return [Interval(-inf, inf)] * self._count[k]
         return [Interval(f[2], f[3]) for f in found]
+
+    def _form(self, i: int, r: Interval) -> Any:  # noqa: ANN401 - a value of the program
+        c, off, *ends, g = self._caller.value("f_range", r.low, r.high)
+        return (c, 0.0, *ends, (*g[:i], off, *g[i + 1 :])) if self._shared else (c, off, *ends, g)

@@ -26,6 +26,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order, middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
+from soter.verify.tubes.kinks import kinks_of
 from soter.verify.tubes.problem import cut_to_farthest
 from soter.verify.tubes.tube_check import CUTS, MOST, PLAIN
 
@@ -68,6 +69,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "positive": lambda x: x > 0.0,
     "sign": lambda x: x > 0.0,
     "not negative": lambda x: x >= 0.0,
+    "any_turn": np.positive,
     "wrap_angle": lambda x: np.arctan2(np.sin(x), np.cos(x)),
     "real_sin": np.sin,
     "real_cos": np.cos,
@@ -213,6 +215,7 @@ class _SimulatedRuns:
         check, runs = self.check, x.shape[1]
         step = check.times.period * 1e-9 / self.steps
         read = {("y", s): x[k] for k, s in enumerate(check.states)}
+        read |= {("l", k): np.full(runs, middle(r)) for k, r in enumerate(check.kept)}
         given = {("u", k): u for k, u in enumerate(_values_of_nodes(check.law, read, runs))}
         given |= {("w", k): wind for k, wind in enumerate(w)}
         rates = [check.rates[s] for s in check.states]
@@ -289,6 +292,7 @@ class _LeadBackSearch:
 
     def __init__(self, check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> None:
         self._check, self._caller, self._box, self._own = check, caller, box, own
+        self._cut = [*own, *check.turning]
         self._name = check.problem.name
         self._rooms = {s: cut_to_farthest(check.rooms[s]) for s in own}
         self._rests: tuple[int, Box] | None = None
@@ -345,7 +349,7 @@ class _LeadBackSearch:
     def _choose_cut_for_parts(self) -> None:
         """Take the most columns where they show of the smallest part what few do not."""
         part, fits = self._smallest_last_part(), False
-        if self._check.read_by_law and self._way(part, self._box) is None:
+        if self._check.answers_vary and self._way(part, self._box) is None:
             with suppress(TooLongError, SoterError):
                 fits = self._way_with_cut(MOST, part) is not None
             if not fits:
@@ -354,15 +358,21 @@ class _LeadBackSearch:
     def _way_from_whole_box(self) -> Box | None:
         """The way from all of the box, by the first of `CUTS` with which the start is shown, too.
 
+        If there is none, by the first that shows rest and, where it collects, the start.
+
         `_rests` keeps the first cut that shows rest alone, with its way: it is the answer where
         parts fail, too, since a start may lie outside what a map calls free.
         """
-        for cut in range(len(CUTS)) if self._check.read_by_law else ():
+        for cut in range(len(CUTS)) if self._check.answers_vary else ():
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
                 way = self._way_with_cut(cut, self._box)
-                if way is not None and self._start_leads_to_rest(way):
+                if way is not None and _is_start_shown(self._check, way):
                     return way
                 self._rests = self._rests or (None if way is None else (cut, way))
+        if self._rests is not None:
+            self._check.cut, way = self._rests
+            if is_start_collected(self._check, way):
+                return way
         return self._way_with_cut(PLAIN, self._box)
 
     def _way_with_cut(self, cut: int, part: Box) -> Box | None:
@@ -372,10 +382,6 @@ class _LeadBackSearch:
             check.cost()
         self._caller = Caller(check.offline({}))
         return self._way(part, self._box)
-
-    def _start_leads_to_rest(self, way: Box) -> bool:
-        initial = {s: self._check.problem.initial[s] for s in self._check.states}
-        return Caller(self._check.offline(way)).holds("starts", region_of(self._check, initial))
 
     def _way(self, part: Box, box: Box) -> Box | None:
         """The range of each state on the way from `part` back into `box`; None: it is not shown."""
@@ -391,8 +397,9 @@ class _LeadBackSearch:
     def _halves(self, part: Box) -> list[Box]:
         """The two halves of a part, cut in the state whose side is longest against the box's."""
         sides = {s: self._box[s].high - self._box[s].low for s in self._own}
+        sides |= dict.fromkeys(self._check.turning, 1.0)  # a sine is no line over much more
         longest = max(
-            self._own,
+            self._cut,
             key=lambda s: (part[s].high - part[s].low) / sides[s] if sides[s] else 0.0,
         )
         low, high = part[longest].low, part[longest].high
@@ -415,13 +422,13 @@ class _LeadBackSearch:
     def _unshown_part_in_words(
         self, part: Box, into: str, shown: float, tried: int, reached: Box
     ) -> str:
-        own = {s: part[s] for s in self._own}
+        own = {s: part[s] for s in self._cut}
         what = f"SC does not certainly lead back into {into}"
         if not own:
             return what
         where = f"not from {box_in_words(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
         where += f"; on the way there is {self._caller.fault}" if self._caller.fault else ""
-        where += self._widest_in_words(own)
+        where += self._widest_in_words({s: part[s] for s in self._own})
         return f"{what}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
 
     def _widest_in_words(self, own: Box) -> str:
@@ -449,6 +456,22 @@ class _LeadBackSearch:
             if larger and self._way({**self._box, **larger}, {**self._box, **larger}) is not None:
                 return f"; into {box_in_words(self._check, larger)} it is shown to lead"
         return ""
+
+
+def _is_start_shown(check: TubeCheck, ways: Box) -> bool:
+    initial = {s: check.problem.initial[s] for s in check.states}
+    return Caller(check.offline(ways)).holds("starts", region_of(check, initial))
+
+
+def is_start_collected(check: TubeCheck, ways: Box) -> bool:
+    """Whether a check that collects leads the start to rest; `kink` is then the first such one."""
+    for kink in kinks_of(check.law):
+        check.kink = kink
+        with suppress(TooLongError):
+            if _is_start_shown(check, ways):
+                return True
+    check.kink = None
+    return False
 
 
 def _hull(a: Interval, b: Interval) -> Interval:

@@ -1,6 +1,6 @@
-"""What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
+"""What a tube needs of a module, as expressions: rates, effects, predicates.
 
-Purpose: `ModuleExpressions` reads rates of plants, and SC's step, from Core: `ExpressionReading`
+Purpose: `ModuleExpressions` reads rates of plants, and predicates, from Core: `ExpressionReading`
 executes it (`core/core_walks.py`) with real expressions in the place of numbers.
 Non-goals: whether a step faults (shown offline), what an expression is (`expression_graph.py`),
 writing them as source (`generated_functions.py`), times (`tube_check.py`).
@@ -32,7 +32,6 @@ from soter.verify.enclose.enclosure_inputs import leaf_key, part_names
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     CONDITIONS,
-    LARGEST,
     MAY_FAULT,
     Expressions,
     Node,
@@ -317,38 +316,7 @@ class ModuleExpressions:
         known: dict[Node, Node] = {}
         return [make.along(e, direction, known) for e in rates]
 
-    # ------------------------------------------------------------ the law, predicates
-
-    def law(self) -> list[Node]:
-        """What SC publishes, over y; `NoExpressionError` if it has locals or may stay silent."""
-        step = self.problem.core.nodes[self.problem.module.sc]
-        if step.locals or step.takeover:
-            raise NoExpressionError("SC has variables, or `on takeover`")
-        body = ExpressionReading(self.make, self.functions, self._seen_value)
-        body.run(step.body)
-        self.law_guards = body.guards
-        numbers = (e for e in body.computed if e.op != "number")
-        self.law_guards += [self.make.inside(e, -LARGEST, LARGEST) for e in numbers]
-        found = {}
-        for number, output in enumerate(step.outputs):
-            published, value, t = body.frame.outputs[number]
-            if published is not self.make.true:
-                raise NoExpressionError("SC may publish nothing")
-            for path, _, v in leaf_values(t, value):
-                found[output.topic, path] = v
-        return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
-
-    def law_defined(self, law: list[Node]) -> Node:
-        """The condition that SC's step on reads y neither faults nor publishes outside its sets.
-
-        It also says that every number on the way is finite, so that none becomes NaN.
-        """
-        held = self.make.true
-        for guard in self.law_guards:
-            held = self.make.join("and", held, guard)
-        for u, r in zip(law, self.problem.controls, strict=True):
-            held = self.make.join("and", held, self.make.inside(u, r.low, r.high))
-        return held
+    # ------------------------------------------------------------ predicates
 
     def predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
         """The condition that `e` is true of the states x, and that its evaluation does not fault.
@@ -452,10 +420,8 @@ class ModuleExpressions:
     def _topic_value(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
         """The value of a topic: for each leaf the state that equals it, or the number of a map."""
 
-        def at(t: Type, k: Iterator[int]) -> Value:
-            if isinstance(t, (RecordType, ArrayType)):
-                return tuple(at(f, k) for f in element_types(t))
-            leaf = index, next(k)
+        def at(k: int) -> Node:
+            leaf = index, k
             if maps is not None and leaf in maps:
                 return maps[leaf]
             if (state := self.problem.state_of_leaf.get(leaf)) is None:
@@ -465,9 +431,9 @@ class ModuleExpressions:
                 raise NoExpressionError(f"{why}; read what plants drive: {driven}")
             return self.make.input(kind, state)
 
-        return at(t, iter(range(len(list(leaves(t))))))
+        return value_of_leaves(t, map(at, range(len(list(leaves(t))))))
 
-    def _seen_value(self, cell: core.Cell, t: Type) -> Value:
+    def seen_value(self, cell: core.Cell, t: Type) -> Value:
         """The value that SC reads of a topic; refuses two reads of one state, with two errors."""
         for leaf, state in self.problem.state_of_leaf.items():
             if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
@@ -481,6 +447,13 @@ def _refuse_set(name: str, t: Type, published: Value) -> None:
     if not isinstance(t, FloatType) or below(published, "u") or below(published, "w"):
         why = "is no float, or hangs on a command or a disturbance"
         raise NoExpressionError(f"`{name}` has a set, and {why}")
+
+
+def value_of_leaves(t: Type, parts: Iterator[Value]) -> Value:
+    """The value of a type that has these leaves."""
+    if isinstance(t, (RecordType, ArrayType)):
+        return tuple(value_of_leaves(f, parts) for f in element_types(t))
+    return next(parts)
 
 
 def leaf_values(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:

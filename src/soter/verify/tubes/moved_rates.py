@@ -19,6 +19,7 @@ from soter.verify.tubes.expression_graph import (
     deciding,
     in_order,
     is_positive,
+    states_read,
 )
 
 if TYPE_CHECKING:
@@ -84,3 +85,19 @@ def moved(
         if more == ranged:
             return Moved(still, effects, list(ranged))
         ranged = more
+
+
+def may_end(make: Expressions, rates: Sequence[Node], followed: Sequence[int]) -> int | None:
+    """A state that is not followed and may grow without end in finite time; None: there is none.
+
+    It cannot where its rate is defined everywhere and affine in the states that are left out.
+    """
+    left = set(range(len(rates))) - set(followed)
+    for s in sorted(left):
+        rate = rates[s]
+        partial = any(e.op in PARTIAL for e in in_order([rate]))
+        along = [make.input("x", k) for k in states_read([rate]) & left]
+        slopes = [make.along(rate, {x: make.number(1.0)}, {}) for x in along]
+        if partial or states_read(slopes) & left:
+            return s
+    return None

@@ -27,8 +27,10 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.enclosures import enclosed
 from soter.verify.tubes.expression_graph import deciding, in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError
-from soter.verify.tubes.leading_back import box_in_words, leads_back, region_of
+from soter.verify.tubes.kinks import Kink, collects_entry
+from soter.verify.tubes.leading_back import box_in_words, is_start_collected, leads_back, region_of
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused, rounded_up
+from soter.verify.tubes.sc_step import variables_entry
 from soter.verify.tubes.tube_check import PLAIN
 
 if TYPE_CHECKING:
@@ -200,8 +202,8 @@ class RestClaims:
     """What was found: each text says why something is not shown; it is "" where it is shown.
 
     `box`: B of rule 1, `ways`: Y, the range from then on, of each state that `moves` does not name.
-    `cut`: the place in `CUTS` of what showed it, and flies. `astray`: a state in which a run does
-    not come back, so that no younger read would help.
+    `cut`: the place in `CUTS` of what showed it, and flies; `kink`: where that collects, if at all.
+    `astray`: a state in which a run does not come back, so that no younger read would help.
     `given`: whether AC has control on an exact estimate of the middle of the start.
     """
 
@@ -214,6 +216,7 @@ class RestClaims:
     start: str = ""
     given: bool = False
     cut: int = PLAIN
+    kink: Kink | None = None
 
     def write(self, path: Path) -> None:
         """Writes it as JSON, with the exact ends of ranges."""
@@ -225,6 +228,7 @@ class RestClaims:
         told = json.loads(path.read_text(encoding="utf-8"))
         for name in ("box", "ways"):
             told[name] = {int(s): Interval(**r) for s, r in told[name].items()}
+        told["kink"] = told["kink"] and Kink(**told["kink"])
         return cls(**told)
 
 
@@ -247,12 +251,14 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
         | {
             names[s]: [None if abs(x) == FARTHEST else x.hex() for x in (r.low, r.high)]
             for s, r in claims.ways.items()
-            if s not in claims.box
+            if s not in {*claims.box, *check.turning}
         },
-    }
+    } | ({"wraps": [names[s] for s in check.turning]} if check.turning else {})
     if not claims.kept:
         for key, ranges in (("box", claims.box), ("ways", claims.ways)):
             rest[key] = {names[s]: [ranges[s].low.hex(), ranges[s].high.hex()] for s in claims.box}
+    rest |= variables_entry(check.variables)
+    rest |= collects_entry(claims.kink, names)
     if (shield := problem.module.shield) is not None:
         ns = {"acted_ns": problem.times.acted, "any_command_ns": times.any_command}
         rest["shield"] = {"cells": shield.cells, **ns}
@@ -291,6 +297,10 @@ def _show_in_order(check: TubeCheck) -> RestClaims:
         return claims
     caller = Caller(check.offline(claims.ways))
     claims.start = _why_start_not_at_rest(check, caller)
+    if claims.start and is_start_collected(check, claims.ways):
+        caller = Caller(check.offline(claims.ways))
+        claims.start = _why_start_not_at_rest(check, caller)
+    claims.kink = check.kink
     starts, first_map = (check.problem.initial[s] for s in check.states), check.problem.first_map
     estimate = [r.low / 2 + r.high / 2 for r in starts]
     claims.given = caller.holds("good", estimate, *[first_map] * bool(first_map))
@@ -357,12 +367,13 @@ def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     """Why rule 1, that SC keeps a box around rest, is not shown; "": it is. Fills in `claims`."""
     problem = check.problem
     free = _free_states(check)
-    own = [s for s in check.states if s not in {*problem.drifts, *free}]
+    own = [s for s in check.states if s not in {*problem.drifts, *free, *check.turning}]
     named = [s for s in check.states if s in problem.drifts]
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
     if name := _without_set(check, [s for s in named if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
-    sets = {s: cut_to_farthest(check.rooms[s]) for s in check.states if s in read or s in own}
+    bounded = {*read, *own, *check.turning}
+    sets = {s: cut_to_farthest(check.rooms[s]) for s in check.states if s in bounded}
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
@@ -371,10 +382,11 @@ def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     claims.box = {s: box[s] for s in own}
     led = leads_back(check, caller, box, own)
     claims.ways, claims.astray = led.ways, led.astray
-    if led.why or not free:
+    if led.why or not (free or check.turning):
         return led.why
     claims.ways = led.ways | dict.fromkeys(free, Interval(-FARTHEST, FARTHEST))
-    return _why_never_safe(check, claims, box, free)
+    claims.ways |= {s: check.rooms[s] for s in check.turning}
+    return _why_never_safe(check, claims, box, [*free, *check.turning])
 
 
 def _free_states(check: TubeCheck) -> list[int]:

@@ -22,7 +22,6 @@ from soter.language.model.types import leaves
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
-    PARTIAL,
     NoExpressionError,
     below,
     half_width,
@@ -46,8 +45,9 @@ from soter.verify.tubes.generated_functions import (
     numbers_text,
     shared_text,
 )
+from soter.verify.tubes.kinks import following
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.moved_rates import domain
+from soter.verify.tubes.moved_rates import domain, may_end
 from soter.verify.tubes.problem import (
     FARTHEST,
     TubeProblem,
@@ -57,13 +57,22 @@ from soter.verify.tubes.problem import (
     refused,
     rounded_up,
 )
+from soter.verify.tubes.sc_step import ScStep
+from soter.verify.tubes.turns import (
+    A_TURN,
+    FARTHEST_TURN,
+    many_turns_on,
+    turning_states,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.language.model.system import Shield
     from soter.language.model.typed import Cost
+    from soter.verify.tubes.expression_graph import Node
     from soter.verify.tubes.generated_functions import Inputs
+    from soter.verify.tubes.kinks import Kink
 
 
 RANGED = "x: Ranges, u: Orders"
@@ -76,6 +85,9 @@ NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST = 2, 1, 8
 """How finely a tube is cut: steps until SC acts, steps in a period of SC, periods in one step of an
 SC that reads nothing."""
+UNBOUNDED = "no bound is seen of `{}`, which SC keeps from step to step"
+BOUND = "limit it where it is assigned: `i = clamp(i + ..., -1.0, 1.0)`"
+BOUND_READ = "a filter needs sets of the topics that it reads"
 CUTS = (6, True), (6, False), (40, True)
 """Ways to shorten forms: how many columns are kept, and whether the largest as shares of their
 state's width are kept (True) or the largest as they are."""
@@ -91,12 +103,16 @@ class TubeCheck:
 
     `states`: those that the law or a condition depends on, in the order of estimates; no rate of
     theirs reads another one. `read_sets`: the set of what SC reads of a state; `rooms`: its range
-    within C, by the sets of what plants publish; `cut`: which of `CUTS` the tubes use: each is
-    sound, and `leading_back.py` looks for one that shows rest.
+    within C, by the sets of what plants publish; `turning`: angles that need not come back, whose
+    range is a turn; `cut`: which of `CUTS` the tubes use: each is
+    sound, and `leading_back.py` looks for one that shows rest; `kink`: where they collect.
     """
+
+    law: Sequence[Node]
 
     def __init__(self, problem: TubeProblem) -> None:
         self.problem = problem
+        self.kink: Kink | None = None
         self.times = TubeTimes.of(problem)
         try:
             self._read()
@@ -110,8 +126,7 @@ class TubeCheck:
         module = ModuleExpressions(self.problem)
         self.make = module.make
         self.rates = every = self.make.branches(module.rates())[0]
-        self.law = module.law()
-        self._defined = module.law_defined(self.law)
+        self._read_sc(module)
         self._safe = module.constraint()
         self.rooms = module.rooms
         self._rest = module.predicate(self.problem.rest)
@@ -128,40 +143,44 @@ class TubeCheck:
         parts, slopes = [*self._still, *effects], module.bends(effects)
         for condition in domain(self.make, parts, slopes):  # SC's are asked of its step
             self._safe = self.make.join("and", self._safe, condition)
+        asked = [*self.law, self._safe, self._rest]
+        self.turning = turning_states(asked, rates, self.problem.drifts)
+        self.rooms |= dict.fromkeys(self.turning, A_TURN)
+        asked = [self._safe, self._rest, *self.law]
+        near = many_turns_on(self.make, asked, self.turning)
+        self._safe, self._rest, self.law = near[0], near[1], near[2:]
         self._faced = [k for k, s in enumerate(self.states) if s in states_read([self._still[k]])]
         self.read_by_law = states_read([*self.law, self._defined])
-        self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
+        for s in self.read_by_law & {*self.turning}:
+            far = rounded_up(Fraction(FARTHEST_TURN) + Fraction(self.errors()[s]))
+            self.read_sets[s] = Interval(-far, far)
+        self.answers_vary = bool(self.read_by_law or self.kept)
+        self.cut = 0 if self.answers_vary else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = states_read(rates)
         self.read_by_rest, self.read_by_safe = map(states_read, ([self._rest], [self._safe]))
         moving = states_read_through([self._rest], every)
         self.commands_move_rest = any(below(every[s], "u") for s in moving)
-        if any(e.op == "input" and e.of[0] not in "xyuwm" for e in in_order([*asked, *rates])):
+        if any(e.op == "input" and e.of[0] not in "lxyuwm" for e in in_order([*asked, *rates])):
             raise NoExpressionError("something reads a time, an age or a mode")
-        self._refuse_unbounded_states()
+        endless = may_end(self.make, self.rates, self.states)
+        if endless is not None:
+            name = self.problem.quantities.states[endless].name
+            raise NoExpressionError(
+                f"nothing bounds `{name}`, which may end (a set of its topic would)"
+            )
         self._refuse_other_views(module.seen)
-        topics = self.problem.system.topics
         driven = {o.topic for step in self.problem.core.plants.values() for o in step.outputs}
         self._sample = {s: (t, -1 if t in driven else s) for s, (t, _) in module.seen.items()}
+
+    def _read_sc(self, module: ModuleExpressions) -> None:
+        step, topics = ScStep(module), self.problem.system.topics
         bounds = {s: topics[t].bounds[k] for s, (t, k) in module.seen.items()}
         endless = Interval(-inf, inf)
         self.read_sets = {s: Interval(b.low, b.high) if b else endless for s, b in bounds.items()}
-
-    def _refuse_unbounded_states(self) -> None:
-        """Refuses a state that is not followed and may grow without end in finite time.
-
-        It cannot where its rate is defined everywhere and affine in the states that are left out.
-        """
-        names = self.problem.quantities.states
-        left = set(range(len(names))) - set(self.states)
-        for s in left:
-            rate = self.rates[s]
-            partial = any(e.op in PARTIAL for e in in_order([rate]))
-            along = [self.make.input("x", k) for k in states_read([rate]) & left]
-            slopes = [self.make.along(rate, {x: self.make.number(1.0)}, {}) for x in along]
-            if partial or states_read(slopes) & left:
-                raise NoExpressionError(
-                    f"nothing bounds `{names[s].name}`, which may end (a set of its topic would)"
-                )
+        if name := step.find_ranges(self.read_sets):
+            raise refused(self.problem, UNBOUNDED.format(name), (BOUND, BOUND_READ))
+        self.variables = {name: step.ranges[k] for name, k in step.floats.items()}
+        self.law, self.kept, self._defined = step.commands, step.ranges, step.defined()
 
     def _refuse_other_views(self, seen: Mapping[int, tuple[int, int]]) -> None:
         """Refuses an SC that sees plants by a topic the DM does not read: it may be older (2.)."""
@@ -275,12 +294,13 @@ class TubeCheck:
         found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
         q = self.problem.quantities
         found |= {("w", k): f"WIND_{of}[{k}]" for k in range(len(q.disturbances))}
+        found |= {("l", k): f"KEPT_BY_SC[{k}]" for k, _ in enumerate(self.kept)}
         return found | {("u", k): f"u[{k}]" for k in range(len(q.controls))}
 
     def _tube_functions(self, ways: Mapping[int, Interval]) -> list[str]:
         """The constants, and the functions of the tube, that both programs have."""
         inputs, ranges = self._input_texts(), self._input_texts(RANGES)
-        settles = "answer.soter" if self.read_by_law else "constant.soter"
+        constant = shared_text("constant.soter")  # simpler functions of an SC that reads nothing
         return [
             self._constants(),
             shared_text("forms.soter"),
@@ -297,7 +317,7 @@ class TubeCheck:
             certain("rests", "x: Forms", self._rest, inputs),
             self._at_rest(ways),
             shared_text("check.soter"),
-            shared_text(settles),  # an SC that reads nothing has simpler functions
+            following(self.states, self.kink) if self.answers_vary else constant,
         ]
 
     def _map_guard(self) -> str:
@@ -378,8 +398,8 @@ class TubeCheck:
         lines += [f"const {name}: float = {number(t)};" for name, t in self._seconds().items()]
         shares = CUTS[self.cut][1]
         lines += [f"const SHARES: bool = {str(shares).lower()};"]
-        lines += [f"const RESET: float = {0.5 if self.read_by_law else 0.9};"]
-        return "\n".join([*lines, *self._arrays(sizes["SYMBOLS"])]) + "\n"
+        lines += [f"const RESET: float = {0.5 if self.answers_vary else 0.9};"]
+        return "\n".join([*lines, *self._arrays(sizes)]) + "\n"
 
     def _sizes(self) -> dict[str, int]:
         """The whole numbers of the text: how many there are of each thing, and first symbols."""
@@ -387,12 +407,12 @@ class TubeCheck:
         moved = len(q.controls) + len(q.disturbances)
         keep, _ = CUTS[self.cut]
         read = 2 * n + keep
-        commands = read + n
+        commands = read + n + len(self.kept)
         closed = commands + len(q.controls)
         moves = closed + moved
         symbols, holds = moves + moved * STEPS + 1, times.switches + 1
         depth = times.depth
-        if not self.read_by_law:  # no command shares a symbol with a state, and none switches
+        if not self.answers_vary:  # no command shares a symbol with a state, and none switches
             closed = moves = read
             symbols, holds, depth = read + max(moved, n) + 1, 2 * holds, 1
         return {
@@ -429,8 +449,18 @@ class TubeCheck:
             "SETTLED": nearest_seconds(times.switches * times.period),
         }
 
-    def _arrays(self, symbols: int) -> list[str]:
+    def _kept_forms(self, sizes: Mapping[str, int]) -> list[str]:
+        """A form for each number that SC keeps, with a symbol of its own."""
+        forms, first = [], sizes["READS"] + sizes["STATES"]
+        for k, r in enumerate(self.kept, first):
+            g = [half_width(r) * (i == k) for i in range(sizes["SYMBOLS"])]
+            form = form_text(middle(r), 0.0, r.low, r.high)
+            forms.append(form.replace("NONE", numbers_text(g)))
+        return forms
+
+    def _arrays(self, sizes: Mapping[str, int]) -> list[str]:
         """The constants that are arrays: ranges of what moves the states, and first values."""
+        symbols, kept = sizes["SYMBOLS"], self._kept_forms(sizes)
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]
         n, m, faced = len(self.states), len(half), [str(k) for k in self._faced]
@@ -440,10 +470,11 @@ class TubeCheck:
         any_of = [form_text(middle(c), half_width(c), c.low, c.high) for c in self.problem.controls]
         places = {sample: str(k) for k, sample in enumerate(self._samples())}
         sample = [places.get(self._sample.get(s, (-1, -1)), "0") for s in self.states]
-        depth = self.times.depth if self.read_by_law else 1
+        depth = self.times.depth if self.answers_vary else 1
         earlier = [rounded_up(Fraction(self.times.earlier(p), 10**9)) for p in range(depth)]
         zero, low, high = (numbers_text([x] * n) for x in (0.0, inf, -inf))
         return [
+            *[f"const KEPT_BY_SC: Form[{len(kept)}] = {array_text(kept)};"] * bool(kept),
             f"const NONE: float[SYMBOLS] = {numbers_text([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {zero};",
             f"const ERRORS: float[STATES] = {numbers_text(self.errors().values())};",

@@ -36,6 +36,7 @@ from soter.verify.proof_methods import figures_entry
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
 from soter.verify.tubes.rest_claims import rest_entry
 from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.turns import FARTHEST_TURN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -84,7 +85,8 @@ KEPT = (
 NOT_GIVEN = "at the start the check of the DM does not let AC have control"
 UNBOUNDED = (
     "bound {} in `rest`, or by a set of the topic, or say in `moves` how far SC moves it: else it "
-    "is followed from wherever it may be"
+    "is followed from wherever it may be; an angle that all read in `sin`, `cos` and `wrap_angle` "
+    "alone needs neither, nor a set"
 )
 OPEN = "bound {} in `rest`, too: it moves what `rest` holds, and may be anything in its set"
 UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to rest"
@@ -143,7 +145,9 @@ def verify_by_tubes(
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
     claims = rest_claims(check)
-    result = TubeResult(problem, {}, [], added=(SOUND, *_far_assumptions(check)))
+    result = TubeResult(
+        problem, {}, [], added=(SOUND, *_far_assumptions(check), *_turns_assumptions(check))
+    )
     result.check, result.claims = check, claims
     static_claims(problem, result)
     cpu = time.perf_counter() - began
@@ -293,6 +297,13 @@ def _far_assumptions(check: TubeCheck) -> list[Assumption]:
     who = "states whose topics have no sets, or larger ones,"
     text = f"{who} stay below {FARTHEST:g}: {', '.join(names)}"
     return [Assumption("far", text)] if far else []
+
+
+def _turns_assumptions(check: TubeCheck) -> list[Assumption]:
+    """The assumption about angles that need not come back, if any."""
+    names = ", ".join(check.problem.quantities.states[s].name for s in check.turning)
+    text = f"{names} stays within {FARTHEST_TURN:,.0f} rad of 0: it is read modulo a full turn"
+    return [Assumption("turns", f"{text}, and need not come back")] if names else []
 
 
 def _kept_text(check: TubeCheck, claims: RestClaims) -> str:

@@ -29,9 +29,14 @@ def flat_of(text: str) -> System:
     return system_to_prove(checked, next(iter(checked.systems)), {}, exact=False)
 
 
-def entry(flat: System, box: dict[str, Any], ways: dict[str, Any]) -> dict[str, Any]:
-    """Of its only module, with B and Y by names of states."""
-    problem = read_rest(flat, flat.modules[0].name)
+def entry(
+    flat: System,
+    box: dict[str, Any],
+    ways: dict[str, Any],
+    keeps: dict[str, list[str]] | None = None,
+) -> dict[str, Any]:
+    """Of its only module, with B and Y by names of states; `keeps`: ranges of what SC keeps."""
+    problem = read_rest(flat, flat.modules[0].name, keeps or {})
     facts, names = problem.facts, [s.name for s in problem.facts.states]
     judged = shield_constants(problem)
     inputs = (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
@@ -60,6 +65,7 @@ def entry(flat: System, box: dict[str, Any], ways: dict[str, Any]) -> dict[str, 
             },
             "box": {n: [x.hex() for x in ends] for n, ends in box.items()},
             "ways": {n: [x.hex() for x in ends] for n, ends in ways.items()},
+            **({"keeps": keeps} if keeps else {}),
             **({} if judged is None else {"shield": judged}),
         },
     }

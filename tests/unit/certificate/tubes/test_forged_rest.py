@@ -332,8 +332,8 @@ REFUSED = {
          "  subscribes own, two;\n  publishes levers;\n  step { publish levers = { gas: 0.0"),
         ("clamp(1.0 + sight.v", "clamp(1.0 + own + 0.0 * two"),
     ),
-    "SC keeps something": (
-        (PUBLISHES, "  var n: int in [0, 9] = 0;\n" + PUBLISHES.replace("{ pub", "{ n = 1; pub")),
+    "SC keeps a list": (
+        (PUBLISHES, "  var n: float[<=3];\n" + PUBLISHES.replace("{ pub", "{ n = [1.0]; pub")),
     ),
 }  # fmt: skip
 

@@ -21,6 +21,7 @@ from soter.verify.tubes.expression_graph import Expressions, NoExpressionError
 from soter.verify.tubes.generated_functions import Caller, certain, function
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem, TubeTimes
+from soter.verify.tubes.sc_step import ScStep
 from soter.verify.tubes.tube_check import TubeCheck
 from unit.verify.tubes.random_plants import drawn_module
 
@@ -49,7 +50,11 @@ def law_of(answer: str) -> str:
     assert isinstance(problem, TubeProblem)
     module = ModuleExpressions(problem)
     return function(
-        "law", "y: Forms", module.law(), {("y", k): f"y[{k}]" for k in range(3)}, "Controls"
+        "law",
+        "y: Forms",
+        ScStep(module).commands,
+        {("y", k): f"y[{k}]" for k in range(3)},
+        "Controls",
     )
 
 

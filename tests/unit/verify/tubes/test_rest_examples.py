@@ -12,7 +12,7 @@ from soter.language.front_end import check_file
 
 ROOT = Path(__file__).resolve().parents[4]
 EVERY = files_in(ROOT / "examples" / "rest", "*.soter")
-QUICK = ("docking",)
+QUICK = ("docking", "hills")
 
 
 @pytest.mark.parametrize("path", EVERY, ids=lambda p: p.stem)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from itertools import product
-from math import isfinite
+from math import isfinite, tau
 from typing import TYPE_CHECKING, Any, cast
 
 from soter.diagnostics.diagnostic import Span, replace
@@ -48,7 +48,7 @@ BEGINS = None, "low", "high"
 """What acts for a period of the DM before SC: nothing, or each command at that end of its set."""
 COSTLY = 3_000
 """Operations of calls in one step of plants and SC: with more a run would take a second."""
-SETTLED, GOES_ON, FAR = 0.01, 0.05, 1e9
+SETTLED, GOES_ON, FAR, TURNS = 0.01, 0.05, 1e9, 15_900 * tau
 """Shares of a number's way: how much it moves `LATELY` where it has come to its end, or has not."""
 
 
@@ -293,9 +293,10 @@ class _Run:
         return "up" if last > 0.0 else "down"
 
     def _lost(self, k: int) -> list[str]:
-        """The ways on which `safe` is lost where number `k` goes far enough."""
-        safe, ways = self.module.symbol.safe, (("down", -FAR), ("up", FAR))
-        return [w for w, x in ways if not self._holds(safe, k, x)]
+        """The ways on which `safe` is lost where number `k` goes far enough: not by whole turns."""
+        safe, ways = self.module.symbol.safe, (("down", -1.0), ("up", 1.0))
+        ends = ((w, (x * FAR, self.seen[-1][k] + x * TURNS)) for w, x in ways)
+        return [w for w, of in ends if not any(self._holds(safe, k, x) for x in of)]
 
     def _moved_by(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
         """Which way number `k` moves further than `moves` says; what it should say. "": nothing."""

@@ -1,0 +1,78 @@
+"""Angles that turn: states that all of a module reads modulo a full turn.
+
+Purpose: `turning_states` finds them; `reads_modulo_turns` says whether expressions are the same
+where a state is whole turns further; `many_turns_on` makes those that also hold what a program
+rounds there ("An angle that turns" in docs/proof-flight.md).
+Non-goals: what is shown of them (`rest_claims.py`), grids (`problem/axes.py`).
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING
+
+from soter.verify.problem.problem import Interval
+from soter.verify.tubes.expression_graph import Node, in_order, states_read
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from soter.verify.tubes.expression_graph import Expressions
+
+
+A_TURN = Interval(-3.1416, 3.1416)
+"""A full turn and a little more: its ends overlap."""
+FARTHEST_TURN = 2.0**14
+"""How far from 0 such an angle is assumed to be at most, in rad."""
+TURNS_MAX, SUMS_MAX = 4, 7
+"""So many such states, and sums with one of them in an angle, may be off by half of `FAR_TURNS`
+(`forms.soter`): 4 (7 + 1) roundings of up to 2^-53 (2^14 + 4), sensors among them."""
+COMPUTED = frozenset({"sin", "cos", "tan", "wrap_angle"})
+OF_A_TURN = COMPUTED | {"real_sin", "real_cos"}
+
+
+def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
+    """Whether `roots` read a state as itself, or its negative, within angles of functions alone."""
+    times: dict[Node, float] = {}
+    """How often each node is the state, beside what is the same a turn further; inf: otherwise."""
+    for e in in_order(roots):
+        times[e] = _times(e, [times[x] for x in e.of if isinstance(x, Node)], state)
+        if e.op in OF_A_TURN and times[e.of[0]]:
+            angle = in_order([e.of[0]])
+            if sum(x.op in ("add", "sub") and times[x] != 0 for x in angle) > SUMS_MAX:
+                return False
+    return not any(times[e] for e in roots)
+
+
+def turning_states(
+    asked: Sequence[Node], rates: Sequence[Node], drifts: Collection[int]
+) -> list[int]:
+    """The angles that need not come back: all that is asked reads each modulo a full turn.
+
+    The declared set of a topic is a part of C, which then reads how many turns there are.
+    """
+    read = states_read(asked) - {*drifts}
+    found = [s for s in sorted(read) if reads_modulo_turns([*asked, *rates], s)]
+    return found if len(found) <= TURNS_MAX else []
+
+
+def _times(e: Node, of: Sequence[float], state: int) -> float:
+    if e.op == "input":
+        return float(e.of[0] in "xy" and e.of[1] == state)
+    if not any(of) or (e.op in OF_A_TURN and abs(of[0]) == 1.0):
+        return 0.0
+    if e.op == "neg":
+        return -of[0]
+    if e.op in ("add", "sub"):
+        return of[0] + of[1] if e.op == "add" else of[0] - of[1]
+    return inf
+
+
+def many_turns_on(make: Expressions, roots: Sequence[Node], turning: Sequence[int]) -> list[Node]:
+    """The same expressions, whose angles are off by what is rounded many turns further."""
+    known: dict[Node, Node] = {}
+    for e in in_order(roots):
+        if e.op in COMPUTED and states_read([e]) & {*turning}:
+            angle = make.function("any_turn", make.replaced(e.of[0], known))
+            known[e] = make.function(e.op, angle)
+    return [make.replaced(e, known) for e in roots]
