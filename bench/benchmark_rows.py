@@ -232,11 +232,11 @@ BENCHMARKS = (
         "Words, signals, and when the law comes", "bench/real_time/scenes.py", last="scenes;"
     ),
     Benchmark(
-        "ROS 1: who dies, and what the wheels are told",
-        "bench/ros/ros1_kills.py",
+        "ROS: who dies, and what the wheels are told",
+        "bench/ros/kills.py",
         heads="max ms|bound|over it",
     ),
-    Benchmark("ROS 1: what is wrong on the wire", "bench/ros/ros1_bad_input.py"),
+    Benchmark("ROS: what is wrong on the wire", "bench/ros/bad_input.py", last="cases"),
     Benchmark(
         "The wire of ROS 2: samples",
         "bench/ros/dds_samples.py --samples 100000",

@@ -145,8 +145,10 @@ SMALL = {
         machine=SCHEDULER,
     ),
     "Words, signals, and when the law comes": Small("--only worker", machine=SCHEDULER, part=True),
-    "ROS 1: who dies, and what the wheels are told": Small("--ac 2 --trusted 1", machine=SCHEDULER),
-    "ROS 1: what is wrong on the wire": Small(machine=SCHEDULER),
+    "ROS: who dies, and what the wheels are told": Small(
+        "--ac 2 --trusted 1 --bridge 1", machine=SCHEDULER
+    ),
+    "ROS: what is wrong on the wire": Small(machine=SCHEDULER),
     "The wire of ROS 2: samples": Small("--samples 200", apart="needs Fast DDS and cyclonedds"),
     "A ground robot among walls": Small("--runs 20", flights=4, times=SIMULATED),
     "Safe exploration: a thousand worlds": Small(
@@ -244,6 +246,14 @@ PAGES = (
         r"Of (\d+) payloads (?:.|\n)*? were no value of the\ntype, (\d+) of another length, (\d+) ",
         "@The wire of ROS 2: samples",
     ),
+    Made("dds.md", "| killed | most", "@ROS: who dies, and what the wheels are told"),
+    Made("ros.md", "| killed | at most", "@ROS: who dies, and what the wheels are told"),
+    Made(
+        "ros.md",
+        r"on the wire: (\d+) cases of ROS 2",
+        "@ROS: what is wrong on the wire",
+    ),
+    Made("ros.md", r"and (\d+) of ROS 1 \(NaN", "@ROS: what is wrong on the wire"),
     Made("drone.md", "| leg | length", DESIGN),
     Made("drone.md", r"downwards (29) mm are left to the ground †", DESIGN),
     Made("drone.md", r"grows by at most ([\d.]+), (?:.|\n)*? TURN = ([\d.]+) †", DESIGN),
@@ -336,7 +346,7 @@ PAGES = (
         "for-robotics-engineers.md",
         r"there after ([\d.]+) ms at most \(bound ([\d.]+)\), the wheels' fail-safe after\n"
         r"([\d.]+) ms \(bound ([\d.]+)\)",
-        "@ROS 1: who dies, and what the wheels are told",
+        "@ROS: who dies, and what the wheels are told",
         spread=True,
     ),
     Made(
@@ -371,6 +381,13 @@ PAGES = (
         "@Mutants of the re-checker's core",
     ),
     Made("gallery.md", "| file | test | verdict", GALLERY),
+    Made(
+        "identify.md",
+        "```200 vehicles",
+        "bench/logs/identify.py",
+        small="bench/logs/identify.py --plants 20",
+        flights=20,
+    ),
     Made("ground-robot.md", "| | runs that", "@A ground robot among walls"),
     Made(
         "mavlink.md",
@@ -383,6 +400,7 @@ PAGES = (
         "assure.md",
         r"of (41) proofs that have to be done again each is named, and of (39) that stand (7)",
         "@Edits: which proofs are done again",
+        spread=True,
     ),
     Made("newcomers.md", r"last two sets (\d+) of 68", "@Slips of newcomers"),
     Made("newcomers.md", r"of 68 and (\d+) of 60", "@Slips of newcomers"),
@@ -558,6 +576,8 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("prove-your-module.md", "```P3"): f"{SESSION}prove_your_module.py",
     ("prove-your-module.md", "```P2a"): f"{SESSION}prove_your_module.py",
     ("prove-your-module.md", "```verify {"): DEFINED,
+    ("identify.md", "| log of strangers"): "logs of strangers, which are not kept here",
+    ("identify.md", "```type Fit"): DEFINED,
     ("real-logs.md", "bench/hostile/logs_of_strangers.py"): "stands in the output of that command",
     ("real-logs.md", "| file"): DEFINED,
     ("real-time.md", "| what | needs"): DEFINED,

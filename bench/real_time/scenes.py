@@ -166,7 +166,7 @@ def robots(place: Path, stack: ExitStack, only: str) -> Iterator[tuple[str, Robo
         program = (
             ros1_nodes.built_package(EXAMPLE, "Vehicle", mapping, place / "ros1") / EXAMPLE.stem
         )
-        plant, ac = (str(ros1_nodes.built_node(f"ros1_{n}", place)) for n in ("plant", "ac"))
+        plant, ac = (str(ros1_nodes.built_node(n, place)) for n in ("plant", "ac"))
         made = robot(
             "ros1", program, [f"{program}_bridge", "_channels:=HERE"], world=[plant], ac=[ac]
         )

@@ -4,7 +4,7 @@ Purpose: `examples/ros/ground_robot_hall.soter`, with the proved module, with a 
 timing (that of Nav2's tutorial, ahead, and one all around), and with AC alone, from the same seeds:
 collisions, the least distance to the hull, what was driven, and for how long the robot stood
 although it was wished away from what was nearest.
-Non-goals: real time and ROS itself (`ros1_kills.py`); what is proved (`soter verify`).
+Non-goals: real time and ROS itself (`kills.py`); what is proved (`soter verify`).
 
     python bench/ros/ground_robot.py            500 runs of 60 s each way
     python bench/ros/ground_robot.py --runs 25

@@ -26,10 +26,13 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
-SYSTEM_PYTHON = "/usr/bin/python3"
+PYTHON = "/usr/bin/python3"
 """Debian's ROS is of the system's Python."""
+VERSION = 1
 PACKAGES = ("roscpp", "nav_msgs", "geometry_msgs", "std_msgs", "rosgraph_msgs")
-PYTHON_PACKAGES = ("rospy", "nav_msgs", "geometry_msgs", "sensor_msgs", "std_msgs")
+PYTHON_PACKAGES = (
+    *("rospy", "diagnostic_msgs", "nav_msgs", "geometry_msgs", "sensor_msgs", "std_msgs"),
+)
 
 
 @cache
@@ -44,17 +47,28 @@ def missing() -> str:
         return "roscpp (Debian: libroscpp-dev)"
     absent_of = f"print(*[n for n in {PYTHON_PACKAGES} if not find_spec(n)])"
     look = f"from importlib.util import find_spec; {absent_of}"
-    words = [SYSTEM_PYTHON, "-c", look]
+    words = [PYTHON, "-c", look]
     absent = subprocess.run(words, check=True, capture_output=True, text=True).stdout.split()
     debian = " ".join(f"python3-{name.replace('_', '-')}" for name in absent)
     return f"rospy's {' '.join(absent)} (Debian: {debian})" if absent else ""
 
 
-def built_package(example: Path, system: str, mapping: Path, folder: Path) -> Path:
-    """The package of a system, compiled: the folder of its programs."""
+def version() -> str:
+    """Of what is installed."""
+    words = ["pkg-config", "--modversion", "roscpp"]
+    told = subprocess.run(words, check=True, capture_output=True, text=True)
+    return f"ROS 1, roscpp {told.stdout.strip()}"
+
+
+def built_package(
+    example: Path, system: str, mapping: Path, folder: Path, actuate: str = ""
+) -> Path:
+    """The package of a system, compiled: the folder of its programs; `actuate`: its `actuate.c`."""
     words = [sys.executable, "-m", "soter", "build", str(example), "--system", system]
     words += ["--target", "ros1", "--map", str(mapping), "-o", str(folder)]
     subprocess.run(words, check=True, capture_output=True)
+    if actuate:
+        (folder / "trusted" / "actuate.c").write_text(actuate)
     build = folder / "build"
     for step in (["-S", str(folder), "-B", str(build)], ["--build", str(build)]):
         subprocess.run(["cmake", *step], check=True, capture_output=True)
@@ -72,6 +86,11 @@ def built_node(name: str, folder: Path) -> Path:
     return program
 
 
+def parameters(**given: object) -> list[str]:
+    """The words that set parameters of a node."""
+    return [f"_{k}:={v}" for k, v in given.items()]
+
+
 class Nodes(Processes):
     """Processes with a master of their own."""
 
@@ -85,10 +104,11 @@ class Nodes(Processes):
             self.port = free.getsockname()[1]
         self.environment = {
             **os.environ,
+            "ROS_VERSION": "1",
             "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
             "ROS_IP": "127.0.0.1",
             "ROS_HOME": str(folder / "home"),
-            "PYTHONPATH": "/usr/lib/python3/dist-packages",
+            "PYTHONPATH": f"/usr/lib/python3/dist-packages:{HERE}",
         }
 
 
@@ -99,7 +119,7 @@ def nodes() -> Iterator[Nodes]:
         made = Nodes(Path(place))
         (Path(place) / "home").mkdir()
         master = ["/usr/bin/rosmaster", "--core", "-p", str(made.port)]
-        made.start("master", SYSTEM_PYTHON, *master)
+        made.start("master", PYTHON, *master)
         end = time.monotonic() + 20.0
         while time.monotonic() < end:
             with socket.socket() as probe:

@@ -32,7 +32,17 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DOCUMENTS = {
     **{
         name: f"soter.cli.{name}"
-        for name in ("check", "test", "recheck", "verify", "campaign", "monitor", "replay", "diff")
+        for name in (
+            "check",
+            "test",
+            "recheck",
+            "verify",
+            "campaign",
+            "monitor",
+            "replay",
+            "diff",
+            "identify",
+        )
     },
     "measure": "soter.api.measuring",
     "run": "soter.simulate.run_fields",

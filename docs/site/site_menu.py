@@ -53,6 +53,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("bare-metal.md", "Bare metal"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
+            ("identify.md", "Fit a program to logs"),
             ("editor.md", "In your editor"),
             ("assure.md", "A safety case"),
         ),

@@ -2,7 +2,7 @@
 
 Purpose: examples/ros/ground_robot.soter is proved and deployed; the 2-D hall is no harder than the
 plant of the proof says, step by step; a bolder module is refuted by the prover and collides.
-Non-goals: the table of the page (`bench/ros/ground_robot.py`); ROS itself (`test_ros1.py`).
+Non-goals: the table of the page (`bench/ros/ground_robot.py`); ROS itself (`test_ros_nodes.py`).
 """
 
 from __future__ import annotations

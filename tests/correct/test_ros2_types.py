@@ -1,7 +1,7 @@
-"""The bridge for ROS 2 against the interfaces that rosidl generates, and a stub of rclcpp.
+"""The bridge for ROS 2 against the interfaces that rosidl generates, where no rclcpp is: a stub.
 
 Needs Debian's rosidl (`rosidl-tools`, `rosidl-generator-c-cpp`, `librosidl-runtime-c-cpp-dev`,
-`python3-ament-index`) and says so where it is not. Nothing of ROS 2 runs here.
+`python3-ament-index`) and says so where it is not. Non-goals: nodes that run (`test_ros_nodes.py`).
 """
 
 from __future__ import annotations
@@ -118,6 +118,8 @@ def stub(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stub")
     (folder / "rclcpp").mkdir()
     shutil.copy(STUB, folder / "rclcpp" / "rclcpp.hpp")
+    for name in ("serialization", "serialized_message"):
+        (folder / "rclcpp" / f"{name}.hpp").write_text('#include "rclcpp.hpp"\n')
     return folder
 
 
@@ -175,6 +177,6 @@ def test_what_rclcpp_does_not_have_is_seen_in_the_node_under_clock(
 ) -> None:
     load(EXAMPLE).build("ros2", tmp_path / "out", "Vehicle", mapping=MAPPING)
     path = tmp_path / "out" / "src" / "soter_simulation.hpp"
-    path.write_text(path.read_text().replace("best_effort()", "best_efforts()"))
+    path.write_text(path.read_text().replace("QoS(1000).best_effort()", "QoS(1000).best_efforts()"))
     done = checked(tmp_path / "out", interfaces, stub, "simulation", "simulated")
     assert "best_efforts" in done.stderr

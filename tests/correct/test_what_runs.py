@@ -61,6 +61,7 @@ LINES = {
     "recheck": ("recheck {0}_cert",),
     "monitor": ("monitor {0}.soter {0}.mcap", "monitor {0}.soter {0}.mcap --estimates"),
     "monitor --seed": (f"monitor {{0}}.soter {SHORT}", f"monitor {{0}}.soter {SHORT} --seed 1..2"),
+    "identify": ("identify {0}.mcap --program {0}.soter --episode 20ms --estimates",),
     "campaign": (f"campaign {{0}}.soter --flights 2 {SHORT} -o out",),
     "campaign --arms paper": (f"campaign {{0}}.soter --flights 2 {SHORT} -o out --arms paper",),
     "test": ("test python.soter",),
@@ -99,7 +100,8 @@ def rows() -> Iterator[tuple[str, tuple[str, str, str]]]:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    text = SHUTTLE.replace("/ 400", "/ 80")
+    text = SHUTTLE.replace("/ 400", "/ 80").replace("within 0.02", "within OFF")
+    text = text.replace("soter 1;", "soter 1;\nparam OFF: float = 0.02 in [0.0, 1.0];")
     in_c = text.replace(FAST, IN_C).replace("// Safe: back", ODOMETER + "// Safe: back")
     for name, program in (
         ("python", text.replace(FAST, IN_PYTHON) + TESTED),

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -22,7 +23,17 @@ struct rmw_message_info_t {
   rmw_gid_t publisher_gid;
 };
 
+namespace rcl_interfaces::msg {
+struct ParameterDescriptor {
+  bool read_only;
+};
+} /* namespace rcl_interfaces::msg */
+
 namespace rclcpp {
+
+namespace exceptions {
+class InvalidParameterTypeException : public std::runtime_error {};
+} /* namespace exceptions */
 
 class InitOptions {};
 enum class SignalHandlerOptions { All, SigInt, SigTerm, None };
@@ -36,24 +47,32 @@ class MessageInfo {
   const rmw_message_info_t& get_rmw_message_info() const;
 };
 
-class TopicEndpointInfo {
- public:
-  const std::string& node_name() const;
-  const std::string& node_namespace() const;
-  const std::array<uint8_t, RMW_GID_STORAGE_SIZE>& endpoint_gid() const;
+struct KeepLast {
+  explicit KeepLast(size_t depth);
 };
-
+struct KeepAll {};
 class QoS {
  public:
-  explicit QoS(size_t depth);
-  QoS& keep_last(size_t depth);
+  QoS(size_t depth);
+  QoS(KeepLast history);
+  QoS(KeepAll history);
   QoS& reliable();
   QoS& best_effort();
   QoS& transient_local();
 };
-class SensorDataQoS : public QoS {
+enum class QoSCompatibility { Ok, Warning, Error };
+struct QoSCheckCompatibleResult {
+  QoSCompatibility compatibility;
+};
+QoSCheckCompatibleResult qos_check_compatible(const QoS& publisher, const QoS& subscription);
+
+class TopicEndpointInfo {
  public:
-  SensorDataQoS();
+  const std::string& topic_type() const;
+  const QoS& qos_profile() const;
+  const std::string& node_name() const;
+  const std::string& node_namespace() const;
+  const std::array<uint8_t, RMW_GID_STORAGE_SIZE>& endpoint_gid() const;
 };
 
 enum class CallbackGroupType { MutuallyExclusive, Reentrant };
@@ -62,8 +81,22 @@ struct SubscriptionOptions {
   std::shared_ptr<CallbackGroup> callback_group;
 };
 
+class SerializedMessage {
+ public:
+  size_t size() const;
+};
 template <class M>
-class Subscription {};
+class Serialization {
+ public:
+  void serialize_message(const void* message, SerializedMessage* bytes) const;
+  void deserialize_message(const SerializedMessage* bytes, void* message) const;
+};
+
+template <class M>
+class Subscription {
+ public:
+  size_t get_publisher_count() const;
+};
 template <class M>
 class Publisher {
  public:
@@ -93,15 +126,18 @@ void stub_throttle(const Logger&, Clock&, int64_t, const char*, Arguments...);
 class Node {
  public:
   explicit Node(const std::string& name);
-  const char* get_name() const;
+  const char* get_fully_qualified_name() const;
   Logger get_logger() const;
   Time now() const;
   std::shared_ptr<Clock> get_clock();
   Parameter get_parameter(const std::string& name) const;
   template <class T>
-  auto declare_parameter(const std::string& name, const T& value) -> T;
+  auto declare_parameter(const std::string& name, const T& value,
+                         const rcl_interfaces::msg::ParameterDescriptor& descriptor = {}) -> T;
   std::vector<TopicEndpointInfo> get_publishers_info_by_topic(const std::string& topic,
                                                               bool no_mangle = false) const;
+  std::vector<TopicEndpointInfo> get_subscriptions_info_by_topic(const std::string& topic,
+                                                                 bool no_mangle = false) const;
   std::shared_ptr<CallbackGroup> create_callback_group(
       CallbackGroupType type, bool automatically_add_to_executor_with_node = true);
   template <class M>
@@ -110,6 +146,11 @@ class Node {
   std::shared_ptr<Subscription<M>> create_subscription(
       const std::string& topic, const QoS& qos,
       std::function<void(std::shared_ptr<const M>, const MessageInfo&)> callback,
+      const SubscriptionOptions& options = SubscriptionOptions());
+  template <class M>
+  std::shared_ptr<Subscription<M>> create_subscription(
+      const std::string& topic, const QoS& qos,
+      std::function<void(std::shared_ptr<const SerializedMessage>, const MessageInfo&)> callback,
       const SubscriptionOptions& options = SubscriptionOptions());
 };
 

@@ -8,7 +8,7 @@ Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/lo
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.mapping.topic_mapping import LogMap
+    from soter.monitor.log_files.log_columns import Damage
     from soter.monitor.typed_samples import TopicSamples
     from soter.simulate.result import Run
     from soter.verify.problem.problem import Problem
@@ -130,31 +131,61 @@ def log_explained(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
     log: str | Path | Sequence[str | Path],
     mapping: str | Path | Mapping[str, Any],
-    *,
-    module: str | None = None,
-    system: str | None = None,
-    params: Mapping[str, object] | None = None,
-    where: Mapping[str, str] | None = None,
-    partial: bool = False,
+    **how: Any,  # noqa: ANN401 - as `mapped_record` has them
 ) -> list[Judgement]:
     """Judges whether some run of the proof's plants fits the measurements and commands of a log.
 
     Arguments and errors as in `log_judged`; all driven topics and commands of a module have to be
     mapped (D017), and its program has to determine a proof (R...).
     """
+    found = mapped_record(flat_of, log, mapping, **how)
+    flat, record = found.flat, found.record
+    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in found.problems]
+    for j, (m, p) in zip(made, found.problems, strict=True):
+        for name, at_s in found.commands_outside(m, p):
+            note_alarm(j, at_s, [f"{name}, outside of its set"])
+    told, (begin, end) = found.told, found.log_ns
+    return [replace(j, length_ns=end - begin, notes=told, damage=found.damage) for j in made]
+
+
+@dataclass(frozen=True)
+class MappedRecord:
+    """A log of another system as a record of this one; `outside`: what is in no set, by topic."""
+
+    flat: System
+    problems: list[tuple[Module, Problem]]
+    record: RecordedRun
+    outside: Mapping[str, list[tuple[float, str]]]
+    log_ns: tuple[int, int]
+    told: tuple[str, ...]
+    damage: Damage | None
+
+    def commands_outside(self, module: Module, problem: Problem) -> list[tuple[str, float]]:
+        """Commands of a module outside of their sets, and when, in s: no run has such."""
+        names = topic_names(self.flat, module, problem)
+        owners = {names[c.owner] for c in problem.quantities.controls} & self.outside.keys()
+        return [(name, at_s) for name in owners for at_s, _ in self.outside[name]]
+
+
+def mapped_record(
+    flat_of: Callable[[str | None, Mapping[str, object] | None], System],
+    log: str | Path | Sequence[str | Path],
+    mapping: str | Path | Mapping[str, Any],
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, object] | None = None,
+    where: Mapping[str, str] | None = None,
+    partial: bool = False,
+) -> MappedRecord:
+    """Reads a log for `log_explained`, which has its arguments and errors."""
     paths, flat, declared = _declared(flat_of, log, mapping, system, params, where)
     given = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
     _require_given(flat, problems, given)
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)
-    (record, outside), (begin, end) = _record_of_samples(flat, samples), samples[0].log_ns
-    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
-    for j, (m, p) in zip(made, problems, strict=True):
-        names = topic_names(flat, m, p)
-        for name in {names[c.owner] for c in p.quantities.controls} & outside.keys():
-            for at_s, _ in outside[name]:
-                note_alarm(j, at_s, [f"{name}, outside of its set"])
+    record, outside = _record_of_samples(flat, samples)
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     for name, found in outside.items():
         first = "the first: {:.3f} s: {}; the model has no such, unless `clip = true`".format(
@@ -164,7 +195,8 @@ def log_explained(
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
     damage = next((c.damage for c in columns.values() if c.damage), None)
-    return [replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made]
+    begin, end = samples[0].log_ns
+    return MappedRecord(flat, problems, record, outside, (begin, end), tuple(told), damage)
 
 
 def _record_of_samples(

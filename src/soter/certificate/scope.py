@@ -198,8 +198,19 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         _open_ends(facts),
         _left_out_states(facts),
         _turning_axes(facts),
+        identified_numbers(facts),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
+
+
+def identified_numbers(facts: Covered) -> Said:
+    """The assumption that numbers which were fitted to logs hold, and how often they do not."""
+    for name, held_out in facts.flying.program.identified.items():
+        text = (
+            f"the numbers of {name}, which were fitted to logs, hold: {held_out} held-out "
+            f"episodes keep to them; of episodes drawn alike at most one in {held_out + 1} does not"
+        )
+        yield f"identified {name}", text
 
 
 def confirmed_facts(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:

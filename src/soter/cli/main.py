@@ -47,6 +47,7 @@ COMMANDS = {
     "verify": "prove P2a, P2b, P3 per module",
     "recheck": "check certificates independently",
     "monitor": "does the verified model explain a recorded run",
+    "identify": "fit parameters to logs, and say how far that goes",
     "advise": "what the decision period and the levels cost",
     "campaign": "many seeded runs, and what they say",
     "test": "explore every schedule, find the shortest counterexample",

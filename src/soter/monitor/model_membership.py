@@ -78,6 +78,9 @@ class Judgement:
     """The place where the module is declared."""
     damage: Damage | None = None
     """The damage of the log, if any: only what stands before it was judged."""
+    offsets: list[Floats] = field(default_factory=list, compare=False, repr=False)
+    """Of each step how far states, (states,), were from the middle of what the model allows, as a
+    share of what bounds and errors allow: beyond 1 an alarm; 0 where a state is not known."""
 
     @property
     def judged(self) -> bool:
@@ -93,7 +96,7 @@ class Judgement:
         return min(1.0, self.judged_ns / max(1, self.length_ns))
 
 
-class _Models:
+class Models:
     """The model's steps by parameter and length, each made once."""
 
     def __init__(self, problem: Problem) -> None:
@@ -103,18 +106,20 @@ class _Models:
         self._plants = Plants(problem)
 
     def model(self, parameter: tuple[int, ...]) -> LinearModel:
+        """The matrices at values of the parameters of plants."""
         if parameter not in self._models:
             self._models[parameter] = linear_model(self.problem, parameter)
         return self._models[parameter]
 
     def step(self, parameter: tuple[int, ...], ns: int) -> AffineStep:
+        """A step that long, in ns."""
         key = (parameter, ns)
         if key not in self._steps:
             self._steps[key] = discretised_step(self.model(parameter), ns / 1e9)
         return self._steps[key]
 
     def around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
-        """As `step`; of a map at x and u, as it has to be affine only in its disturbances."""
+        """As `step`; of a map at `x` (states,), `u` (controls,), around which it may be bent."""
         if self.problem.kind != "map":
             return self.step(parameter, ns)
         low = np.array([r.low for r in self.problem.disturbances])
@@ -198,7 +203,7 @@ class RecordReader:
 
     def before(self, record: RecordedRun, k: int) -> Mapping[str, Value]:
         """Topics as they stand when plants have moved and no node has stepped yet."""
-        first = {t.name: t.default for t in self.flat.topics}
+        first = record.before or {t.name: t.default for t in self.flat.topics}
         stood = record.topics[k - 1] if k else first
         return {**stood, **{n: record.topics[k][n] for n in self.driven}}
 
@@ -264,16 +269,18 @@ def judge(
     *,
     estimates: bool = False,
     truths: bool = True,
+    models: Models | None = None,
 ) -> Judgement:
     """Follow a record. SoterError U001 where the plants are not affine.
 
     `truths`: whether the record has true states; without them parameters are read off the topics.
+    `models`: those of the same problem, where several records are followed.
 
     Instants count at which a verification plant's flying counterpart has stepped: those whose
     time is a multiple of the record's own spacing.
     """
     reader = RecordReader(flat, module, problem)
-    models = _Models(problem)
+    models = models or Models(problem)
     source = "estimates" if estimates else "truth"
     judgement = Judgement(module.name, source, span=module.symbol.span)
     if record.times_ns:
@@ -296,7 +303,7 @@ def note_alarm(judgement: Judgement, at_s: float, states: Sequence[str]) -> None
 
 
 def _on_truth(
-    reader: RecordReader, models: _Models, record: RecordedRun, judgement: Judgement
+    reader: RecordReader, models: Models, record: RecordedRun, judgement: Judgement
 ) -> None:
     last: tuple[Floats, tuple[int, ...], Floats, int] | None = None
     names = [leaf.name for leaf in reader.states]
@@ -325,7 +332,8 @@ def _compare(
     k: int,
     names: list[str],
 ) -> None:
-    gap = np.abs(x - (step.phi @ before + step.gamma @ u + step.c))
+    ahead = x - (step.phi @ before + step.gamma @ u + step.c)
+    gap = np.abs(ahead)
     size = (
         np.abs(step.phi) @ np.abs(before)
         + np.abs(step.gamma) @ np.abs(u)
@@ -336,6 +344,7 @@ def _compare(
     over = np.maximum(gap - slack, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(over > 0, over / step.reach, 0.0)
+        judgement.offsets.append(np.nan_to_num(ahead / (step.reach + slack)))
     judgement.steps += 1
     worst = int(np.argmax(shares))
     if shares[worst] > judgement.share:
@@ -408,7 +417,7 @@ def _parameter(
 
 def _on_estimates(
     reader: RecordReader,
-    models: _Models,
+    models: Models,
     record: RecordedRun,
     judgement: Judgement,
     ages: _Ages,
@@ -440,6 +449,7 @@ def _on_estimates(
             box = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
             continue  # there is no state of which both are known
         judgement.steps += 1
+        judgement.offsets.append(_offset(box, seen))
         judgement.judged_ns += 0 if gap else apart
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
         wrong = [reader.states[i].name for i in np.flatnonzero(low > high)]
@@ -456,6 +466,12 @@ def _seen(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[F
     old = (np.abs(sight.inverse[:, ~fresh]) > UNSEEN).any(axis=1)
     error = np.where(old, np.inf, sight.error) + slack
     return x - error, x + error
+
+
+def _offset(box: tuple[Floats, Floats], seen: tuple[Floats, Floats]) -> Floats:
+    with np.errstate(invalid="ignore", divide="ignore"):  # of a state that is not known
+        apart = (seen[0] + seen[1] - box[0] - box[1]) / (seen[1] - seen[0] + box[1] - box[0])
+    return np.where(np.isfinite(apart), apart, 0.0)
 
 
 def _image(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:

@@ -284,13 +284,15 @@ def _logged_topics(system: System) -> list[Topic]:
 class RecordedRun:
     """After each instant: every topic by full name, every plant's true state by full name.
 
-    `published`: the topics that were published at each instant.
+    `published`: the topics that were published at each instant. `before`: the topics before the
+    first one, of a part of a record; None: their defaults.
     """
 
     times_ns: list[int]
     topics: list[dict[str, Any]]
     truths: list[dict[str, Any]]
     published: list[set[str]]
+    before: dict[str, Any] | None = None
 
 
 MISSED = ("late", "skip", "wait", "overrun", "silent")

@@ -235,6 +235,20 @@ def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
             yield f"{names}, and one of them goes out: nobody else may publish it"
 
 
+def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
+    """Why a topic of ROS 2 may not go as its mapping says."""
+    if inward and m.stamp is None and m.qos.durability == "transient_local":
+        yield (
+            f"`{m.topic.name}` has no stamp and is `transient_local`: what somebody published long "
+            "ago would count as measured when it comes"
+        )
+    if not inward and m.qos.depth == 0:
+        yield (
+            f"`{m.topic.name}` goes out with all of its history: a reader that stopped would hold "
+            "up what the others read"
+        )
+
+
 def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
     """A note on the topics that go out and are not mapped; none where all are."""
     said = {m.topic.index for m in mapped}

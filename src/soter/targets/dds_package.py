@@ -23,6 +23,7 @@ from soter.targets.bridge_base import (
     BridgedSystem,
     bridged_topics,
     by_topic,
+    qos_problems,
     require_world,
     unmapped_notes,
 )
@@ -285,16 +286,7 @@ def _require_bridgeable(system: System, mapped: dict[int, TopicMap]) -> None:
                 f"{named} and `{other}` are both on `{m.channel}`: a topic has one type"
             )
         inward = system.topics[m.topic.index].driver == "input"
-        if inward and m.stamp is None and m.qos.durability == "transient_local":
-            problems.append(
-                f"{named} has no stamp and is `transient_local`: what somebody published long ago "
-                "would count as measured when it comes"
-            )
-        if not inward and m.qos.depth == 0:
-            problems.append(
-                f"{named} goes out with all of its history: a reader that stopped would hold up "
-                "what the others read"
-            )
+        problems += qos_problems(m, inward=inward)
     if problems:
         raise wrong_mapping(problems)
 

@@ -302,7 +302,6 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     """The package; as `ros1_package`."""
     package, ros = _package(system, core, folder, mapping, 2)
     package.files += ros_files(ros, tested=True)
-    package.notes.append("the nodes were checked against interfaces of ROS 2, and run on none")
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
         f"colcon build --packages-select {ros.name}   (in a workspace of ROS 2)",

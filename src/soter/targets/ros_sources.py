@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.mapping.message_types import HEADER_STAMP, MessageType, StampSource
 from soter.mapping.topic_mapping import NearestSource, SourcePromise, TopicMap
 from soter.report.templates import filled
-from soter.targets.bridge_base import BridgedSystem, sources_by_topic
+from soter.targets.bridge_base import BridgedSystem, qos_problems, sources_by_topic
 from soter.targets.message_conversion import (
     CPP,
     MessageConverter,
@@ -192,6 +192,7 @@ class NodeSources:
             "file": self.bridged.world.names[index],
             "hash": self.bridged.channel_hash(index),
             "channel": mapped.channel,
+            "qos": _qos(mapped, inward=inward) if version == 2 else "",
             **(self._in(mapped) if inward else self._out(mapped, message)),
         }
 
@@ -217,6 +218,18 @@ class NodeSources:
             "law": self.bridged.law_statements(mapped.topic.index),
             "silent_ns": self.bridged.silent_ns(mapped.topic.index),
         }
+
+
+def _qos(mapped: TopicMap, *, inward: bool) -> str:
+    """The C++ expression of the QoS in ROS 2; SoterError D015 where it may not be so."""
+    said = mapped.qos
+    for problem in qos_problems(mapped, inward=inward):
+        raise unmappable(problem)
+    depth = 1 if said.depth is None else said.depth
+    history = f"KeepLast({depth}U)" if depth else "KeepAll()"
+    reliability = said.reliability or ("best_effort" if inward else "reliable")
+    kept = ".transient_local()" if said.durability == "transient_local" else ""
+    return f"rclcpp::QoS(rclcpp::{history}).{reliability}(){kept}"
 
 
 def _stamp(stamp: StampSource | None, converter: MessageConverter, *, scanned: bool) -> str:

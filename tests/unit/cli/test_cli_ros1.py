@@ -1,6 +1,6 @@
 """`soter build --target ros1`: what is written, and what is refused before anything is.
 
-Non-goals: nodes that run (`tests/correct/test_ros1.py`).
+Non-goals: nodes that run (`tests/correct/test_ros_nodes.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The bound of docs/mapping.md, "Several sources", against every pattern of arrivals on a small grid.
 Non-goals: the same rule in C++ (`tests/unit/targets/test_sources_in_a_bridge.py`), ROS
-(`tests/correct/test_ros1_two_sensors.py`).
+(`tests/correct/test_ros_two_sensors.py`).
 """
 
 from __future__ import annotations

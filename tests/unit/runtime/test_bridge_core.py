@@ -1,6 +1,6 @@
 """What every bridge in C++ does, without a middleware: what goes out, and how old messages are.
 
-Non-goals: the nodes (`tests/correct/test_ros1.py`), conversions (`tests/unit/targets/`).
+Non-goals: the nodes (`tests/correct/test_ros_nodes.py`), conversions (`tests/unit/targets/`).
 """
 
 from __future__ import annotations

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+import shutil
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import processes
+from generators.dds_machine import missing
 from generators.dds_programs import PROGRAM, SEEN_FIELDS, mapping, package
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
@@ -311,3 +314,60 @@ def test_a_system_without_a_world_is_refused(tmp_path: Path) -> None:
     inside = re.sub(r"  external topic \w+;\n", "", PROGRAM)
     with pytest.raises(SoterError, match="meets no world"):
         package(tmp_path, mapping(), inside)
+
+
+# ---------------------------------------------------------------- QoS of target ros2
+
+OF_ROS_2 = """soter 1;
+input topic seen: float;
+topic out: float = 0.0;
+node N period 10ms { subscribes seen; publishes out; step { publish out = seen; } }
+system Robot { external topic seen; external topic out; n: N; until 1s; }
+"""
+
+
+def topics_hpp(folder: Path, seen: dict[str, Any], out: dict[str, Any]) -> str:
+    field = {"type": "std_msgs/Float64", "fields": {"value": "data"}}
+    topics = {
+        "seen": {**field, "channel": "/seen", **seen},
+        "out": {**field, "channel": "/out", **out},
+    }
+    (folder / "robot.soter").write_text(OF_ROS_2)
+    load(folder / "robot.soter").build("ros2", folder / "made", "Robot", mapping={"topics": topics})
+    (file,) = (folder / "made" / "src").glob("*_topics.hpp")
+    return file.read_text()
+
+
+def test_topics_go_as_their_qos_says_and_else_as_sensors_and_commands_do(tmp_path: Path) -> None:
+    text = topics_hpp(tmp_path, {}, {})
+    assert "return rclcpp::QoS(rclcpp::KeepLast(1U)).best_effort();" in text
+    assert "return rclcpp::QoS(rclcpp::KeepLast(1U)).reliable();" in text
+    asked = {"reliability": "reliable", "depth": "all"}
+    text = topics_hpp(tmp_path, {"qos": asked}, {"qos": {"durability": "transient_local"}})
+    assert "return rclcpp::QoS(rclcpp::KeepAll()).reliable();" in text
+    assert "return rclcpp::QoS(rclcpp::KeepLast(1U)).reliable().transient_local();" in text
+
+
+@pytest.mark.parametrize(
+    ("seen", "out", "why"),
+    [
+        ({"durability": "transient_local"}, {}, "`seen` has no stamp and is `transient_local`"),
+        ({}, {"depth": "all"}, "`out` goes out with all of its history"),
+    ],
+)
+def test_a_qos_that_makes_old_values_new_or_holds_readers_up_is_refused(
+    tmp_path: Path, seen: dict[str, Any], out: dict[str, Any], why: str
+) -> None:
+    with pytest.raises(SoterError, match=why):
+        topics_hpp(tmp_path, {"qos": seen}, {"qos": out})
+
+
+@pytest.mark.skipif(bool(missing()) or not shutil.which("cmake"), reason=missing() or "no cmake")
+def test_the_package_is_built_by_cmake_too(tmp_path: Path) -> None:
+    package(tmp_path, mapping())
+    for words in (["-S", ".", "-B", "made"], ["--build", "made"]):
+        done = processes.run(
+            ["cmake", *words], cwd=tmp_path / "out", capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert any((tmp_path / "out" / "made").glob("*_bridge"))

@@ -1,6 +1,6 @@
 """Messages as values of topics, in C++: the bits of `monitor`, and what cannot be is refused.
 
-Non-goals: how messages come (`tests/correct/test_ros1.py`), what a mapping may say
+Non-goals: how messages come (`tests/correct/test_ros_nodes.py`), what a mapping may say
 (`tests/unit/mapping/`).
 """
 

@@ -1,6 +1,6 @@
 """A program under /clock, by the C++ of the simulation nodes, without any ROS.
 
-Non-goals: roscpp (`tests/correct/test_ros1.py`), rclcpp (`tests/correct/test_ros2_types.py`).
+Non-goals: roscpp (`tests/correct/test_ros_nodes.py`), rclcpp (`tests/correct/test_ros2_types.py`).
 """
 
 from __future__ import annotations
@@ -62,7 +62,9 @@ struct Second : Seen, Both { static size_t rank() { return 1; } };
 
 template <class T>
 struct In : soter::SimulatedInput<T> {
-  void hear(const Message& m, const std::string& who) { this->take(m, who); }
+  void hear(const Message& m, const std::string& who) {
+    this->take(m, who == "nobody" ? "" : who);
+  }
   void refused(const char* why) override { std::printf("refused: %s\\n", why); }
 };
 struct Shown : soter::Simulated {
@@ -203,6 +205,12 @@ def test_one_node_speaks_on_a_topic(told: Told) -> None:
         "refused: a message has no such element, or a number that the topic cannot hold",
     ]
     assert lines[2:-2] == ["10 ms: 1.5 of 0 ms"]
+
+
+def test_a_message_whose_node_nobody_can_tell_is_refused_and_binds_nobody(told: Told) -> None:
+    lines = told(1000, ("nobody", 1000, 1.5), ("a", 1000, 2.5), 1010)
+    assert lines[0].startswith("refused: which node publishes it cannot be told")
+    assert lines[1:-2] == ["10 ms: 2.5 of 0 ms"]
 
 
 def test_a_clock_that_goes_back_is_a_beginning_and_forgets_what_was_heard(told: Told) -> None:

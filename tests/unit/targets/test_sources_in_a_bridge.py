@@ -2,7 +2,7 @@
 
 The traits that are generated, the core of the bridge and a channel, without ROS.
 Non-goals: how old the topic gets (`tests/unit/mapping/test_topic_sources.py`), nodes
-(`tests/correct/test_ros1_two_sensors.py`).
+(`tests/correct/test_ros_two_sensors.py`).
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from soter.certificate.report import (
     RecheckedModule,
     RejectedError,
 )
-from soter.certificate.scope import acknowledgement_assumption
+from soter.certificate.scope import acknowledgement_assumption, identified_numbers
 from soter.certificate.vacuous_proofs import HOLDS_ANYWAY, READS_NOTHING
 from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.topic_ranges import always_by_parts
@@ -259,6 +259,7 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
         ("machine", "the compiler and the hardware do what the C of the steps says"),
     ]
     said += acknowledgement_assumption(facts.symbol)
+    said += identified_numbers(facts)
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "

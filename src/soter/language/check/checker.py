@@ -90,6 +90,7 @@ class Checker:
         program.incomplete = any(e.symbol is None for e in main.entries.values()) or bool(
             main.broken
         )
+        program.identified = self.loaded.identified
         program.sha256 = self.loaded.digest.hexdigest()
         return program
 

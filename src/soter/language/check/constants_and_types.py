@@ -16,7 +16,7 @@ from soter.language.check.expression_base import CheckerPart, error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import BudgetExceeded
 from soter.language.evaluate.statements import Evaluator
-from soter.language.load.loader import DataError
+from soter.language.load.identified_data import DataError
 from soter.language.load.named_files import ReadError, near_names
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in
@@ -259,6 +259,7 @@ class ConstantChecker(CheckerPart):
         path = scope.loaded.path.parent / decl.data
         try:
             value, raw = self._loaded.reading.data(path, t, self.diagnostics.tell)
+            self._loaded.add_data(decl.data, path, raw)
         except ReadError as error:
             if error.missing:
                 self.diagnostics.error(
@@ -282,7 +283,6 @@ class ConstantChecker(CheckerPart):
                 also=((decl.type.span, "this type is expected"),),
             )
             return None
-        self._loaded.add_data(decl.data, path, raw)
         return value
 
 

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, Source, utf8_text
+from soter.language.load.identified_data import IDENTIFIED, DataError, held_out
 from soter.language.load.named_files import ReadError, near_names, parse_json, read_bytes
 from soter.language.model.types import (
     ArrayType,
@@ -53,10 +54,6 @@ NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
 TOLD_EVERY = 4096
 KINDS = {".json", ".csv", ".npy"}
-
-
-class DataError(Exception):
-    """The content of a data file is no value of the declared type; the text says why."""
 
 
 def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
@@ -124,13 +121,15 @@ def _not_finite(t: Type, value: Value, path: str) -> str | None:
 
 
 def _json(raw: bytes) -> object:
-    """The document without its `"$comment"`, in which a file may name its source."""
+    """The document without what it says of itself: `"$comment"`, for people, and `IDENTIFIED`."""
     try:
         document: object = parse_json(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise DataError(f"it is not valid JSON: {error}") from error
     if isinstance(document, dict):
         document.pop("$comment", None)
+        if held_out(raw) is not None:
+            del document[IDENTIFIED]
     return document
 
 
@@ -286,12 +285,16 @@ class LoadedProgram:
     """How the sources were read, and how data files are."""
     data: dict[Path, str] = field(default_factory=dict)
     """Path of a data file that was read so far -> its SHA-256."""
+    identified: dict[str, int] = field(default_factory=dict)
+    """Name of a data file that `soter identify` wrote -> how many episodes were held out."""
 
     def add_data(self, name: str, path: Path, raw: bytes) -> None:
         """Adds a data file, called `name` by the program, to the program's files and hash."""
         self.digest.update(f"data {name}\0{len(raw)}\0".encode())
         self.digest.update(raw)
         self.data[path] = hashlib.sha256(raw).hexdigest()
+        if path.suffix.lower() == ".json" and (episodes := held_out(raw)) is not None:
+            self.identified[name] = episodes
 
     def shows(self, path: Path) -> bool:
         """Whether messages may quote a data file: only one in the program's folder.

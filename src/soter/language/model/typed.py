@@ -971,6 +971,8 @@ class TypedProgram(Shown):
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
     """Costs of the steps of all nodes but externs, and of the decision modules that have their
     predicates."""
+    identified: dict[str, int] = field(default_factory=dict)
+    """Name of a data file that `soter identify` wrote -> how many episodes were held out."""
     incomplete: bool = False
     """Whether the parser could not read a declaration of the main file at all."""
 

@@ -123,7 +123,9 @@ class Inward {
     typename T::Value value;
     int64_t measured = 0;
     (void)std::memset(&value, 0, sizeof value);
-    if (is_stranger(publisher)) {
+    if (publisher.empty()) {
+      refuse(&stranger_, "which node publishes it cannot be told: there are several, or one began");
+    } else if (is_stranger(publisher)) {
       refuse(&stranger_, "a second node publishes it: " + publisher);
     } else if (!T::frame(m)) {
       refuse(&frame_, "a message is in another frame");
@@ -146,10 +148,18 @@ class Inward {
     }
   }
 
+  /* Who publishes the topic and is not heard, as its type or its QoS does not fit. */
+  void unheard(const std::string& names) {
+    const std::lock_guard<std::mutex> held(named_);
+    unheard_ = names;
+  }
+
   /* A message without a stamp that may have been published at any time before it came. */
   void refuse_undated() {
     refuse(&unstamped_, "a latched message has no stamp: nobody knows how old it is");
   }
+
+  void refuse_torn() { refuse(&torn_, "bytes are no value of its type"); }
 
   Status status() {
     const std::lock_guard<std::mutex> held(named_);
@@ -157,7 +167,7 @@ class Inward {
     to.name = std::string("soter: ") + T::topic();
     to.of = bound_;
     to.message = taken_ > 0 ? "taken" : "nothing was taken yet";
-    const uint64_t refused = stranger_ + frame_ + unstamped_ + future_ + absent_ + unfit_;
+    const uint64_t refused = stranger_ + frame_ + unstamped_ + future_ + absent_ + unfit_ + torn_;
     const bool spoke = heard_ != heard_told_;
     if (refused != refused_told_) {
       to.level = Status::ERROR;
@@ -165,6 +175,10 @@ class Inward {
     } else if (!spoke) {
       to.level = Status::WARN;
       to.message = "silent";
+    }
+    if (!unheard_.empty()) {
+      to.level = Status::ERROR;
+      to.message = "not heard, as its type or its QoS does not fit: " + unheard_;
     }
     refused_told_ = refused;
     heard_told_ = heard_;
@@ -174,6 +188,7 @@ class Inward {
     to.said("without a stamp", unstamped_);
     to.said("stamped later than now", future_);
     to.said("without a value", absent_);
+    to.said("no value of its type", torn_);
     if (T::sources() != nullptr) {
       among_sources(&to, spoke);
     }
@@ -238,9 +253,9 @@ class Inward {
   const int64_t error_ns_;
   soter_outside channel_ = soter_outside();
   std::mutex named_;
-  std::string bound_, why_;
+  std::string bound_, why_, unheard_;
   std::atomic<uint64_t> taken_{0}, stranger_{0}, frame_{0}, unstamped_{0}, future_{0}, absent_{0},
-      unfit_{0}, heard_{0};
+      unfit_{0}, torn_{0}, heard_{0};
   uint64_t refused_told_ = 0, heard_told_ = 0;
 };
 
@@ -281,10 +296,11 @@ class Outward {
     }
   }
 
-  /* Who else publishes the topic. */
-  void others(const std::string& names) {
+  /* Who else publishes the topic, and who would hear it and does not. */
+  void others(const std::string& names, const std::string& unheard = "") {
     const std::lock_guard<std::mutex> held(named_);
     others_ = names;
+    unheard_ = unheard;
   }
 
   Status status() {
@@ -294,6 +310,10 @@ class Outward {
     to.level = silent_ ? Status::ERROR : Status::OK;
     to.message = soter_outward_text(silent_, count_);
     to.said("published", count_);
+    if (!unheard_.empty()) {
+      to.level = Status::ERROR;
+      to.message = "not heard, as its type or its QoS does not fit, by " + unheard_;
+    }
     if (!others_.empty()) {
       to.level = Status::ERROR;
       to.message = "published by another node, too, which nobody can keep from it: " + others_;
@@ -348,7 +368,7 @@ class Outward {
   std::atomic<uint64_t> count_{0};
   std::atomic<bool> silent_{false};
   std::mutex named_;
-  std::string others_;
+  std::string others_, unheard_;
 };
 
 /* ------------------------------------------------------------------ the trusted part */

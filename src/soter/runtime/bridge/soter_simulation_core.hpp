@@ -84,7 +84,9 @@ class SimulatedInput : public Simulated {
     }
     sample.heard = true;
     sample.stamp_ns = T::stamped() ? T::stamp_ns(m) : 0;
-    if (publisher != bound_) {
+    if (publisher.empty()) {
+      refused("which node publishes it cannot be told: there are several, or one began");
+    } else if (publisher != bound_) {
       refused("a second node publishes it");
     } else if (!T::frame(m)) {
       refused("a message is in another frame");

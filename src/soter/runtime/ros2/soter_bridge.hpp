@@ -1,8 +1,8 @@
 /* soter_bridge.hpp: the bridge in rclcpp.
  *
  * Purpose: subscriptions, publications, parameters and /diagnostics around soter_bridge_core.hpp,
- * for a package that `soter build --target ros2` writes. Checked against the interfaces that rosidl
- * generates and a stub of rclcpp: it was not run on ROS 2.
+ * for a package that `soter build --target ros2` writes. Stamps are judged by the machine's clock,
+ * whatever use_sim_time becomes while it runs.
  * Non-goals: what is judged (the core), simulated time (soter_simulation.hpp). C++17.
  */
 #ifndef SOTER_BRIDGE_HPP
@@ -22,6 +22,12 @@
 
 namespace soter {
 
+inline int64_t wall_ns() {
+  using std::chrono::nanoseconds;
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration_cast<nanoseconds>(now).count();
+}
+
 /* A topic of ROS that is bridged, either way. */
 class Bridged {
  public:
@@ -38,7 +44,9 @@ class BridgedIn : public Bridged {
   typedef typename T::Message Message;
 
   BridgedIn(rclcpp::Node* node, int64_t clock_error_ns)
-      : node_(node), inward_(clock_error_ns), publishers_(node, T::topic()) {}
+      : node_(node),
+        inward_(clock_error_ns),
+        publishers_(node, T::topic(), rosidl_generator_traits::name<Message>()) {}
 
   const char* open(const std::string& folder) override {
     const char* const wrong = inward_.open(folder);
@@ -47,17 +55,30 @@ class BridgedIn : public Bridged {
       options.callback_group =
           node_->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
       subscription_ = node_->create_subscription<Message>(
-          T::topic(), rclcpp::SensorDataQoS().keep_last(1),
-          [this](std::shared_ptr<const Message> m, const rclcpp::MessageInfo& info) {
+          T::topic(), T::qos(),
+          [this](std::shared_ptr<const rclcpp::SerializedMessage> bytes,
+                 const rclcpp::MessageInfo& info) {
             const int64_t now = monotonic_ns();
-            inward_.take(*m, publishers_.name_of(info), now, node_->now().nanoseconds());
+            const size_t matched = subscription_->get_publisher_count();
+            Message m;
+            if (whole(*bytes, &m)) {
+              inward_.take(m, publishers_.name_of(info, matched), now, wall_ns());
+            } else {
+              inward_.refuse_torn();
+            }
           },
           options);
     }
     return wrong;
   }
 
-  Status status() override { return inward_.status(); }
+  Status status() override {
+    inward_.unheard(unmatched(node_->get_publishers_info_by_topic(T::topic()),
+                              rosidl_generator_traits::name<Message>(), [](const rclcpp::QoS& of) {
+                                return rclcpp::qos_check_compatible(of, T::qos()).compatibility;
+                              }));
+    return inward_.status();
+  }
 
  private:
   rclcpp::Node* const node_;
@@ -74,13 +95,12 @@ class BridgedOut : public Bridged {
   explicit BridgedOut(rclcpp::Node* node) : node_(node) {}
 
   const char* open(const std::string& folder) override {
-    publisher_ = node_->create_publisher<Message>(T::topic(), rclcpp::QoS(1).reliable());
+    publisher_ = node_->create_publisher<Message>(T::topic(), T::qos());
     return outward_.open(folder);
   }
 
   void serve() override {
-    outward_.serve([] { return rclcpp::ok() && stage() == 1; },
-                   [this] { return node_->now().nanoseconds(); },
+    outward_.serve([] { return rclcpp::ok() && stage() == 1; }, wall_ns,
                    [this](const typename T::Value& value, int64_t stamp_ns) {
                      Message message;
                      T::convert(value, stamp_ns, &message);
@@ -90,12 +110,20 @@ class BridgedOut : public Bridged {
 
   Status status() override {
     std::string names;
+    bool own = true; /* once it is this node */
     for (const auto& endpoint : node_->get_publishers_info_by_topic(T::topic())) {
-      if (endpoint.node_name() != node_->get_name()) {
-        names += (names.empty() ? "" : ", ") + endpoint.node_name();
+      const std::string name = full_name(endpoint);
+      if (own && name == node_->get_fully_qualified_name()) {
+        own = false;
+      } else {
+        names += (names.empty() ? "" : ", ") + name;
       }
     }
-    outward_.others(names);
+    outward_.others(names,
+                    unmatched(node_->get_subscriptions_info_by_topic(T::topic()),
+                              rosidl_generator_traits::name<Message>(), [](const rclcpp::QoS& of) {
+                                return rclcpp::qos_check_compatible(T::qos(), of).compatibility;
+                              }));
     return outward_.status();
   }
 
@@ -120,15 +148,21 @@ class Bridge {
                    "/clock start the simulation node");
       return false;
     }
-    folder_ = node_->declare_parameter<std::string>("channels", "");
-    const double clock_error_s = node_->declare_parameter<double>("clock_error", 0.0);
+    double clock_error_s = -1.0;
+    rcl_interfaces::msg::ParameterDescriptor fixed; /* what is set later would be for nothing */
+    fixed.read_only = true;
+    folder_ = node_->declare_parameter<std::string>("channels", "", fixed);
+    try {
+      clock_error_s = node_->declare_parameter<double>("clock_error", 0.0, fixed);
+    } catch (const rclcpp::exceptions::InvalidParameterTypeException&) { /* said below */
+    }
     if (folder_.empty()) {
       RCLCPP_FATAL(node_->get_logger(),
                    "the parameter channels is not set: the folder of the trusted part's channels");
       return false;
     }
     if (!(clock_error_s >= 0.0 && clock_error_s <= 1.0)) {
-      RCLCPP_FATAL(node_->get_logger(), "the parameter clock_error is no time from 0 to 1 s");
+      RCLCPP_FATAL(node_->get_logger(), "the parameter clock_error is no time from 0.0 to 1.0 s");
       return false;
     }
     clock_error_ns_ = std::llround(clock_error_s * 1e9);
@@ -196,7 +230,7 @@ class Bridge {
       all.push_back(topic->status());
     }
     diagnostic_msgs::msg::DiagnosticArray message;
-    message.header.stamp = stamp_of(node_->now().nanoseconds());
+    message.header.stamp = stamp_of(wall_ns());
     fill(all, &message);
     diagnostics_->publish(message);
   }

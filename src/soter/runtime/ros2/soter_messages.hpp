@@ -1,6 +1,8 @@
-/* soter_messages.hpp: times of ROS 2 for the traits of topics.
+/* soter_messages.hpp: times of ROS 2 for the traits of topics, and messages from their bytes.
  *
- * Purpose: between builtin_interfaces and nanoseconds. Non-goals: nodes. C++17.
+ * Purpose: between builtin_interfaces and nanoseconds; what is whole. Some middlewares (Cyclone
+ * DDS) hand on what they could read of bytes that are no value of a type, and the rest is zeros.
+ * Non-goals: nodes. C++17.
  */
 #ifndef SOTER_MESSAGES_HPP
 #define SOTER_MESSAGES_HPP
@@ -8,8 +10,11 @@
 #include "soter_stamp_numbers.h"
 
 #include <builtin_interfaces/msg/time.hpp>
+#include <rclcpp/serialization.hpp>
+#include <rclcpp/serialized_message.hpp>
 
 #include <cstdint>
+#include <exception>
 
 namespace soter {
 
@@ -25,6 +30,21 @@ inline builtin_interfaces::msg::Time stamp_of(int64_t ns) {
     t.nanosec = static_cast<uint32_t>(ns % 1000000000);
   }
   return t;
+}
+
+/* A message from its bytes; false: they are no value of its type, and nothing but one. A payload is
+ * padded to four bytes. */
+template <class Message>
+inline bool whole(const rclcpp::SerializedMessage& bytes, Message* to) {
+  const rclcpp::Serialization<Message> type;
+  rclcpp::SerializedMessage again;
+  try {
+    type.deserialize_message(&bytes, to);
+    type.serialize_message(to, &again);
+  } catch (const std::exception&) {
+    return false;
+  }
+  return (bytes.size() + 3U) / 4U == (again.size() + 3U) / 4U;
 }
 
 } /* namespace soter */

@@ -1,8 +1,7 @@
 /* soter_simulation.hpp: the program under /clock, in rclcpp.
  *
  * Purpose: the node NAME_simulation of a package that `soter build --target ros2` writes: for
- * simulators, for bags that are played. soter_simulation_core.hpp does the work. Checked against
- * the interfaces that rosidl generates and a stub of rclcpp: it was not run on ROS 2.
+ * simulators, for bags that are played. soter_simulation_core.hpp does the work.
  * Non-goals: real time (soter_bridge.hpp). C++17.
  */
 #ifndef SOTER_SIMULATION_HPP
@@ -29,11 +28,17 @@ class SimulatedIn : public SimulatedInput<T> {
 
   explicit SimulatedIn(rclcpp::Node* node)
       : node_(node),
-        publishers_(node, T::topic()),
+        publishers_(node, T::topic(), rosidl_generator_traits::name<Message>()),
         subscription_(node->create_subscription<Message>(
-            T::topic(), rclcpp::SensorDataQoS().keep_last(1),
-            [this](std::shared_ptr<const Message> m, const rclcpp::MessageInfo& info) {
-              this->take(*m, publishers_.name_of(info));
+            T::topic(), T::qos(),
+            [this](std::shared_ptr<const rclcpp::SerializedMessage> bytes,
+                   const rclcpp::MessageInfo& info) {
+              Message m;
+              if (whole(*bytes, &m)) {
+                this->take(m, publishers_.name_of(info, subscription_->get_publisher_count()));
+              } else {
+                refused("bytes are no value of its type");
+              }
             })) {}
 
  private:
@@ -52,7 +57,7 @@ class SimulatedOut : public SimulatedOutput<T> {
   typedef typename T::Message Message;
 
   explicit SimulatedOut(rclcpp::Node* node)
-      : publisher_(node->create_publisher<Message>(T::topic(), rclcpp::QoS(10).reliable())) {}
+      : publisher_(node->create_publisher<Message>(T::topic(), T::qos())) {}
 
  private:
   void publish(const Message& message) override { publisher_->publish(message); }

@@ -32,6 +32,7 @@ from soter.verify.problem.problem import (
 )
 from soter.verify.problem.problem_times import AssumedTimes, check_deployed
 from soter.verify.problem.schedule import Releases, Schedule
+from soter.verify.problem.supported_constructs import identified_assumptions
 
 if TYPE_CHECKING:
     from soter.core.core import Predicate
@@ -477,6 +478,7 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumptio
         for n, w in problem.any_value.items()
         if n not in modes
     ]
+    assumptions += identified_assumptions(system.program)
     assumptions += [FRESH, *latch_assumptions(problem.module.symbol)]
     if problem.heard:
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))

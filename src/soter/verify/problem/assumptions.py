@@ -16,7 +16,7 @@ from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import jumping_topics
 from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, latch_assumptions
 from soter.verify.problem.problem_times import DELAYS, WORDS, nodes_without_times
-from soter.verify.problem.supported_constructs import assumed_of_maps
+from soter.verify.problem.supported_constructs import assumed_of_maps, identified_assumptions
 from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def assumptions_of(
     assumptions = [
         *_environment(place, inputs, jumps),
         *assumed_of_maps(place),
+        *identified_assumptions(place.flat.program),
         *_node_assumptions(place, chains),
         *_timing_assumptions(place, times, chains, kind),
     ]

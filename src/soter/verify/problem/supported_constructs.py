@@ -4,6 +4,7 @@ Purpose: `check_supported` reports controllers, plants and predicates that `veri
 `ttf_of_states` drops the parts of `ttf` that read an age. `map_topics`, `check_maps` and
 `assumed_of_maps` are about maps: `static` topics that `safe` of a module with `rest` reads and no
 plant drives; their contract is an assumption (docs/proof-flight.md, "Decisions by tubes", 7).
+`identified_assumptions` is about numbers that were fitted to logs.
 Non-goals: numbers; what the DM does, which is compiled and compared with all of `ttf`; the check
 that reads maps (`verify/tubes/`).
 
@@ -101,6 +102,19 @@ def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
             "for ever: what it calls free stays free",
         )
         for name in names
+    ]
+
+
+def identified_assumptions(program: typed.TypedProgram) -> list[Assumption]:
+    """What is assumed where a program reads numbers that `soter identify` fitted to logs."""
+    return [
+        Assumption(
+            f"identified {name}",
+            f"the numbers of {name} hold: nobody proved them, they explain {n} held-out episodes; "
+            f"that a new one leaves them with at most 1/{n + 1} is of episodes drawn alike; "
+            "`soter monitor` watches it",
+        )
+        for name, n in program.identified.items()
     ]
 
 

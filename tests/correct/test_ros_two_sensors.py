@@ -1,10 +1,10 @@
-"""Two sensors of one position on ROS 1: the first is killed, the second is read, and back again.
+"""Two sensors of one position on ROS 1 and 2: the first is killed, the second read, and back again.
 
-Nodes of rospy, a master and the bridge, each a process of its own. What is asserted are the stamps
-of what was taken, which the bridge reports, and not when anything came.
-Needs Debian's ROS 1 and says so where it is not.
+Nodes in Python and the bridge, each a process of its own. What is asserted are the stamps of what
+was taken, which the bridge reports, and not when anything came.
+Needs Debian's ROS 1, or a ROS 2 that is sourced, and says so where one is not.
 Non-goals: every order of arrivals (`tests/unit/mapping/test_topic_sources.py`), what is wrong on a
-wire (`test_ros1.py`).
+wire (`test_ros_nodes.py`).
 """
 
 from __future__ import annotations
@@ -18,18 +18,17 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
-from generators.ros1_packages import built_package
+from generators.ros_packages import EITHER, built_package
 
 pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
-from bench.ros.ros1_bad_input import counters
-from bench.ros.ros1_nodes import HERE, SYSTEM_PYTHON, missing, nodes
+from bench.ros.bad_input import counters
+from bench.ros.ros1_nodes import HERE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
-
-pytestmark = pytest.mark.skipif(bool(missing()), reason=f"ROS 1 is not here: {missing()}")
+    from types import ModuleType
 
 PROGRAM = """soter 1;
 topic position: float unit "m" in [-50.0, 50.0] max_age 3s;
@@ -84,26 +83,32 @@ PATIENCE_S = processes.TIMEOUT_S
 Told = dict[tuple[str, str], str]
 
 
+@pytest.fixture(scope="module", params=EITHER)
+def ros(request: pytest.FixtureRequest) -> Any:
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def package(ros: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("package")
     (folder / "two.soter").write_text(PROGRAM)
     topics = {"position": {"sources": SOURCES}, "speed": SPEED}
     (folder / "map.json").write_text(json.dumps({"topics": topics}))
-    return built_package(folder / "two.soter", "Vehicle", folder / "map.json", folder / "out")
+    return built_package(ros, folder / "two.soter", "Vehicle", folder / "map.json", folder / "out")
 
 
 @pytest.fixture
-def all_(package: Path) -> Iterator[Any]:
-    """A master, the bridge, somebody who listens to /diagnostics."""
-    with nodes() as made, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
-        made.start("bridge", package / "two_bridge", f"_channels:={channels}")
-        made.start("diagnostics", SYSTEM_PYTHON, "/usr/bin/rostopic", "echo", "/diagnostics")
+def all_(ros: ModuleType, package: Path) -> Iterator[Any]:
+    """The bridge, and somebody who listens to /diagnostics."""
+    with ros.nodes() as made, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
+        made.start("bridge", package / "two_bridge", *ros.parameters(channels=channels))
+        made.start("diagnostics", ros.PYTHON, HERE / "diagnostics.py")
         yield made
 
 
 CLOCK = """
-import sys, time, rospy
+import time
+from either_ros import NS, Node, stamp
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -115,33 +120,32 @@ def hear(m):
         print("cmd", at[0], round(m.linear.x, 6), flush=True)
 def odometry(out, t, x):
     m = Odometry()
-    m.header.stamp, m.header.frame_id, m.pose.pose.position.x = t, "odom", x
+    m.header.stamp, m.header.frame_id, m.pose.pose.position.x = stamp(t), "odom", x
     out.publish(m)
-rospy.init_node("ticker")
-rospy.Subscriber("/cmd_vel", Twist, hear, queue_size=1000, tcp_nodelay=True)
-wheels = rospy.Publisher("/odom", Odometry, queue_size=100, tcp_nodelay=True)
-camera = rospy.Publisher("/camera", Odometry, queue_size=100, tcp_nodelay=True)
-clock = rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
-while not all(p.get_num_connections() for p in (wheels, camera, clock)):
+node = Node("ticker")
+node.hear("/cmd_vel", Twist, hear, 1000)
+wheels, camera = (node.out(topic, Odometry, depth=100) for topic in ("/odom", "/camera"))
+clock = node.out("/clock", Clock, depth=100)
+while not all(p.listeners() for p in (wheels, camera, clock)):
     time.sleep(0.01)
-clock.publish(Clock(rospy.Time(100)))
+clock.publish(Clock(clock=stamp(100 * NS)))
 for ms in range(0, 4000, 10):
-    t = rospy.Time(100 + ms // 1000, ms % 1000 * 10**6)
+    t = 100 * NS + ms * 10**6
     if not 1000 <= ms < 3000:
         odometry(wheels, t, 30.0)
     if ms % 50 == 0:
         odometry(camera, t, 31.0 if ms % 100 else float("nan"))
     time.sleep(0.004)
     at[0] = ms + 10
-    clock.publish(Clock(t + rospy.Duration(0, 10**7)))
+    clock.publish(Clock(clock=stamp(t + 10**7)))
     time.sleep(0.004)
 print("end", flush=True)
 """
 """The wheels are silent from 1 s to 3 s, every other sample of the camera is NaN."""
 
 
-def speak(all_: Any, name: str, channel: str, every_ms: int) -> None:
-    all_.start(name, SYSTEM_PYTHON, HERE / "ros1_source.py", name, channel, str(every_ms))
+def speak(ros: ModuleType, all_: Any, name: str, channel: str, every_ms: int) -> None:
+    all_.start(name, ros.PYTHON, HERE / "source.py", name, channel, str(every_ms))
 
 
 def first_told(all_: Any, holds: Callable[[Told], bool]) -> Told:
@@ -150,7 +154,7 @@ def first_told(all_: Any, holds: Callable[[Told], bool]) -> Told:
     told: Told = {}
     while time.monotonic() < end:
         assert all_.running["bridge"].poll() is None, "".join(all_.heard["bridge"])
-        told = counters("".join(all_.heard["diagnostics"]))
+        told = counters([*all_.heard["diagnostics"]])
         if told and holds(told):
             return told
         time.sleep(0.1)
@@ -165,10 +169,10 @@ def is_read(source: str, at_least: int) -> Callable[[Told], bool]:
 
 @pytest.mark.real_time
 def test_the_second_is_read_when_the_first_is_killed_and_no_later_than_was_derived(
-    all_: Any,
+    ros: ModuleType, all_: Any
 ) -> None:
-    speak(all_, "wheels", "/odom", WHEELS_MS)
-    speak(all_, "camera", "/camera", CAMERA_MS)
+    speak(ros, all_, "wheels", "/odom", WHEELS_MS)
+    speak(ros, all_, "camera", "/camera", CAMERA_MS)
     before = first_told(
         all_,
         lambda told: is_read(WHEELS, 40)(told) and int(told[CAMERA, "not its turn"]) >= 3,
@@ -181,7 +185,7 @@ def test_the_second_is_read_when_the_first_is_killed_and_no_later_than_was_deriv
     gap_ms = int(after[WHEELS, "longest between stamps taken, us"]) / 1000
     assert AFTER_MS < gap_ms <= AFTER_MS + CAMERA_MS, "the stamps are not those of the bound"
 
-    all_.start("wheels", SYSTEM_PYTHON, HERE / "ros1_source.py", "wheels", "/odom", str(WHEELS_MS))
+    speak(ros, all_, "wheels", "/odom", WHEELS_MS)
     back = first_told(all_, is_read(WHEELS, int(after[WHEELS, "taken"]) + 20))
     assert int(back[WHEELS, "took over"]) == int(before[WHEELS, "took over"]) + 1
     assert int(back[WHEELS, "longest between stamps taken, us"]) / 1000 == gap_ms
@@ -189,13 +193,16 @@ def test_the_second_is_read_when_the_first_is_killed_and_no_later_than_was_deriv
 
 
 @pytest.mark.real_time
-def test_under_clock_the_sources_take_turns_by_simulated_time(package: Path) -> None:
-    with nodes() as all_:
+def test_under_clock_the_sources_take_turns_by_simulated_time(
+    ros: ModuleType, package: Path
+) -> None:
+    with ros.nodes() as all_:
         all_.start("simulation", package / "two_simulation")
-        ticker = all_.start("ticker", SYSTEM_PYTHON, "-c", CLOCK)
+        ticker = all_.start("ticker", ros.PYTHON, "-c", CLOCK)
         ticker.wait(PATIENCE_S)
         all_.readers["ticker"].join(10)
-        lines = [line.split() for line in all_.heard["ticker"]]
+        said = [line for line in all_.heard["ticker"] if line.startswith(("cmd ", "end"))]
+        lines = [line.split() for line in said]
     assert lines[-1] == ["end"], "".join(all_.heard["ticker"])
     told = [(int(at), float(value)) for _, at, value in lines[:-1]]
     begun = [value for _, value in told].index(-0.3)

@@ -1,7 +1,8 @@
-"""The ground robot's package on ROS 1: scans on the wire, commands on /cmd_vel.
+"""The ground robot's package on ROS 1 and 2: scans on the wire, commands on /cmd_vel.
 
-Needs Debian's ROS 1 and says so where it is not. Non-goals: what is nearest in a scan
-(`tests/unit/targets/test_nearest_in_a_scan.py`), what else is wrong on a wire (`test_ros1.py`).
+Needs Debian's ROS 1, or a ROS 2 that is sourced, and says so where one is not. Non-goals: what is
+nearest in a scan (`tests/unit/targets/test_nearest_in_a_scan.py`), what else is wrong on a wire
+(`test_ros_nodes.py`).
 """
 
 from __future__ import annotations
@@ -14,24 +15,24 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
-from bench.ros.ros1_nodes import HERE, ROOT, SYSTEM_PYTHON, missing, nodes
+from bench.ros.ros1_nodes import HERE, ROOT
 
-from generators.ros1_packages import built_package
+from generators.ros_packages import EITHER, built_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+    from types import ModuleType
 
-pytestmark = pytest.mark.skipif(bool(missing()), reason=f"ROS 1 is not here: {missing()}")
 EXAMPLE = ROOT / "examples" / "ros" / "ground_robot.soter"
 
 
-def commands(all_: Any, build: Path, case: str) -> list[tuple[str, float]]:
+def commands(ros: ModuleType, all_: Any, build: Path, case: str) -> list[tuple[str, float]]:
     """What /cmd_vel said, with what the scanner saw then."""
     with tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
         all_.start("actuator", build / "ground_robot_actuator", "--channels", channels)
-        all_.start("bridge", build / "ground_robot_bridge", f"_channels:={channels}")
-        scanner = all_.start("scanner", SYSTEM_PYTHON, HERE / "ros1_scan.py", case)
+        all_.start("bridge", build / "ground_robot_bridge", *ros.parameters(channels=channels))
+        scanner = all_.start("scanner", ros.PYTHON, HERE / "scan.py", case)
         while "ready\n" not in all_.heard["scanner"] and scanner.poll() is None:
             time.sleep(0.01)
         words = ["--channels", channels, "--misses", "1000000"]
@@ -44,12 +45,14 @@ def commands(all_: Any, build: Path, case: str) -> list[tuple[str, float]]:
     return [(phase, float(value)) for phase, _, value in told]
 
 
-@pytest.fixture(scope="module")
-def heard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    folder = tmp_path_factory.mktemp("robot") / "package"
-    build = built_package(EXAMPLE, "Vehicle", EXAMPLE.with_suffix(".toml"), folder)
-    with nodes() as all_:
-        yield lambda case: commands(all_, build, case)
+@pytest.fixture(scope="module", params=EITHER)
+def heard(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Any]:
+    ros, folder = request.param, tmp_path_factory.mktemp("robot") / "package"
+    build = built_package(ros, EXAMPLE, "Vehicle", EXAMPLE.with_suffix(".toml"), folder)
+    with ros.nodes() as all_:
+        yield lambda case: commands(ros, all_, build, case)
 
 
 @pytest.mark.real_time

@@ -1,49 +1,47 @@
-"""`rosrun NAME arm` with a trusted part, actuators and a bridge that run: who is refused, and why.
+"""`rosrun NAME arm`, or `ros2 run`, with all that runs: who is refused, and why.
 
-Needs Debian's ROS 1 and says so where it is not. The trusted part runs on the machine's clock.
+Needs Debian's ROS 1, or a ROS 2 that is sourced, and says so where one is not. The trusted part
+runs on the machine's clock.
 """
 
 from __future__ import annotations
 
 import signal
 import tempfile
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
-from bench.ros.ros1_bad_input import EXAMPLE, counters
-from bench.ros.ros1_nodes import SYSTEM_PYTHON, Nodes, missing, nodes
+from bench.ros.bad_input import EXAMPLE, counters
+from bench.ros.ros1_nodes import HERE
 
 import processes
 from generators.channel_programs import soon
-from generators.ros1_packages import built_package
+from generators.ros_packages import EITHER, built_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+    from types import ModuleType
 
-pytestmark = [
-    pytest.mark.skipif(bool(missing()), reason=f"ROS 1 is not here: {missing()}"),
-    pytest.mark.real_time,
-]
+pytestmark = pytest.mark.real_time
 MODULE = "soter: module Guard"
-ROSTOPIC = (SYSTEM_PYTHON, "/usr/bin/rostopic")
 
 
 class Stack:
     """All processes of the shuttle, which stands still somewhere."""
 
-    def __init__(self, all_: Nodes, build: Path, channels: str, position: float) -> None:
+    def __init__(
+        self, ros: ModuleType, all_: Any, build: Path, channels: str, position: float
+    ) -> None:
         self.nodes, self.build, self.channels = all_, build, channels
         all_.start("actuator", build / "shuttle_ros_actuator", "--channels", channels)
-        all_.start("bridge", build / "shuttle_ros_bridge", f"_channels:={channels}")
-        all_.start("diagnostics", *ROSTOPIC, "echo", "/diagnostics")
-        pose = f"{{pose: {{position: {{x: {position}}}}}}}"
-        where = f"{{header: {{stamp: now, frame_id: odom}}, pose: {pose}}}"
-        words = ["pub", "-s", "-r", "100", "/odom", "nav_msgs/Odometry", where]
-        all_.start("sensor", *ROSTOPIC, *words)
+        all_.start("bridge", build / "shuttle_ros_bridge", *ros.parameters(channels=channels))
+        all_.start("diagnostics", ros.PYTHON, HERE / "diagnostics.py")
+        words = ["sensor", "/odom", "10", str(position)]
+        all_.start("sensor", ros.PYTHON, HERE / "source.py", *words)
         self.start()
 
     def start(self) -> None:
@@ -52,7 +50,7 @@ class Stack:
         self.nodes.start("trusted", self.build / "shuttle_ros", *words)
 
     def told(self, key: str) -> str:
-        return counters("".join(self.nodes.heard["diagnostics"])).get((MODULE, key), "")
+        return counters([*self.nodes.heard["diagnostics"]]).get((MODULE, key), "")
 
     def arm(self, *words: str) -> tuple[int, str]:
         done = processes.run(
@@ -61,17 +59,21 @@ class Stack:
         return done.returncode, done.stdout + done.stderr
 
 
-@pytest.fixture(scope="module")
-def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module", params=EITHER)
+def built(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Any, Path]:
     folder = tmp_path_factory.mktemp("package") / "package"
-    return built_package(EXAMPLE, "Vehicle", EXAMPLE.with_suffix(".toml"), folder)
+    mapping = EXAMPLE.with_suffix(".toml")
+    return request.param, built_package(request.param, EXAMPLE, "Vehicle", mapping, folder)
 
 
 @pytest.fixture(params=[1.0, 9.9], ids=["in the middle", "at the wall"])
-def stack(request: pytest.FixtureRequest, build: Path) -> Iterator[tuple[Stack, bool]]:
+def stack(request: pytest.FixtureRequest, built: tuple[Any, Path]) -> Iterator[tuple[Stack, bool]]:
     """A trusted part that was killed and started anew; whether the state is one to begin from."""
-    with nodes() as all_, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
-        made = Stack(all_, build, channels, request.param)
+    ros, build = built
+    with ros.nodes() as all_, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
+        made = Stack(ros, all_, build, channels, request.param)
         soon(lambda: made.told("leases given") not in ("", "0"))
         all_.end("trusted", signal.SIGKILL)
         soon(lambda: (made.told("armed"), made.told("mode")) == ("no", "unknown"))

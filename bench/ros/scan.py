@@ -1,6 +1,6 @@
-"""A node of rospy that is a scanner, encoders and somebody who wishes, for the ground robot.
+"""A node that is a scanner, encoders and somebody who wishes, for the ground robot.
 
-    /usr/bin/python3 ros1_scan.py CASE
+    scan.py CASE
 
 First all is far, and for the last two seconds it is CASE; /cmd_vel_nav wishes 0.2 m/s all the time.
 What it hears on /cmd_vel it prints, `cmd PHASE VALUE`, where it is another than the one before.
@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from typing import TYPE_CHECKING
 
-import rospy
+from either_ros import Node, now, stamp
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
@@ -48,7 +49,7 @@ def scan(case: str) -> LaserScan:
     """A message whose last ray is now."""
     m = LaserScan()
     m.time_increment = 0.1 / RAYS
-    m.header.stamp = rospy.Time.now() - rospy.Duration(m.time_increment * RAYS)
+    m.header.stamp = stamp(now() - int(m.time_increment * RAYS * 1e9))
     m.angle_increment = 2.0 * math.pi / RAYS
     m.angle_max = 2.0 * math.pi - m.angle_increment
     m.ranges = [CASES[case](i) for i in range(RAYS)]
@@ -58,20 +59,20 @@ def scan(case: str) -> LaserScan:
 def main() -> None:
     """Speak, listen, end."""
     case = sys.argv[1]
-    rospy.init_node("scanner_and_wish")
-    rospy.Subscriber("/cmd_vel", Twist, hear, queue_size=1000, tcp_nodelay=True)
+    node = Node("scanner_and_wish")
+    node.hear("/cmd_vel", Twist, hear, 1000)
     out = {
-        "scan": rospy.Publisher("/scan", LaserScan, queue_size=1),
-        "odom": rospy.Publisher("/odom", Odometry, queue_size=1),
-        "wish": rospy.Publisher("/cmd_vel_nav", Twist, queue_size=1),
+        "scan": node.out("/scan", LaserScan),
+        "odom": node.out("/odom", Odometry),
+        "wish": node.out("/cmd_vel_nav", Twist),
     }
     wish = Twist()
     wish.linear.x = 0.2
-    rate = rospy.Rate(RATE_HZ)
+    began = time.monotonic()
     for k in range(10**9):
-        if rospy.is_shutdown():
+        if not node.ok():
             return
-        connected = all(p.get_num_connections() for p in out.values())
+        connected = all(p.listeners() for p in out.values())
         if k == RATE_HZ and connected:
             print("ready", flush=True)
         ticks = k - 2 * PHASE_TICKS  # the trusted part starts when all is far
@@ -79,12 +80,12 @@ def main() -> None:
         if ticks >= 2 * PHASE_TICKS:
             return
         odometry = Odometry()
-        odometry.header.stamp = rospy.Time.now()
+        odometry.header.stamp = stamp(now())
         out["odom"].publish(odometry)
         out["wish"].publish(wish)
         if k % (RATE_HZ // 10) == 0:
             out["scan"].publish(scan(phase["now"]))
-        rate.sleep()
+        time.sleep(max(began + (k + 1) / RATE_HZ - time.monotonic(), 0.0))
 
 
 if __name__ == "__main__":

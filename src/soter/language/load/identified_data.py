@@ -1,0 +1,34 @@
+"""What a data file says of its own numbers: that `soter identify` fitted them to logs.
+
+Purpose: `held_out` reads it, so that every verdict can say what such numbers rest on.
+Non-goals: the numbers (`loader.py`); whether logs are there, or the fit is right.
+"""
+
+from __future__ import annotations
+
+from soter.language.load.named_files import parse_json
+
+
+class DataError(Exception):
+    """The content of a data file is no value of the declared type; the text says why."""
+
+
+IDENTIFIED = "$identified"
+"""The key by which `soter identify` says in a data file what its numbers rest on."""
+
+
+def held_out(raw: bytes) -> int | None:
+    """The number of held-out episodes behind the numbers of a JSON data file; None of others.
+
+    Raises `DataError` where the file says that there are some, and not how many.
+    """
+    if f'"{IDENTIFIED}"'.encode() not in raw:
+        return None
+    document = parse_json(raw.decode("utf-8-sig"))
+    if not isinstance(document, dict) or IDENTIFIED not in document:
+        return None
+    facts = document[IDENTIFIED]
+    n = facts.get("held_out") if isinstance(facts, dict) else None
+    if type(n) is not int or n < 1:
+        raise DataError(f'`"{IDENTIFIED}"` has no `"held_out"`, a whole number from 1 on')
+    return n
