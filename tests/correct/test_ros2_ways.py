@@ -30,7 +30,6 @@ from generators.channel_programs import soon
 from generators.ros_packages import built_package, here
 
 if TYPE_CHECKING:
-    import subprocess
     from collections.abc import Iterator
 
 pytestmark = [here(ros), pytest.mark.real_time]
@@ -59,9 +58,9 @@ class World:
         all_.environment["AMENT_PREFIX_PATH"] = f"{prefix}:{os.environ['AMENT_PREFIX_PATH']}"
         all_.start("diagnostics", ros.PYTHON, HERE / "diagnostics.py")
 
-    def bridge(self, *words: str) -> subprocess.Popen[str]:
+    def bridge(self, *words: str) -> Any:
         given = [*ros.parameters(channels=self.channels), *words]
-        return self.nodes.start("bridge", self.programs / "shuttle_ros_bridge", *given)  # type: ignore[no-any-return]
+        return self.nodes.start("bridge", self.programs / "shuttle_ros_bridge", *given)
 
     def source(self, name: str, channel: str = "/odom", position: float = 1.0) -> None:
         words = (name, channel, "10", str(position))

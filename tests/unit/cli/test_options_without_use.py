@@ -41,6 +41,8 @@ ALWAYS = {
     "assure": "file system cert tests test_report campaign hazards params output",
     "replay": "trace html mcap",
     "policy": "file statistics within output",
+    "diff": "old new hazards report",
+    "identify": "logs file open episode output map system module report params",
     "measure": "file system margin params output",
     "build": "file target output system cert board map params",
     "explain": "code",
@@ -117,7 +119,9 @@ def fulfilling(need: str, options: dict[str, Option]) -> list[str]:
 
 def required(record: type) -> list[str]:
     """The words without which the command has no line."""
-    return [w for o in options_of(record).values() if o.given is ... for w in word(o, "no/such")]
+    options = options_of(record).values()
+    needed = [o for o in options if o.given is ... or o.flags == "LOG..."]
+    return [w for o in needed for w in word(o, "no/such")]
 
 
 ROWS = [

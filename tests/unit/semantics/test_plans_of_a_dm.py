@@ -23,7 +23,7 @@ from soter.semantics.configuration import AC, NEVER, SC
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step, dm_step
 from soter.verify.deploy.dm_check import CompiledDM
-from soter.verify.deploy.dm_test_cases import WRAPPER, ExpectedFacts
+from soter.verify.deploy.dm_test_cases import ExpectedFacts
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -126,7 +126,7 @@ def test_the_compiled_dm_writes_a_plan_with_a_verdict_ac_alone(look: Look) -> No
     system = decided(look.system)
     (module,) = system.modules
     unit = generate(system, lower(system))
-    c = CompiledDM(replace(unit, source=unit.source + WRAPPER.format(prefix=unit.prefix)))
+    c = CompiledDM(unit)
     state = ExpectedFacts(system, module).state(unit, topics_of(system, look))
     now, layout = 1000 * MS, unit.layout
     struct.pack_into("<q", state, 0, now)

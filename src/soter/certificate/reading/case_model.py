@@ -308,8 +308,8 @@ def step_of_sc(
 
     def published(own: Mapping[typed.Variable, Any]) -> dict[int, Any]:
         assert sc.node is not None
-        if claimed:
-            reader.step(sc.node.takeover or (), own, claimed)
+        if sc.node.takeover is not None:
+            reader.step(sc.node.takeover, own, claimed)
         found = reader.step(sc.node.step, own, claimed)
         return {sc.scope.topics[t]: v for t, v in found.items()}
 

@@ -64,7 +64,8 @@ def _times(e: Node, of: Sequence[float], state: int) -> float:
     if e.op == "neg":
         return -of[0]
     if e.op in ("add", "sub"):
-        return of[0] + of[1] if e.op == "add" else of[0] - of[1]
+        times = of[0] + of[1] if e.op == "add" else of[0] - of[1]
+        return times or inf  # where it cancels, what was rounded many turns further is left
     return inf
 
 

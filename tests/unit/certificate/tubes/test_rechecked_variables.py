@@ -109,3 +109,11 @@ def test_what_is_wrong_of_what_sc_keeps_is_not_confirmed(name: str) -> None:
 def test_a_kept_float_without_a_range_is_not_read() -> None:
     with pytest.raises(RejectedError):
         read_rest(flat_of(keeping(FLOAT, INTEGRAL, "i")), "Held")
+
+
+def test_a_takeover_that_may_fault_is_not_confirmed_of_an_sc_that_keeps_nothing() -> None:
+    _, report = recheck_rest(*certified(keeping("", "", "0.0"), {}))
+    assert "P2a" in report.confirmed
+    faulting = keeping("on takeover { assert seen < 0.1; }", "", "0.0")
+    with pytest.raises(NotRecheckedError, match="SC may fault"):
+        recheck_rest(*certified(faulting, {}))

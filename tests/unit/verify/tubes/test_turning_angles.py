@@ -58,6 +58,9 @@ READ_MODULO_TURNS = {
     "in a tangent": (RATE, RATE.replace("+ east", "+ east + tan(0.01 * sin(h))")),
 }
 COUNTED = {
+    "cancelled": (AHEAD, "ahead: fix.h + 1.0e-13 > fix.h ? u : 0.9"),
+    "cancelled in an angle": (AHEAD, "ahead: u * sin(1.0e12 * ((fix.h + 0.3) - fix.h))"),
+    "cancelled by rest": (REST, "rest abs(fix.x) < 0.4 && fix.h + 1.0e-13 > fix.h within"),
     "half of it by SC": (AHEAD, "ahead: u * cos(0.5 * fix.h)"),
     "twice of it by SC": (AHEAD, "ahead: u * cos(fix.h + fix.h)"),
     "with another state as its factor": (AHEAD, "ahead: u * cos(fix.h * fix.x)"),

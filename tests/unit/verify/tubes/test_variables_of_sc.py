@@ -180,3 +180,9 @@ def test_runs_leave_a_tube_that_forgets_what_sc_keeps() -> None:
 
     module = module_of("small.soter", drawn(0, keeps=True), forgets, claimed=False)
     assert Loop(module, "-O1").run("contain", 0, 4_000, 0).outside
+
+
+@pytest.mark.parametrize("asked", ["time < 500.0", "age(seen) < 0.005"])
+def test_a_takeover_that_asks_for_a_time_is_refused(tmp_path: Path, asked: str) -> None:
+    with pytest.raises(SoterError, match="a time, an age or a mode"):
+        verified(tmp_path, keeping(f"on takeover {{ assert {asked}; }}", "", "0.0"))
