@@ -160,10 +160,8 @@ class TubeCheck:
         self.read_by_rest, self.read_by_safe = map(states_read, ([self._rest], [self._safe]))
         moving = states_read_through([self._rest], every)
         self.commands_move_rest = any(below(every[s], "u") for s in moving)
-        if any(
-            e.op == "input" and e.of[0] not in "lxyuwm"
-            for e in in_order([self._defined, *asked, *rates])
-        ):
+        inputs = [e for e in in_order([self._defined, *asked, *rates]) if e.op == "input"]
+        if any(e.of[0] not in "lxyuwm" for e in inputs):
             raise NoExpressionError("something reads a time, an age or a mode")
         endless = may_end(self.make, self.rates, self.states)
         if endless is not None:
