@@ -7,14 +7,13 @@ that bridge (`dds_samples.py`).
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING
 
 from bench.ros import ros2_nodes
 from bench.ros.dds_peers import LOOPBACK
+from bench.ros.packages import by_cmake, written
 from bench.ros.ros2_nodes import PYTHON, Nodes, built_node
 
 if TYPE_CHECKING:
@@ -41,15 +40,7 @@ def built_package(
     example: Path, system: str, mapping: Path, folder: Path, actuate: str = ""
 ) -> Path:
     """The package of a system, compiled: the folder of its programs; `actuate`: its `actuate.c`."""
-    words = [sys.executable, "-m", "soter", "build", str(example), "--system", system]
-    words += ["--target", "dds", "--map", str(mapping), "-o", str(folder)]
-    subprocess.run(words, check=True, capture_output=True)
-    if actuate:
-        (folder / "trusted" / "actuate.c").write_text(actuate)
-    build = folder / "build"
-    for step in (["-S", str(folder), "-B", str(build)], ["--build", str(build)]):
-        subprocess.run(["cmake", *step], check=True, capture_output=True)
-    return build
+    return by_cmake(written("dds", example, system, mapping, folder, actuate))
 
 
 def parameters(**given: object) -> list[str]:

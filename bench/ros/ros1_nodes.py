@@ -11,7 +11,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.processes import Processes
+from bench.ros.packages import by_cmake, written
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,15 +64,7 @@ def built_package(
     example: Path, system: str, mapping: Path, folder: Path, actuate: str = ""
 ) -> Path:
     """The package of a system, compiled: the folder of its programs; `actuate`: its `actuate.c`."""
-    words = [sys.executable, "-m", "soter", "build", str(example), "--system", system]
-    words += ["--target", "ros1", "--map", str(mapping), "-o", str(folder)]
-    subprocess.run(words, check=True, capture_output=True)
-    if actuate:
-        (folder / "trusted" / "actuate.c").write_text(actuate)
-    build = folder / "build"
-    for step in (["-S", str(folder), "-B", str(build)], ["--build", str(build)]):
-        subprocess.run(["cmake", *step], check=True, capture_output=True)
-    return build
+    return by_cmake(written("ros1", example, system, mapping, folder, actuate))
 
 
 def built_node(name: str, folder: Path) -> Path:

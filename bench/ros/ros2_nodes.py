@@ -12,7 +12,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from contextlib import contextmanager
 from functools import cache
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.processes import Processes
+from bench.ros.packages import written
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -92,11 +92,7 @@ def built_package(
     example: Path, system: str, mapping: Path, folder: Path, actuate: str = ""
 ) -> Path:
     """The package of a system, compiled: the folder of its programs; `actuate`: its `actuate.c`."""
-    words = [sys.executable, "-m", "soter", "build", str(example), "--system", system]
-    words += ["--target", "ros2", "--map", str(mapping), "-o", str(folder)]
-    subprocess.run(words, check=True, capture_output=True)
-    if actuate:
-        (folder / "trusted" / "actuate.c").write_text(actuate)
+    written("ros2", example, system, mapping, folder, actuate)
     for step in (*build_commands("."), INSTALL):
         subprocess.run(step, check=True, capture_output=True, cwd=folder)
     return installed(folder)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.api.arguments import complete
+from soter.api.arguments import chosen_modules, complete
 from soter.codegen.unit import generate
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import mistake
@@ -95,15 +95,14 @@ def buffers(
 
     Of modules of `system`, by default the program's own choice; `named`: position and speed, as
     `topic.field`; None: they are found. `SoterError` R... for a module without a problem, U001
-    where no position, speed or end of `safe` is found.
+    where there is no such module, or no position, speed or end of `safe` is found.
     """
     with telling_shares(progress):
         flying = program.declared(system, params)
         proved = faultless(without_held_topics(flying))
         problems = {m.name: extract(proved, m) for m in proved.modules if m.forced is None}
         complete(flying)
-        named_ones = [m for m in flying.modules if m.name in problems]
-        chosen = [m for m in named_ones if module in (None, m.name, m.symbol.name)]
+        chosen = [m for m in chosen_modules(flying, module) if m.name in problems]
         return tuple(_buffers_of(flying, m, problems[m.name], named) for m in chosen)
 
 

@@ -49,7 +49,7 @@ WHATS = {
     "requirement": "evidence for requirements",
 }
 """What `also` of a headline calls each kind of consequence."""
-STANDS, AGAIN, GONE, NEW = "stands", "again", "gone", "new"
+STANDS, AGAIN, GONE, NEW, OPEN = "stands", "again", "gone", "new", "open"
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class DeclarationChange:
 class Consequence:
     """What becomes of a proof, of times, of the runs of a system or test, or of a requirement.
 
-    `status`: "stands", "again" (it has to be made again), "gone" or "new"; `because`: the names of
-    changed declarations that are in it.
+    `status`: "stands", "again" (it has to be made again), "gone", "new", or "open" of a requirement
+    that leads to nothing here; `because`: the names of changed declarations that are in it.
     """
 
     what: str
@@ -118,7 +118,8 @@ class Comparison:
 
 RULE = (
     "A proof stands where its problem is the same to the byte; certificates are bound to the hash "
-    "of a program all the same, and `run`, `build` and `assure` ask for it."
+    "of a program all the same, and `run`, `build` and `assure` ask for it. Files that "
+    "externs are bound to are not compared."
 )
 
 
@@ -244,8 +245,10 @@ def _timed(flat: System, posed: Mapping[tuple[str, str], PosedProblem]) -> dict[
     """What the steps of the trusted thread are made of, and each DM, by `component in system`."""
     where = f" in {flat.name}" if flat.name else ""
     timed = {c.name + where: step_text(flat, c) for c in flat.components if c.in_thread and c.node}
-    dms = {m.name: posed.get((flat.name, m.name)) for m in flat.modules}
-    return timed | {f"the DM of {name}{where}": p for name, p in dms.items() if p is not None}
+    for m in flat.modules:  # of one that poses no problem, all of its declaration
+        problem = posed.get((flat.name, m.name)) or text_with_names(m.symbol)
+        timed[f"the DM of {m.name}{where}"] = problem
+    return timed
 
 
 def _requirements(path: Path, found: list[Consequence]) -> list[Consequence]:
@@ -255,9 +258,10 @@ def _requirements(path: Path, found: list[Consequence]) -> list[Consequence]:
     todo = {}
     for id_, properties in rows_of.reached_properties(rows).items():
         names = {p.rpartition(".")[0] or p for p in properties}
-        hang = [c for c in found if c.status != STANDS and _is_of(c, names)]
-        because = tuple(f"{c.what} of {c.name}" for c in hang)
-        todo[id_] = Consequence("requirement", id_, AGAIN if hang else STANDS, because)
+        rests_on = [c for c in found if _is_of(c, names)]
+        because = tuple(f"{c.what} of {c.name}" for c in rests_on if c.status != STANDS)
+        status = (AGAIN if because else STANDS) if rests_on else OPEN
+        todo[id_] = Consequence("requirement", id_, status, because)
     return [todo[r.id] for r in rows]
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.api.comparing import AGAIN, GONE, NEW, RULE, STANDS, compare
+from soter.api.comparing import AGAIN, GONE, NEW, OPEN, RULE, STANDS, compare
 from soter.cli.terminal.command_line import (
     FINE,
     UNDECIDED,
@@ -40,7 +40,7 @@ same: a new certificate is made, in the knowledge that its verdicts are the old 
 exit codes: 0 nothing has to be made again, 4 something has, 1 diagnostics, 2 usage
 """
 LINES_MAX = 12
-TONES: dict[str, Tone] = {STANDS: "good", AGAIN: "bad", GONE: "muted", NEW: "bad"}
+TONES: dict[str, Tone] = {STANDS: "good", AGAIN: "bad", GONE: "muted", NEW: "bad", OPEN: "muted"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,5 +63,7 @@ def test_a_run_hands_over_where_the_table_says(cart: Buffers, tmp_path: Path) ->
 def test_what_is_named_wrongly_is_told() -> None:
     with pytest.raises(SoterError, match="shows no state"):
         buffers(CART, ("motion.y", "motion.v"))
+    with pytest.raises(SoterError, match="has no module `nosuch`"):
+        buffers(CART, module="nosuch")
     with pytest.raises(SoterError, match="has no end"):
         buffers(CART, ("motion.v", "motion.x"))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from soter.api.comparing import AGAIN, GONE, NEW, STANDS, Comparison, compare
+from soter.api.comparing import AGAIN, GONE, NEW, OPEN, STANDS, Comparison, compare
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.canonical_text import canonical_text
 from tables import all_rows
@@ -88,6 +89,7 @@ def test_a_requirement_hangs_on_what_it_traces_to(tmp_path: Path) -> None:
     found = compare(CART, tmp_path / "new.soter", HAZARDS)
     status = {c.name: c.status for c in found.consequences if c.what == "requirement"}
     assert {name for name, s in status.items() if s == AGAIN} == {"H1", "R1"}
+    assert {name for name, s in status.items() if s == OPEN} == {"H4"}, "it leads to nothing"
     assert len(status) == 6
 
 
@@ -112,3 +114,24 @@ def test_the_text_of_a_graph_ends_and_tells_shapes_apart() -> None:
     assert canonical_text(a) != canonical_text(again)
     assert canonical_text(frozenset({1, 2, 3})) == canonical_text(frozenset({3, 2, 1}))
     assert canonical_text((1, (2,))) != canonical_text(((1, 2),))
+
+
+def test_the_dm_of_a_module_that_poses_no_problem_is_timed_again(tmp_path: Path) -> None:
+    """Its predicates are its own, and nothing is proved of it."""
+    robot = """soter 1; input topic x: float in [0.0, 5.0] max_age 20ms;
+topic u: float in [0.0, 1.0] = 0.0;
+node A period 10ms { publishes u; step { publish u = 1.0; } }
+node B period 10ms { publishes u; step { publish u = 0.0; } }
+rta M { ac A; sc B; period 10ms; safe x < 3.0; ttf x > 2.0; safer x < 1.0; }
+system S { module M; input x every 10ms; until 1s; }
+"""
+    (tmp_path / "robot.soter").write_text(robot, encoding="utf-8")
+    (tmp_path / "new").mkdir()
+    found = compared(tmp_path / "new", ("ttf x > 2.0", "ttf x > 2.5"), of=tmp_path / "robot.soter")
+    assert ("times", "the DM of M in S") in by_status(found, AGAIN)
+    assert not [c for c in found.consequences if c.what == "proof"]
+
+
+def test_a_part_whose_text_might_leave_something_out_has_none() -> None:
+    with pytest.raises(TypeError, match="no text is known of a ndarray"):
+        canonical_text((1.0, np.zeros(10_000)))

@@ -20,13 +20,16 @@ if TYPE_CHECKING:
 
 PLACES = (Span, Source, TypedProgram)
 """What is left out: where something stands, and the program around it."""
+PLAIN = (bool, int, float, str, bytes, type(None))
+"""Of these `repr` tells any two apart."""
 
 
 def canonical_text(of: object, instead: Callable[[object], object] = lambda part: part) -> str:
     """The text of a record with all of its parts, in declared order; sets are sorted.
 
     A record that stands in it again is a number there, so that the text of a graph ends.
-    `instead`: gives for each part what is put down in its place.
+    `instead`: gives for each part what is put down in its place. TypeError for a part whose text
+    might leave something out.
     """
     numbers: dict[int, int] = {}
     kept: list[object] = []  # so that no number of an object is given to another one
@@ -56,6 +59,8 @@ def canonical_text(of: object, instead: Callable[[object], object] = lambda part
             kept.append(part)
             written.append(type(part).__name__)
             inner = [getattr(part, f.name) for f in fields(part)]
+        elif not isinstance(part, PLAIN):
+            raise TypeError(f"no text is known of a {type(part).__name__}")
         else:
             written.append(f"{part!r} ")
             continue
