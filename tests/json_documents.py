@@ -14,7 +14,10 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs" / "schemas"
 SCHEMAS: dict[str, dict[str, Any]] = {
     path.name: json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json")
 }
-MADE = ("check", "test", "recheck", "verify", "run", "campaign", "monitor", "replay", "measure")
+MADE = (
+    *("check", "test", "recheck", "verify", "run", "campaign", "monitor", "replay", "measure"),
+    *("diff", "identify"),
+)
 """Documents whose schemas `docs/site/json_schemas.py` makes: they have all fields."""
 TYPES: dict[str, tuple[type, ...]] = {
     "object": (dict,),

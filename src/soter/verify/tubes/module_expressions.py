@@ -434,7 +434,7 @@ class ModuleExpressions:
         return value_of_leaves(t, map(at, range(len(list(leaves(t))))))
 
     def seen_value(self, cell: core.Cell, t: Type) -> Value:
-        """The value that SC reads of a topic; refuses two reads of one state, with two errors."""
+        """The value that SC reads of a topic; NoExpressionError for two reads of one state."""
         for leaf, state in self.problem.state_of_leaf.items():
             if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
                 name = self.problem.quantities.states[state].name
