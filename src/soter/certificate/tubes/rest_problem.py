@@ -269,7 +269,8 @@ def _local_ranges(facts: Facts, keeps: Mapping[str, Sequence[str]]) -> Ranges:
 def read_turns(problem: RestProblem, names: object) -> None:
     """Enter the angles that need not come back; RejectedError where one may not be one.
 
-    NotRecheckedError beside a rate that jumps. Each is taken to be within three times `THIRD`, where every term is then read.
+    NotRecheckedError beside a rate that jumps. Each is taken to be within three times `THIRD`,
+    where every term is then read.
     """
     facts, of = problem.facts, {problem.facts.states[s].name: s for s in problem.own}
     if not isinstance(names, list) or not names or not of.keys() >= {*map(str, names)}:
