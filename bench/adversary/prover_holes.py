@@ -170,6 +170,7 @@ def _mode(rng: Rng, **when: int) -> Module:
         (0.0, 0.0),
         (1.0, 1.0),
         Times(**{"dm": sc, "sc": sc, "sensor": 1, "max_age": 1, **when}),
+        (80, 80),
         levels=2,
     )
 
