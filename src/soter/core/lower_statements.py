@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.core_check import broken
 from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
@@ -270,7 +271,8 @@ class FunctionTable:
         return name
 
     def add(self, function: core.Function) -> None:
-        """Enter a function that did not come from a `fun` declaration."""
+        """Enter a function, which may call those that are entered."""
+        assert not (found := broken(self.system, self.by_name, function)), found
         self.by_name[function.name] = function
 
     def require(
@@ -315,7 +317,7 @@ class FunctionTable:
             meaning=self._meanings.setdefault(plain, name),
         )
         self._made[key] = function
-        self.by_name[function.name] = function
+        self.add(function)
         return function
 
     def _reads_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.core_check import broken
 from soter.core.core_walks import footprint_of, written_names, written_topics
 from soter.core.lower_expressions import index_components, select
 from soter.core.lower_statements import Builder, FunctionTable
@@ -89,6 +90,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
         if step.shield.proposed is not None:
             footprint.stamps.add(step.shield.proposed[0].owner)
             footprint.writes.add(step.shield.proposed[0])
+    assert not (found := broken(system, functions.by_name, step)), found
     return step
 
 
@@ -232,7 +234,9 @@ def lower_predicate(
     body = builder.finish()
     probe = core.Let(span, "value", value)
     footprint = footprint_of((*body, probe))
-    return core.Predicate(body, value, footprint, span, maybe_nan=bool(looked_at))
+    predicate = core.Predicate(body, value, footprint, span, maybe_nan=bool(looked_at))
+    assert not (found := broken(system, functions.by_name, predicate)), found
+    return predicate
 
 
 def lower_deciding(
@@ -301,7 +305,8 @@ def lower(system: System) -> core.CoreSystem:
         if c.node is not None:
             nodes[c.index] = lower_node(functions, system, c)
         elif c.plant is not None:
-            plants[c.index] = lower_plant(functions, system, c)
+            plants[c.index] = step = lower_plant(functions, system, c)
+            assert not (found := broken(system, functions.by_name, step)), found
     decisions = tuple(lower_decision(functions, system, m.index) for m in system.modules)
     properties = tuple(lower_property(functions, system, p) for p in system.properties)
     asked = system.test.timed if system.test else ()

@@ -18,16 +18,8 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.statements import replaced
 from soter.language.model.system import Bound, environment_topics
-from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    ListType,
-    RecordType,
-    leaf_count,
-)
+from soter.language.model.types import leaf_count
+from soter.language.model.values import is_value
 from soter.semantics.configuration import (
     AC,
     NEVER,
@@ -61,7 +53,7 @@ if TYPE_CHECKING:
     from soter.language.evaluate.environment import Environment
     from soter.language.model.system import Component, Disturbance, InputDrive, Module, System
     from soter.language.model.typed import Variable
-    from soter.language.model.types import Type, Value
+    from soter.language.model.types import Value
     from soter.semantics.configuration import DecisionVerdict
     from soter.semantics.draws import Draws
     from soter.semantics.executable_system import Arithmetic, PlantCode
@@ -274,26 +266,6 @@ def refusal(
     except StepFault as fault:
         return fault.kind
     return None
-
-
-def is_value(t: Type, value: Value) -> bool:
-    """Whether an object is a value of a type, as the interpreter keeps it."""
-    if isinstance(t, FloatType):
-        return isinstance(value, float)
-    if isinstance(t, BoolType):
-        return isinstance(value, bool)
-    if isinstance(t, (EnumType, IntType)):
-        low, high = (0, len(t.members) - 1) if isinstance(t, EnumType) else (t.low, t.high)
-        return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
-    if not isinstance(value, tuple):
-        return False
-    if isinstance(t, RecordType):
-        return len(value) == len(t.fields) and all(
-            is_value(f, v) for (_, f), v in zip(t.fields, value, strict=True)
-        )
-    assert isinstance(t, (ArrayType, ListType)), t
-    fits = len(value) == t.size if isinstance(t, ArrayType) else len(value) <= t.capacity
-    return fits and all(is_value(t.element, v) for v in value)
 
 
 def deployed_order(c: Configuration) -> int:

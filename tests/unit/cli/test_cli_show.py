@@ -38,6 +38,16 @@ def test_on_standard_output_it_is_the_svg_and_nothing_else(soter: Soter) -> None
     assert document["diagram"] is None
 
 
+def test_core_is_printed_in_place_of_a_picture(soter: Soter, here: Path) -> None:
+    plain = soter("show", "cart.soter", "--core", "--system", "Unprotected")
+    assert plain.exit == 0
+    assert plain.out.startswith("system Unprotected\n")
+    assert "  publish 0 = clamp\n" in plain.out
+    document = soter("show", "cart.soter", "--core", "--system", "Unprotected", "--json").document
+    assert (document["core"], document["svg"], document["diagram"]) == (plain.out, None, None)
+    assert not (here / ".soter").exists()
+
+
 def test_what_is_no_picture_is_not_lost(soter: Soter, here: Path) -> None:
     (here / "notes.txt").write_text("mine")
     assert soter("show", "cart.soter", "-o", "notes.txt", "--json").codes == ["D006"]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 ALWAYS = {
     "check": "files params times format",
-    "show": "file system params output",
+    "show": "file system params core",
     "run": "file system params log report why recorded trace sha256 progress partial apart",
     "verify": "file module system params cert report synthesize no_refute budget write format",
     "recheck": "folder logs report",

@@ -49,6 +49,26 @@ def is_table(t: Type) -> TypeGuard[ArrayType | ListType]:
     return isinstance(t, (ArrayType, ListType)) and leaf_count(t) > VALUE_MAX
 
 
+def is_value(t: Type, value: Value) -> bool:
+    """Whether an object is a value of a type, as the interpreter keeps it."""
+    if isinstance(t, FloatType):
+        return isinstance(value, float)
+    if isinstance(t, BoolType):
+        return isinstance(value, bool)
+    if isinstance(t, (EnumType, IntType)):
+        low, high = (0, len(t.members) - 1) if isinstance(t, EnumType) else (t.low, t.high)
+        return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+    if not isinstance(value, tuple):
+        return False
+    if isinstance(t, RecordType):
+        return len(value) == len(t.fields) and all(
+            is_value(f, v) for (_, f), v in zip(t.fields, value, strict=True)
+        )
+    assert isinstance(t, (ArrayType, ListType)), t
+    fits = len(value) == t.size if isinstance(t, ArrayType) else len(value) <= t.capacity
+    return fits and all(is_value(t.element, v) for v in value)
+
+
 class Table(Sequence[Value]):
     """The elements of an array or list, which never change; equal if all bits are equal.
 

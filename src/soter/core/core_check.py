@@ -1,0 +1,402 @@
+"""Checks that Core keeps what the head of `core.py` promises.
+
+Purpose: `broken` names every place where Core breaks a promise, by rules that know nothing of how
+it was lowered: expressions are pure, and of the right types; what may fault is checked before
+(divisors, indices, operations on ints); temporaries are defined once, and before they are used; a
+function stands before its calls, so that none recurs; loops have constant ends; once a function has
+left, nothing has an effect. What lowers functions, steps and predicates asserts that none is
+broken: every proof, run and test is of Core that was checked.
+Non-goals: whether Core means what the program means (the interpreter is compared with it);
+footprints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.core_text import place_of
+from soter.core.core_walks import walk, written_names
+from soter.language.model.types import (
+    BOOL,
+    FLOAT,
+    INT,
+    MODE,
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.language.model.values import Table, is_value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import TypeAlias
+
+    from soter.diagnostics.diagnostic import Span
+    from soter.language.model.system import System
+    from soter.language.model.types import Type
+
+    Part: TypeAlias = core.Function | core.NodeStep | core.PlantStep | core.Predicate
+    Rule: TypeAlias = tuple[Type | None, list[tuple[core.Expr, Type | None]]]
+    """The type that an expression should have, and each part with its own; None: there is none."""
+
+ARITHMETIC, ORDER = frozenset("+-*/"), frozenset(("<", "<=", ">", ">="))
+UNARY = dict.fromkeys(("neg", "sqrt", "floor", "abs"), (FLOAT, FLOAT)) | {
+    "not": (BOOL, BOOL),
+    "to_float": (INT, FLOAT),
+}
+"""Operator -> type of its operand, of its value."""
+CHECKED: dict[str, tuple[tuple[Type, ...], Type]] = {
+    **dict.fromkeys(("add", "sub", "mul", "div", "mod"), ((INT, INT), INT)),
+    **dict.fromkeys(("neg", "abs", "narrow", "index"), ((INT,), INT)),
+    "to_int": ((FLOAT,), INT),
+    "number": ((FLOAT,), FLOAT),
+}
+"""Operation that may fault -> types of its operands, of its value."""
+ZERO = core.Const(INT, 0)
+FACTS = {"time": FLOAT, "age": FLOAT, "in_control": BOOL, "published": BOOL, "mode": MODE}
+
+
+def broken(system: System, functions: Mapping[str, core.Function], part: Part) -> list[str]:
+    """A sentence for every promise that a part breaks; `functions`: those that it may call."""
+    body = _Body(system, functions)
+    if isinstance(part, core.Function):
+        body.function(part)
+    elif isinstance(part, core.NodeStep):
+        body.node(part)
+    elif isinstance(part, core.PlantStep):
+        body.plant(part)
+    else:
+        body.span = part.span
+        body.block(part.body)
+        body.value(part.value, FLOAT if part.value.type == FLOAT else BOOL)
+    return body.found
+
+
+def fits(have: Type, want: Type | None) -> bool:
+    """Whether every value of one type is one of the other; of ints by their ranges."""
+    if isinstance(have, IntType) and isinstance(want, IntType):
+        return want.low <= have.low and have.high <= want.high
+    return have == want
+
+
+def parts_of(t: Type, count: int = 0) -> list[Type]:
+    """The types of the parts of a value; of a list of `count`, those for which it has room."""
+    if isinstance(t, RecordType):
+        return [f for _, f in t.fields]
+    if isinstance(t, ListType):
+        return [t.element] * min(count, t.capacity)
+    return [t.element] * t.size if isinstance(t, ArrayType) else []
+
+
+def _fact(left: core.Expr, op: str, right: core.Expr) -> core.Expr:
+    return core.Binary(BOOL, op, left, right)
+
+
+@dataclass
+class _Body:
+    """The code of one function, step or predicate."""
+
+    system: System
+    functions: Mapping[str, core.Function]
+    found: list[str] = field(default_factory=list)
+    span: Span | None = None
+    scope: dict[str, Type] = field(default_factory=dict)
+    mutable: set[str] = field(default_factory=set)
+    taken: set[str] = field(default_factory=set)
+    facts: set[core.Expr] = field(default_factory=set)
+    """Conditions that hold here, or a fault is remembered."""
+    outputs: tuple[core.Output, ...] = ()
+    pure: bool = False
+    """Whether it sees its parameters alone, as functions do."""
+
+    def require(self, holds: bool, message: str) -> None:
+        """Notes the message unless the condition holds."""
+        if not holds:
+            where = f"{self.span.source.name}:{self.span.line}: " if self.span else ""
+            self.found.append(where + message)
+
+    # ------------------------------------------------------------ functions, steps, predicates
+
+    def function(self, f: core.Function) -> None:
+        """A function: it sees its parameters alone, and has one exit."""
+        self.pure, self.span = True, f.span
+        for p in f.parameters:
+            self.define(p.name, p.type)
+        self.block(f.body)
+        if f.result is not None:
+            self.value(f.result, f.result_type)
+        self.require(f.result is not None or not f.body, "a body without a result")
+        called = [self.functions.get(s.function) for s in walk(f.body) if isinstance(s, core.Call)]
+        fault = any(isinstance(s, (core.Checked, core.Guard, core.Push)) for s in walk(f.body))
+        fault = fault or any(g is not None and g.can_fault for g in called)
+        self.require(f.can_fault or not fault, "it may fault and does not say so")
+        if f.leave is not None:
+            self.leaves(f.body, f.leave, left=False)
+
+    def node(self, step: core.NodeStep) -> None:
+        """The step of a node: takeover block, body, shield."""
+        self.outputs, self.span = step.outputs, step.span
+        self.copies(step.locals, (*step.takeover, *step.body))
+        self.inner(step.takeover)
+        self.block(step.body)
+        if step.shield is not None:
+            for k, o in enumerate(step.outputs):
+                self.define(core.output_name(k), o.type, mutable=True)
+            self.block(step.shield.body)
+
+    def plant(self, step: core.PlantStep) -> None:
+        """One release of a plant."""
+        self.outputs, self.span = step.outputs, step.span
+        self.copies(step.states, step.integrate)
+        for name, t, _ in step.disturbances:
+            self.define(name, t)
+        self.block(step.choose)
+        self.inner(step.integrate)
+        self.block(step.publish)
+
+    def copies(self, copies: tuple[core.LocalCopy, ...], code: tuple[core.Stmt, ...]) -> None:
+        """Cells that are temporaries of a step: those that the code changes are stored."""
+        changed = written_names(code)
+        for c in copies:
+            self.define(c.name, c.type, mutable=True)
+            self.require(c.written or c.name not in changed, f"`{c.name}` is changed, not stored")
+
+    # ------------------------------------------------------------ statements
+
+    def define(self, name: str, t: Type, *, mutable: bool = False) -> None:
+        """A new temporary."""
+        self.require(name not in self.taken, f"`{name}` is defined twice")
+        self.taken.add(name)
+        self.scope[name] = t
+        if mutable:
+            self.mutable.add(name)
+
+    def block(self, statements: tuple[core.Stmt, ...]) -> None:
+        """Statements one after the other."""
+        for s in statements:
+            rule = getattr(self, f"_{type(s).__name__.lower()}", None)
+            if isinstance(s, core.Stmt) and rule is not None:
+                self.span = s.span
+                rule(s)
+            else:
+                self.require(False, f"{type(s).__name__} is no statement")
+
+    def inner(self, statements: tuple[core.Stmt, ...], *facts: core.Expr) -> None:
+        """A block whose temporaries end with it, and where some facts hold."""
+        scope, before = dict(self.scope), set(self.facts)
+        self.facts |= set(facts)
+        self.block(statements)
+        self.scope, self.facts = scope, before
+        self.forget(written_names(statements))
+
+    def forget(self, names: set[str]) -> None:
+        """Drops the facts about temporaries that change."""
+        self.facts = {
+            fact
+            for fact in self.facts
+            if not any(isinstance(e, core.Var) and e.name in names for e in walk(fact))
+        }
+
+    def _let(self, s: core.Let) -> None:
+        self.expr(s.value)
+        self.define(s.name, s.value.type, mutable=s.mutable)
+
+    def _checked(self, s: core.Checked) -> None:
+        operands, result = CHECKED.get(s.op, ((), None))
+        self.require(len(operands) == len(s.operands), f"`{s.op}` of {len(s.operands)} operands")
+        for e, t in zip(s.operands, operands, strict=False):
+            self.value(e, t)
+        self.require(fits(s.type, result), f"`{s.op}` gives no {s.type}")
+        self.require((s.op == "index") == (s.limit is not None), f"the limit of `{s.op}`")
+        self.define(s.name, s.type)
+        if s.limit is not None:
+            self.value(s.limit, INT)
+            index = core.Var(s.type, s.name)
+            self.facts |= {_fact(index, "<", s.limit), _fact(index, ">=", ZERO)}
+
+    def _choose(self, s: core.Choose) -> None:
+        known = isinstance(s.type, (BoolType, EnumType, IntType)) and s.count > 0
+        self.require(known and not self.pure, f"a choice among {s.count} of {s.type}")
+        if s.ages is not None:
+            self.changed(s.ages)
+        self.define(s.name, s.type)
+
+    def _guard(self, s: core.Guard) -> None:
+        self.value(s.condition, BOOL)
+        self.facts.add(s.condition)
+
+    def _call(self, s: core.Call) -> None:
+        f = self.functions.get(s.function)
+        if f is None:
+            self.require(False, f"`{s.function}` does not stand before its call")
+        else:
+            types = [p.type for p in f.parameters]
+            self.require(len(types) == len(s.arguments), f"arguments of `{f.name}`")
+            for e, t in zip(s.arguments, types, strict=False):
+                self.value(e, t)
+            self.require(s.type == f.result_type, f"`{f.name}` gives no {s.type}")
+        self.define(s.name, s.type)
+
+    def _set(self, s: core.Set) -> None:
+        place = place_of(s)
+        self.expr(place)
+        self.value(s.value, place.type)
+        self.changed(s.name)
+
+    def _push(self, s: core.Push) -> None:
+        place = place_of(s)
+        self.expr(place)
+        self.value(s.value, place.type.element if isinstance(place.type, ListType) else None)
+        self.changed(s.name)
+
+    def _if(self, s: core.If) -> None:
+        self.value(s.condition, BOOL)
+        self.inner(s.then, s.condition)
+        self.inner(s.otherwise)
+
+    def _loop(self, s: core.Loop) -> None:
+        constant = type(s.low) is int and type(s.high) is int and s.low <= s.high
+        self.require(constant, f"ends {s.low!r} and {s.high!r} of a loop")
+        self.forget(written_names(s.body))
+        scope = dict(self.scope)
+        self.define(s.variable, INT)
+        index = core.Var(INT, s.variable)
+        facts = (_fact(index, "<", core.Const(INT, s.high)), _fact(index, ">=", ZERO))
+        self.inner(s.body, *(facts if constant and s.low >= 0 else ()))
+        self.scope = scope
+
+    def _publish(self, s: core.Publish) -> None:
+        known = not self.pure and 0 <= s.output < len(self.outputs)
+        t = self.outputs[s.output].type if known else None
+        if s.limit is not None and t is not None:
+            known = isinstance(t, ListType) and t.capacity == s.limit
+            t = t.element if isinstance(t, ListType) else None
+        burst = known and self.outputs[s.output].burst
+        self.require(known and burst == (s.limit is not None), f"output {s.output}, its limit")
+        self.value(s.value, t)
+
+    def changed(self, name: str) -> None:
+        """An assignment: of a variable; facts about it hold no longer."""
+        known = name in self.scope and name in self.mutable
+        self.require(known, f"`{name}` is changed, which is no variable here")
+        self.forget({name})
+
+    # ------------------------------------------------------------ expressions
+
+    def value(self, e: core.Expr, t: Type | None) -> None:
+        """An expression whose value has to be one of a type; with None, of a type that is none."""
+        self.expr(e)
+        constant = isinstance(e, core.Const) and isinstance(t, IntType) and is_value(t, e.value)
+        if isinstance(e, core.Expr) and not constant:
+            self.require(fits(e.type, t), f"{type(e).__name__} is {e.type}, not {t}")
+
+    def expr(self, e: core.Expr) -> None:
+        """An expression: of a kind that is pure, with parts and a value of the right types."""
+        rule = getattr(self, f"_{type(e).__name__.lower()}", None)
+        if not isinstance(e, core.Expr) or rule is None:
+            self.require(False, f"{type(e).__name__} is no pure expression")
+            return
+        t, parts = rule(e)
+        self.require(t is not None and fits(t, e.type), f"{type(e).__name__} is {t}, not {e.type}")
+        for part, wanted in parts:
+            self.value(part, wanted)
+
+    def _const(self, e: core.Const) -> Rule:
+        table = isinstance(e.value, Table) and e.value.element == getattr(e.type, "element", None)
+        return (e.type if table or is_value(e.type, e.value) else None), []
+
+    def _var(self, e: core.Var) -> Rule:
+        self.require(e.name in self.scope, f"`{e.name}` is used before it is defined")
+        return self.scope.get(e.name, e.type), []
+
+    def _get(self, e: core.Get) -> Rule:
+        self.require(not self.pure, "a function reads a state cell")
+        if e.cell.kind == "topic":
+            topic = self.system.topics[e.cell.owner]
+            return (topic.type if topic.name == e.cell.name else None), []
+        plant = self.system.components[e.cell.owner].plant
+        states = () if plant is None or e.cell.kind != "state" else plant.states
+        return next((v.type for v in states if v.name == e.cell.name), None), []
+
+    def _fact(self, e: core.Fact) -> Rule:
+        self.require(not self.pure, f"a function reads `{e.fact}`")
+        return FACTS.get(e.fact), []
+
+    def _unary(self, e: core.Unary) -> Rule:
+        operand, result = UNARY.get(e.op, (None, None))
+        return result, [(e.operand, operand)]
+
+    def _binary(self, e: core.Binary) -> Rule:
+        t: Type | None = INT if isinstance(e.left.type, IntType) else e.left.type
+        if e.op in ARITHMETIC:
+            t = FLOAT
+        elif e.op in ("&&", "||"):
+            t = BOOL
+        elif e.op in ORDER:
+            t = t if t in (INT, FLOAT) else None
+        elif e.op not in ("==", "!="):
+            t = None
+        if e.op == "/" and not (isinstance(e.right, core.Const) and e.right.value != 0.0):
+            guarded = _fact(e.right, "!=", core.Const(FLOAT, 0.0)) in self.facts
+            self.require(guarded, "a divisor that was not guarded")
+        return FLOAT if e.op in ARITHMETIC else BOOL, [(e.left, t), (e.right, t)]
+
+    def _extreme(self, e: core.Extreme) -> Rule:
+        number = e.op in ("min", "max") and isinstance(e.type, (IntType, FloatType))
+        return (e.type if number else None), [(e.left, e.type), (e.right, e.type)]
+
+    def _select(self, e: core.Select) -> Rule:
+        return e.type, [(e.condition, BOOL), (e.then, e.type), (e.otherwise, e.type)]
+
+    def _field(self, e: core.Field) -> Rule:
+        t = e.target.type
+        known = isinstance(t, RecordType) and 0 <= e.index < len(t.fields)
+        return (parts_of(t)[e.index] if known else None), [(e.target, t)]
+
+    def _element(self, e: core.Element) -> Rule:
+        t = e.target.type
+        self.require(self.is_inside(e.index, e.target), "an index that may be outside")
+        element = t.element if isinstance(t, (ArrayType, ListType)) else None
+        return element, [(e.target, t), (e.index, INT)]
+
+    def is_inside(self, index: core.Expr, target: core.Expr) -> bool:
+        """Whether an index is known to be inside an array or list."""
+        t = target.type
+        if isinstance(t, ArrayType) and isinstance(index, core.Const):
+            return bool(0 <= index.value < t.size)
+        sizes = range(t.size + 1) if isinstance(t, ArrayType) else ()
+        limits = [*(core.Const(INT, n) for n in sizes), core.Length(INT, target)]
+        below = any(_fact(index, "<", limit) in self.facts for limit in limits)
+        return below and _fact(index, ">=", ZERO) in self.facts
+
+    def _length(self, e: core.Length) -> Rule:
+        return (INT if isinstance(e.target.type, ListType) else None), [(e.target, e.target.type)]
+
+    def _make(self, e: core.Make) -> Rule:
+        types = parts_of(e.type, len(e.elements))
+        known = len(types) == len(e.elements)
+        return (e.type if known else None), list(zip(e.elements, types, strict=False))
+
+    # ------------------------------------------------------------ one exit
+
+    def leaves(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
+        """Whether a function may have left after these statements; then none has an effect."""
+        still_here = core.Unary(BOOL, "not", core.Var(BOOL, leave))
+        for s in statements:
+            if isinstance(s, core.If):
+                then = self.leaves(s.then, leave, left=left and s.condition != still_here)
+                left = self.leaves(s.otherwise, leave, left=left) or then or left
+            elif isinstance(s, core.Loop):
+                left = left or leave in written_names(s.body)
+                self.leaves(s.body, leave, left=left)
+            else:
+                harmless = isinstance(s, core.Let) and not s.mutable
+                self.require(harmless or not left, "a statement after `return` has an effect")
+                left = left or (isinstance(s, core.Set) and s.name == leave)
+        return left
