@@ -552,6 +552,8 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("language.md", "| operators"): DEFINED,
     ("mavlink.md", "| what ends"): DEFINED,
     ("migrating.md", "| there"): DEFINED,
+    ("migrating.md", "| what stops"): f"{SESSION}migration.py",
+    ("migrating.md", "| what is between"): f"{SESSION}migration.py",
     ("mountain_car.md", "| AC"): DEFINED,
     ("stability.md", "| went"): "lines of commits, by `git show --numstat`",
     ("stability.md", "| figure"): "the same, once; and rows of benchmarks of that day",

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -190,15 +191,15 @@ class _Asked:
         return self.dm.decide_when_fresh(self.module, state) == AC
 
     def fence(self) -> float | None:
-        """Where `safe` ends in the direction in which a speed leads; None: nowhere, or no speed."""
+        """Where `safe` ends that way, at rest or (passive safety) at a speed; None: nowhere."""
         self.fastest = self._end(self.speed)
         if self.fastest is None:
             return None
         self.way = math.copysign(1.0, self.flown(self.initial[self.position], self.fastest, 0.0))
         start, last = self.initial[self.position], self._end(self.position)
         ends = [start + self.way * 2.0**k for k in range(FARTHEST_2)] if last is None else [last]
-        for end in ends:
-            at = _last(start, end, lambda x: self.facts.safe(self.topics(x, 0.0)))
+        for v, end in product((0.0, self.fastest), ends):
+            at = _last(start, end, partial(lambda v, x: self.facts.safe(self.topics(x, v)), v))
             if at is None or at != end:
                 return at
         return None

@@ -67,3 +67,15 @@ def test_what_is_named_wrongly_is_told() -> None:
         buffers(CART, module="nosuch")
     with pytest.raises(SoterError, match="has no end"):
         buffers(CART, ("motion.v", "motion.x"))
+
+
+@pytest.mark.long
+def test_passive_safety_ends_where_a_moving_robot_would_touch() -> None:
+    """`safe` holds everywhere at rest, so its end is asked for at a speed."""
+    (found,) = buffers(load(EXAMPLES / "migration" / "zone_size.soter"))
+    assert found.fence == pytest.approx(0.3, abs=1e-6)
+    assert [r.room for r in found.rows] == sorted(r.room for r in found.rows)
+    assert found.rows[-1].room > found.rows[-1].used + 1.0, "somebody walks up at 1 m/s meanwhile"
+    zones = {0.3: 1.5, 0.6: 2.1, 1.0: 2.6}  # of docs/migrating.md and the program
+    for speed, zone in zones.items():
+        assert next(r.taken_at for r in found.rows if r.speed >= speed) < zone
