@@ -353,7 +353,7 @@ def step_reports(
     costs = {s.name: cost for s, cost in program.costs.items()}
     warned: list[Diagnostic] = []
     for system in flat.values():
-        if any(m.symbol.rest is not None for m in system.modules):
+        if system.proved is None and any(m.symbol.rest is not None for m in system.modules):
             from soter.verify.deploy.missing_predicates import followed_costs  # noqa: PLC0415 - needs NumPy
 
             followed, refused = followed_costs(system)

@@ -323,7 +323,8 @@ WORDS: dict[str, str] = {
     "down": "`gap by 0.2 down`: the bound is one on the way down; up it may go anywhere.",
     "up": "`x by 0.2 up`: the bound is one on the way up; down it may go anywhere.",
     "shield": "Each command of AC is judged before it acts; a number: by cells of a grid.",
-    "toward": "`shield 8 toward sc;`: what is not permitted is moved toward SC's command.",
+    "toward": "`shield toward sc;`: what is not permitted is moved toward SC's command; "
+    "`shield toward plans, sc;`: the first of `plans` that is good is published, else SC's.",
     "verify": "What `soter verify` is to know: over which states, how late things are.",
     "grid": "States that are analysed together, in cells: `grid p.x in [0, 1] / 200;`.",
     "open": "`open to c`: one more cell, nothing is claimed beyond; `open`: the axis has no ends.",

@@ -278,13 +278,14 @@ class Robot:
         start: int | None = None,
         measured: int | None = None,
         clip: bool = False,
-    ) -> None:
+    ) -> Chunk:
         """Write `actions[k]` at `start + k every`, in a thread; replaces a chunk.
 
         After the last action the topic is silent: its age grows. No actions: it is so at once.
         `start`: ns on CLOCK_MONOTONIC, by default now; where it is that of the observation, actions
         whose time has passed are left out. Action k is stamped with its own time, or, all of them,
         with `measured`. SoterError as of `publish`, for any of them: then the chunk before goes on.
+        Of what is given back `slot(stamp)` is the k of a stamp, such as one that the robot tells.
         """
         t = self._topics.to_publish(topic)
         every_ns = _positive_ns("every", every)
@@ -299,7 +300,9 @@ class Robot:
         now_ns = time.monotonic_ns()
         stamp = None if measured is None else _past(measured, now_ns)
         first_ns = now_ns if start is None else _time("start", start)
-        self._player.begin(t.name, Chunk(images, first_ns, every_ns, stamp), writer.write)
+        chunk = Chunk(images, first_ns, every_ns, stamp)
+        self._player.begin(t.name, chunk, writer.write)
+        return chunk
 
     # ------------------------------------------------------------ end
 

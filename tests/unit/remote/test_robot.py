@@ -214,6 +214,15 @@ def test_a_chunk_of_rows_begins_at_once(robot: Robot) -> None:
     assert reading.value.tolist() == [0.5, 0.0, -0.5]
 
 
+def test_a_chunk_says_of_a_stamp_which_action_it_was(robot: Robot) -> None:
+    start = time.monotonic_ns() - 9_900_000_000
+    chunk = robot.publish_chunk("wish", [0.1, 0.3, 0.5], every="10s", start=start)
+    reading = robot.read("wish")
+    assert reading is not None
+    assert chunk.slot(reading.stamp) == 0
+    assert [chunk.slot(start + s * 10**9) for s in (-1, 10, 29)] == [-1, 1, 2]
+
+
 def test_actions_of_one_number_are_rows_or_numbers(robot: Robot) -> None:
     for actions in (np.array([[0.5], [1.0]], dtype=np.float32), [0.5, 1.0], ([0.5], [1.0])):
         robot.publish("wish", 0.0)

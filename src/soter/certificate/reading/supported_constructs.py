@@ -66,7 +66,7 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age static",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span contract failsafe wcet jitter latch shield toward_sc rest plans plan",
+    "sc_span contract failsafe wcet jitter latch shield toward_sc candidates rest plans plan",
     t.Latch: "topic span",
     t.RestSymbol: "condition moves within span",
     t.RestMove: "topic path by way span",

@@ -16,6 +16,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from soter.language.elaborate.candidates import why_no_candidates
 from soter.language.elaborate.instantiate import Instantiation, TopicKey
 from soter.language.elaborate.system_numbers import SizeCounter, TooLargeError
 from soter.language.model.system import Bound, Shield, Topic
@@ -162,6 +163,8 @@ def make_shield_topics(
             both = 2 * _numbers(module, topics)
             made.append(_topic(module, "proposed", first + 1, both))
             module.shield.proposed = first + 1
+        if (tried := module.symbol.candidates) is not None:
+            module.scope.topics.setdefault(tried, components[module.ac].scope.topics[tried])
     return made
 
 
@@ -175,7 +178,7 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
     slow = [components[i] for i in (module.ac, module.sc) if components[i].takes_ns is not None]
     if slow:
         return f"a step of `{slow[0].name}` takes time: it is judged when it begins"
-    return ""
+    return why_no_candidates(module, topics, components)
 
 
 def refuse_overrun(

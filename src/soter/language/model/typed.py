@@ -656,6 +656,8 @@ class ModuleSymbol(Symbol):
     """If single commands are judged: into how many cells each number of them is cut."""
     toward_sc: bool = False
     """Whether a command that is not permitted is moved toward SC's before it is judged."""
+    candidates: TopicSymbol | None = None
+    """A topic with an array of commands that are tried in its place, before SC's."""
     rest: RestSymbol | None = None
     """Replaces `ttf` and `safer`: the DM follows SC from each estimate to where it rests."""
     plans: tuple[NodeSymbol, ...] = ()

@@ -664,6 +664,8 @@ class RtaDecl(Decl):
     """`shield 8;`: into how many cells each number that it publishes is cut."""
     toward_sc: bool = False
     """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""
+    candidates: Ref | None = None
+    """`shield toward plans, sc;`: a topic with an array of commands that are tried before SC's."""
     rest: Rest | None = None
     plans: tuple[Ref, ...] = ()
     """`sc Brake, Left;`: all that are named, of which `sc` is the first; of one: none."""

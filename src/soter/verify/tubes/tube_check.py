@@ -104,8 +104,7 @@ class TubeCheck:
     `states`: those that the law or a condition depends on, in the order of estimates; no rate of
     theirs reads another one. `read_sets`: the set of what SC reads of a state; `rooms`: its range
     within C, by the sets of what plants publish; `turning`: angles that need not come back, whose
-    range is a turn; `cut`: which of `CUTS` the tubes use: each is
-    sound, and `leading_back.py` looks for one that shows rest; `kink`: where they collect.
+    range is a turn; `cut`: that of `CUTS` in use (`leading_back.py`); `kink`: where they collect.
     """
 
     law: Sequence[Node]
@@ -266,10 +265,8 @@ class TubeCheck:
             f"const ENDING: float = {number(nearest_seconds(command_ns, ENDINGS))};",
             f"const ANY_FOR: float = {number(nearest_seconds(times.any_command))};",
         ]
-        texts = [*lines, shared_text("judged.soter")]
-        return "\n".join(
-            [*texts, self._moving_functions()] if shield.proposed is not None else texts
-        )
+        moving = [] if shield.proposed is None else [self._moving_functions()]
+        return "\n".join([*lines, shared_text("judged.soter"), *moving])
 
     def _moving_functions(self) -> str:
         """The functions and constants that move a command (`toward.soter`)."""
@@ -277,17 +274,21 @@ class TubeCheck:
         places = [(i, p) for i in self.problem.module.outputs for p, _ in leaves(topics[i].type)]
         lasting_ns = self.times.latest - self.times.any_command + self.problem.lead_ns
         at, count = [str(places.index((c.owner, c.path))) for c in controls], len(places)
+        tried, text = self.problem.module.symbol.candidates, shared_text("toward.soter")
+        more = 0 if tried is None else sum(1 for _ in leaves(tried.type)) // count
+        if more:
+            each = "s == 0 ? a : wanted[(s + 1) * NUMBERS + NUMBER[k]]"
+            text = re.sub(r"clamp\(a \+ .*\)(?= : b;)", each, text)
+        sizes = {"NUMBERS": count, "WANTED": (2 + more) * count, "FOUND": count + 1}
+        sizes["WAY"] = 1 + more if more else WAY
         lines = [
-            f"const NUMBERS: int = {count};",
-            f"const WANTED: int = {2 * count};",
-            f"const FOUND: int = {count + 1};",
-            f"const WAY: int = {WAY};",
+            *(f"const {name}: int = {size};" for name, size in sizes.items()),
             f"const LASTING: float = {number(nearest_seconds(lasting_ns, ENDINGS))};",
             f"const NUMBER: int[CONTROLS] = {array_text(at)};",
             f"const NO_COMMAND: float[CONTROLS] = {numbers_text([0.0] * len(at))};",
             f"const NOT_FOUND: float[FOUND] = {numbers_text([0.0] * (count + 1))};",
         ]
-        return "\n".join([*lines, shared_text("toward.soter")])
+        return "\n".join([*lines, text])
 
     def _input_texts(self, of: str = FORMS) -> Inputs:
         """The text for each input; a state is indexed by its place in `states`."""

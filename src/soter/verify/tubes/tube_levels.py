@@ -84,7 +84,12 @@ class TubeLevels(LevelTable):
 
     def toward(self, w: ShieldWriter, proposed: Topic) -> t.TypedExpr:
         """An expression: `Shield.moved`; `proposed` is the topic of what AC and SC want."""
-        return self._asked(w, "toward", t.TopicRead(proposed.type, w.span, proposed.symbol))
+        wanted: t.TypedExpr = t.TopicRead(proposed.type, w.span, proposed.symbol)
+        if (tried := w.problem.module.symbol.candidates) is not None:
+            more = [w.leaf(tried, path) for path, _ in leaves(tried.type)]
+            both = [w.at(wanted, w.number(k)) for k in range(len(proposed.default))]
+            wanted = w.floats([*both, *more])
+        return self._asked(w, "toward", wanted)
 
     def _asked(self, w: ShieldWriter, name: str, commands: t.TypedExpr) -> t.TypedExpr:
         """A call of the check about commands, with what is read and what may still act."""

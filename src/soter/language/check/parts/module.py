@@ -181,6 +181,8 @@ class ModuleChecker(CheckerPart):
             )
         module.contract = tuple(self._contract(module, decl, scope))
         module.failsafe = self._law(module, decl, scope)
+        if decl.candidates is not None:
+            module.candidates = self.shared.topic_ref(decl.candidates, scope)
         if decl.returns is not None:
             module.latch = self._latch(module, decl, decl.returns, scope)
         if decl.verify is not None:

@@ -234,21 +234,22 @@ def _returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
     return tree.Returns(topic, parser.span_from(start))
 
 
-def _shield(parser: BodyParser, _word: str, start: int) -> tuple[object, bool]:
-    """`shield 8;`, `shield 8 toward sc;`, or `shield;`."""
-    what = "the value of `shield`"
-    no_number = parser.kinds[parser.i] == ";" or parser.texts[parser.i : parser.i + 2] == [
-        "toward",
-        "sc",
-    ]
+def _shield(parser: BodyParser, _word: str, start: int) -> tuple[object, bool, tree.Ref | None]:
+    """`shield 8;`, `shield 8 toward sc;`, `shield;`, or `shield toward plans, sc;`."""
+    what, candidates = "the value of `shield`", None
+    no_number = parser.kinds[parser.i] == ";" or (
+        parser.texts[parser.i] == "toward" and parser.kinds[parser.i + 1] == NAME
+    )
     cells = None if no_number else parser.expr(what)
     toward = parser.accept_word("toward")
-    if toward:
-        parser.expect_word("sc", "after `toward`")
+    if toward and not parser.accept_word("sc"):
+        candidates = parser.ref("`sc`, or a topic with an array of commands, after `toward`")
+        parser.expect(",", "and `sc` after the topic of commands")
+        parser.expect_word("sc", "after the topic of commands")
     if cells is None:
         parser.semicolon("`shield`")
-        return tree.EachCommand(parser.span_from(start)), toward
-    return parser.ended(cells, what), toward
+        return tree.EachCommand(parser.span_from(start)), toward, candidates
+    return parser.ended(cells, what), toward, candidates
 
 
 _MOVE = group(
@@ -268,7 +269,7 @@ RTA_ITEMS: Items = {
     "ttf": once("ttf", only(value("the ttf condition"))),
     "clean": once("clean", only(value("the value of `clean`"))),
     "returns": once("returns", _returns, "returns after", "returns never"),
-    "shield": once({"shield": None, "toward_sc": False}, _shield),
+    "shield": once({"shield": None, "toward_sc": False, "candidates": None}, _shield),
     "rest": once(
         "rest",
         made(
