@@ -173,7 +173,7 @@ ROOMS = {
         "a file a strategy, a header a thing shared; no circles in it",
     ),
     "tests/generators": (74, "each makes one kind of input; nobody reads two of them at once"),
-    "tests/correct": (106, "a file a promise of the pages, found by its name"),
+    "tests/correct": (107, "a file a promise of the pages, found by its name"),
     "bench/ros": (19, "two versions of ROS and DDS share nodes and tables: kills.py, bad_input.py"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
     "tests/unit/report": (19, "as above"),
