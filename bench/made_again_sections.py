@@ -221,6 +221,8 @@ PAGE_OF_RESULTS = "bench/running/results_page.py --out build/made-again --page b
 DESIGN = "-m pytest -q -p no:cacheprovider -n 0 --all tests/correct/test_drone_design.py"
 
 PAGES = (
+    Made("assure.md", "| program | conditions", "bench/c_code/traced_conditions.py"),
+    Made("tool-qualification.md", "| rule | generated", "bench/c_code/misra_rules.py"),
     Made("autopilot.md", "| flights of 20 s", FENCE, given="10 2.5 30 70 6 1.5 20 10,001"),
     Made("autopilot.md", "```arm  ", "@Betaflight on the drone's laps", times="wall"),
     Made(

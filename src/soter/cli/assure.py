@@ -43,7 +43,8 @@ EXAMPLES = f"""\
   soter assure cart.soter --cert proof/ --campaign flights/ --flights 100 -o case/
   soter assure cart.soter --cert proof/ --hazards hazards.csv -o case/
 
-in the folder that is written: index.html (to read), case.json (the same), case.sdoc (StrictDoc)
+in the folder that is written: index.html (to read), case.json (the same), case.sdoc (StrictDoc);
+with --trace trace.csv (from requirements to conditions of the generated C)
 
 {CERTIFICATE_FOLDER}
 {CAMPAIGN_FOLDER}
@@ -73,9 +74,12 @@ class Options:
     hazards: str | None = option(
         "--hazards FILE", None, "CSV: hazards, requirements, owners of assumptions"
     )
+    trace: bool = option(
+        "--trace", False, "follow hazards to conditions of the C, and what covers them", SWITCH
+    )
     params: Pairs = option(*SET)
     output: str = option("-o DIR", ..., "folder to write", keyword=False)
-    NEEDS = (("campaign", "flights"),)
+    NEEDS = (("campaign", "flights"), ("hazards", "trace"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -134,6 +138,8 @@ def _say(assurance: Assurance, console: Console) -> None:
     else:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
     _say_open(assurance, console)
+    if case.conditions is not None:
+        console.say(f"{case.conditions.summary}\n")
     console.say("\n".join(f"written  {path}" for path in assurance.files))
 
 

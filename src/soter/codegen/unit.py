@@ -7,12 +7,12 @@ Non-goals: build files and drivers (`targets/`), compiling (`native/`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen import decisions, faults, kernel_tables, nodes, plants_and_inputs
+from soter.codegen import conditions, decisions, faults, kernel_tables, nodes, plants_and_inputs
 from soter.codegen.body import Body
 from soter.codegen.c_names import FileNames, Unique, no_linked_name, program_prefix
 from soter.codegen.c_printer import print_file
@@ -86,6 +86,10 @@ class Unit:
     """Topic index -> its C type, and its member in `topics` of the state."""
     branches: tuple[StepBranch, ...] = ()
     """The branches that the numbers of `soter_branch` stand for; empty without `branches`."""
+    tree: c.CFile = field(default_factory=c.CFile, repr=False)
+    """The source as a tree, before decisions are counted."""
+    decisions: tuple[tuple[str, c.CExpr], ...] = field(default=(), repr=False)
+    """The decisions that are counted; none where nobody watches (`codegen/conditions.py`)."""
 
 
 def own_names(system: System) -> tuple[str, ...]:
@@ -203,10 +207,11 @@ class UnitBuilder:
         )
         self._require_names((*header.items, *source.items))
         answers = {x.index: arrange(answer_fields(x)) for x in self.system.components if x.extern}
+        text, counted = conditions.printed(source, f'#include "{self.prefix}.h"\n')
         return Unit(
             prefix=self.prefix,
             header=print_file(header),
-            source=print_file(source),
+            source=text,
             layout=self.layout,
             answers=answers,
             c_sources=tuple(dict.fromkeys(self.c_sources)),
@@ -216,6 +221,8 @@ class UnitBuilder:
                 for t in self.system.topics
             ),
             branches=tuple(self.frame.branches or ()),
+            tree=source,
+            decisions=counted,
         )
 
     def _require_names(self, items: tuple[c.CTop, ...]) -> None:

@@ -93,7 +93,12 @@ def library(
         runtime = objects(sources, (*without_link(flags), *include_flags(*engine)))
         compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
 
-    return cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
+    path = cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
+    if unit.decisions:
+        from soter.codegen.conditions import compiled  # noqa: PLC0415 - only then
+
+        compiled(unit.decisions, path)
+    return path
 
 
 def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:

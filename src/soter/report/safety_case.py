@@ -13,7 +13,9 @@ Standard, version 3; StrictDoc's user guide, "SDoc syntax".
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+import csv
+from dataclasses import asdict, dataclass, field, fields
+from io import StringIO
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -123,6 +125,64 @@ class Traceability:
         return asdict(self) | {"path": self.path or None, "sha256": self.sha256 or None}
 
 
+@dataclass(frozen=True)
+class TracedCondition:
+    """A condition of the generated C, and rows of hazards with the property by which they reach it.
+
+    `core`: what is lowered to its function, `source`: where the program says it, "" for what every
+    program has; `line` of the C. `covered_by`: what showed that it decides by itself (MC/DC), or
+    "", and then `not_covered` says what is missing.
+    """
+
+    reached_by: tuple[tuple[str, str], ...]
+    core: str
+    source: str
+    function: str
+    line: int
+    decision: str
+    condition: str
+    covered_by: str
+    not_covered: str
+
+
+@dataclass(frozen=True)
+class ConditionTrace:
+    """The conditions of the file `c`, what ran them, and (row, property) that reach no one."""
+
+    c: str
+    ran: tuple[str, ...]
+    conditions: tuple[TracedCondition, ...]
+    empty: tuple[tuple[str, str], ...]
+
+    @property
+    def reached(self) -> list[TracedCondition]:
+        """Those that a row of hazards reaches."""
+        return [x for x in self.conditions if x.reached_by]
+
+    @property
+    def summary(self) -> str:
+        """How many conditions are reached and covered, in one sentence."""
+        reached = self.reached
+        covered, all_ = sum(bool(x.covered_by) for x in reached), len(self.conditions)
+        return (
+            f"hazards and requirements reach {len(reached)} of the {all_} conditions of {self.c}: "
+            f"{covered} are covered, {len(reached) - covered} are not"
+        )
+
+    def as_csv(self) -> str:
+        """A row for each condition and each property by which it is reached, as the C has them."""
+        text = StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        names = [f.name for f in fields(TracedCondition)][1:]
+        table.writerow(("reached_by", "property", *names))
+        for x in self.conditions:
+            for row in x.reached_by or (("", ""),):
+                table.writerow((*row, *(getattr(x, name) for name in names)))
+        for row in self.empty:
+            table.writerow((*row, *[""] * (len(names) - 1), "it reaches no condition"))
+        return text.getvalue()
+
+
 Kind = Literal["goal", "strategy", "solution", "context", "assumption"]
 SUPPORTED, UNDEVELOPED = "supported", "undeveloped"
 RETURNS, LAWS = "G4", "G5"
@@ -173,6 +233,7 @@ class SafetyCase:
     traceability: Traceability = field(default_factory=Traceability)
     plants: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Instances of a plant, as text -> the plant's equations as the program writes them."""
+    conditions: ConditionTrace | None = None
     refuted: list[str] = field(default_factory=list)
     """What was found to be false while the case was made, such as a rejected certificate."""
 
@@ -228,6 +289,7 @@ class SafetyCase:
             "provenance": self.provenance,
             "predicates": [p.to_json() for p in self.predicates],
             "traceability": self.traceability.to_json(),
+            "conditions": None if self.conditions is None else asdict(self.conditions),
         }
 
     def _node(self, n: CaseNode) -> dict[str, object]:

@@ -325,3 +325,26 @@ def test_a_dm_that_follows_sc_is_said_not_to_be_tried(tmp_path: Path) -> None:
     said, why, differs = compiled_as_proved(flat, flat.modules[0], [entry], certificate)
     assert (said, differs) == ("", False)
     assert why == "not tried: its predicates are no tables of cells"
+
+
+def test_a_requirement_leads_to_conditions_that_runs_cover_or_that_are_named(
+    tmp_path: Path,
+) -> None:
+    """R1 of the cart over its module; no row reaches AC, and that of the law reaches nothing."""
+    hazards = CART.with_name("cart_hazards.csv")
+    case = load(CART).assure(tmp_path, system="Protected", hazards=hazards, trace=True).case
+    trace = case.conditions
+    assert trace is not None
+    of = {(x.function, x.condition): x for x in trace.conditions}
+    ttf = of["cart_SafeCart_ttf", "room < 0.0"]
+    assert ("R1", "SafeCart.safe") in ttf.reached_by
+    assert (ttf.source, ttf.covered_by) == ("cart.soter:62", "run of Protected, seed 1")
+    assert of["cart_switch", "stale"].covered_by == "check of the decision modules"
+    assert of["cart_clamp_fn", "lo <= hi"].not_covered == "never false"
+    assert all(bool(x.covered_by) != bool(x.not_covered) for x in trace.conditions)
+    orphans = {x.function for x in trace.conditions if not x.reached_by}
+    assert orphans == {"cart_publish_2", "cart_c_step", "cart_SafeCart_Fast_step"}
+    assert trace.empty == (("H3", "SafeCart.failsafe"),)
+    rows = (tmp_path / "trace.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[-1] == "H3,SafeCart.failsafe,,,,,,,,it reaches no condition"
+    assert "not covered: never false" in (tmp_path / "index.html").read_text(encoding="utf-8")

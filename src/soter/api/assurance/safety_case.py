@@ -15,6 +15,7 @@ supports nothing.
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,11 +28,13 @@ from soter.api.assurance.certificate_check import (
     proof_of,
     provenance_of,
 )
+from soter.api.assurance.condition_tracing import trace_conditions
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_inlining import expanded
 from soter.api.exploring import chosen
 from soter.api.rechecking import require_flint
+from soter.codegen.conditions import watched
 from soter.diagnostics.command_records import needless
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless
@@ -319,7 +322,7 @@ def _add_compiled(
     return case.status(goal) == SUPPORTED
 
 
-FILES = ("index.html", "case.json", "case.sdoc")
+FILES = ("index.html", "case.json", "case.sdoc", "trace.csv")
 FLOWN_AGAIN = 20
 
 
@@ -335,16 +338,18 @@ def assure(
     campaign: str | Path | None = None,
     flights: int = FLOWN_AGAIN,
     hazards: str | Path | None = None,
+    trace: bool = False,
     progress: Progress | None = None,
     tell: Tell = lambda _: None,
 ) -> Assurance:
     """Makes the case and writes it to the folder `output`.
 
     `tests`: explore them now; `flights`: how many of a campaign to fly again; `hazards`: a CSV file
-    of hazards, requirements and owners of assumptions (docs/assure.md); `tell` is called first with
-    what does not fit the program. SoterError D009 if there is no certificate, D005 for a wrong
-    report, D021 for wrong hazards, D006 if something cannot be read or written, D007 without the
-    extra `prove`, and as `Program.flat`.
+    of hazards, requirements and owners of assumptions (docs/assure.md); `trace`: write
+    `trace.csv`, too, from each of them to conditions of the generated C and what covers these;
+    `tell` is called first with what does not fit the program. SoterError D009 if there is no
+    certificate, D005 for a wrong report, D021 for wrong hazards, D006 if something cannot be read
+    or written, D007 without the extra `prove`, and as `Program.flat`.
     """
     require_flint()
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
@@ -353,6 +358,7 @@ def assure(
         require_no_certificate(Path(output) / name, None if cert is None else Path(cert))
     if campaign is None:
         needless("without `campaign`", flights=flights != FLOWN_AGAIN)
+    needless("without `hazards`", trace=trace and hazards is None)
     flat = program.declared(system, params)
     if tests:  # U010 where there is none
         chosen({n: t for n, t in flat.program.tests.items() if "." not in n}, program.path, None)
@@ -376,16 +382,28 @@ def assure(
         "--campaign": campaign,
         "--flights": flights if campaign is not None else None,
         "--hazards": hazards,
+        "--trace": trace,
         "-o": output,
     }
     case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))
     top = argue(case, flat, proof)
     _add_contexts(case, flat, top)
-    evidence.tests(case, explored=tests)
+    tested = _tests(case, evidence, explored=tests, counted=trace)
     evidence.campaign(case, flights)
     tracing.enter(case)
+    if trace:
+        trace_conditions(case, flat, program.flat(system, params), tested)
     files = _write_files(case, Path(output))
     return Assurance(case, files, tuple(case.refuted), proof.not_rechecked)
+
+
+def _tests(
+    case: SafetyCase, evidence: Evidence, *, explored: bool, counted: bool
+) -> list[tuple[str, Any]]:
+    """Adds the goals of tests, and returns what these show of conditions, if that is `counted`."""
+    with watched() if counted else nullcontext() as seen:
+        evidence.tests(case, explored=explored)
+        return [("the tests of the program", seen())] if seen and explored else []
 
 
 def _add_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
@@ -428,15 +446,18 @@ def _equations(plant: PlantSymbol) -> tuple[str, ...]:
 
 
 def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
-    """Writes the three files and returns their paths; SoterError D006 if one cannot be written."""
+    """Writes the files and returns their paths; SoterError D006 if one cannot be written."""
     from soter.report.html import write_text  # noqa: PLC0415 - only then
     from soter.report.safety_case_page import write_case  # noqa: PLC0415 - only then
 
     try:
-        page, data, document = (own_place(folder, name) for name in FILES)
+        page, data, document, table = (own_place(folder, name) for name in FILES)
     except OSError as error:
         raise mistake("D006", str(error)) from error
     write_case(case, page)
     write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
     write_text(sdoc(case), document)
-    return page, data, document
+    if case.conditions is None:
+        return page, data, document
+    write_text(case.conditions.as_csv(), table)
+    return page, data, document, table

@@ -1,0 +1,132 @@
+"""From a requirement to the conditions of the generated C, and which run shows each (`--trace`).
+
+Purpose: `trace_conditions` follows each property that a row of hazards traces to into Core, into
+the functions of the C that is made of that, and to their conditions; and back, to conditions that
+no row reaches. What runs show is counted in that C itself (`codegen/conditions.py`), in `RUNS`
+flights, in the check of the decision modules and, with `--tests`, in the tests.
+Non-goals: C of the run-time and of externs; whether what the C computed was right.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from soter.api.arguments import end_of
+from soter.api.assurance.hazard_traceability import LAW
+from soter.codegen.conditions import conditions_of, functions_of, lacking, reached, watched
+from soter.codegen.unit import UnitBuilder
+from soter.core.steps import lower
+from soter.diagnostics.current_phase import phase
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.bindings import bind
+from soter.report.safety_case import ConditionTrace, TracedCondition
+from soter.simulate.externs.callables import callables, close
+from soter.simulate.interrupt import StopRequest
+from soter.simulate.run import NativeProgram
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.codegen.conditions import Vector
+    from soter.language.model.system import System
+    from soter.report.safety_case import SafetyCase
+
+    Shown = dict[tuple[str, str], set[Vector]]
+
+
+RUNS = 20
+PLACE = re.compile(r"(.*?)(?:, (\S+:\d+))?", re.DOTALL)
+"""What the comment above a function says: what it is of, and where the program says that."""
+
+
+def trace_conditions(
+    case: SafetyCase, declared: System, flat: System, tested: list[tuple[str, Shown]]
+) -> None:
+    """Adds to a case that has its traces those of conditions, with what was `tested` before.
+
+    `flat`: as `declared`, with predicates computed; the check of a DM that computes takes too long.
+
+    A condition is covered by what first shows, with all before it, that it decides by itself.
+    """
+    builder = UnitBuilder(flat, lower(flat), None)
+    unit = builder.run()
+    functions = functions_of(unit.tree)
+    direct = {
+        (item.id, name): reached(functions, _roots(builder, flat, name))
+        for item in case.traceability.items
+        for name in item.traces_to
+        if name in item.properties
+    }
+    computed = any(m.symbol.ttf is None or m.symbol.safer is None for m in declared.modules)
+    decided = [("no check of a decision module that computes its predicates", dict[Any, Any]())]
+    shown: list[tuple[str, Shown]] = [*_flown(flat)]
+    shown += [*(decided if computed else _decided(case, flat)), *tested]
+    evidence = list(_summed(shown))
+    found = []
+    for x in conditions_of(unit.tree, unit.source):
+        missing = [lacking(seen.get(x.key[:2], set()), x.key[2]) for _, seen in evidence]
+        said = PLACE.fullmatch(x.of)
+        assert said is not None
+        core, source = said.groups("")
+        behind = tuple(row for row, names in direct.items() if x.function in names)
+        by = next((what for (what, _), m in zip(evidence, missing, strict=True) if not m), "")
+        why = "" if by else missing[-1] if missing else "nothing was run"
+        place = (core, source, x.function, x.line)
+        found.append(TracedCondition(behind, *place, x.decision, x.text, by, why))
+    reaching = {row for x in found for row in x.reached_by}
+    empty = tuple(row for row in direct if row not in reaching)
+    how = tuple(dict.fromkeys(what for what, _ in shown))
+    case.conditions = ConditionTrace(f"{unit.prefix}.c", how, tuple(found), empty)
+
+
+def _roots(builder: UnitBuilder, flat: System, name: str) -> list[str]:
+    """The C functions of what a property is about; of a test of all nodes and modules."""
+    for p in flat.properties:
+        if p.component is None and " ".join(f"{p.kind} {p.text}".split()) == name:
+            return [f"{builder.prefix}_property_{p.index}"]
+    about, _, what = name.rpartition(".")
+    modules = [m for m in flat.modules if about in ("", m.name)]
+    if about and what == LAW:
+        return [f"{builder.names[i]}_failsafe" for m in modules for i in (m.ac, m.sc)]
+    nodes = [m.sc for m in modules] if about else [x.index for x in flat.components if not x.plant]
+    steps = [f"{builder.names[i]}{end}" for i in nodes for end in ("_step", "_effect", "_exchange")]
+    return [*steps, *(f"{builder.module_names[m.index]}_decide" for m in modules)]
+
+
+def _flown(flat: System) -> Iterator[tuple[str, Shown]]:
+    """What flights with seeds 1 to `RUNS` show; where externs are not bound, why there are none."""
+    phase("flying to see conditions")
+    with watched() as seen:
+        try:
+            bindings = bind(flat, {})
+            bound = callables(bindings, "native", StopRequest())
+            program = NativeProgram(flat, core=bindings.core)
+            for seed in range(1, RUNS + 1):
+                program.run(end_of(flat, None), seed, bound)
+                yield f"run of {flat.name}, seed {seed}", seen()
+            close(bound)
+        except SoterError as error:
+            yield f"no run of {flat.name}: {error}", {}
+
+
+def _decided(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
+    """What the check of the decision modules shows; it says where one differs."""
+    from soter.verify.deploy.dm_check import check_decisions  # noqa: PLC0415 - compiles
+
+    with watched() as seen:
+        try:
+            checks = check_decisions(flat)
+        except (SoterError, NotImplementedError) as error:
+            yield f"no check of the decision modules: {error}", {}
+            return
+        case.refuted += [f"{x.module}: {x.text}" for x in checks if x.failures]
+        yield "check of the decision modules", seen()
+
+
+def _summed(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
+    """Each with all that was shown before it."""
+    total: Shown = {}
+    for what, seen in shown:
+        total = {k: total.get(k, set()) | seen.get(k, set()) for k in total.keys() | seen.keys()}
+        yield what, total
