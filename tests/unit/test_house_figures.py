@@ -176,7 +176,7 @@ ROOMS = {
     "tests/correct": (107, "a file a promise of the pages, found by its name"),
     "bench/ros": (19, "two versions of ROS and DDS share nodes and tables: kills.py, bad_input.py"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
-    "tests/unit/report": (19, "as above"),
+    "tests/unit/report": (20, "as above"),
     "tests/unit/simulate": (18, "as above"),
     "tests/unit/language": (21, "as above"),
     "tests/unit/verify/claims": (18, "a file a claim or a choice, found by its name"),

@@ -54,11 +54,12 @@ from soter.cli.terminal.log_judgement import (
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.render import safe
+from soter.report.judged_curves import JudgedTimes, drawing
 from soter.report.templates import PageSection
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.api import Program
     from soter.monitor.log_files.log_columns import Damage
@@ -146,6 +147,12 @@ MEANING = (
     "judges that."
 )
 """What the words of the table mean, for a page that somebody reads without the program."""
+ALLOWED = "may be from -100 to 100 %"
+OFFSET_MAX = 5.0
+OFFSETS = (
+    "Each curve is a state: how far a step led from the middle of what the model allows, as a "
+    "share of what the declared bounds and errors allow; above 500 % it is drawn there."
+)
 ENDING = "-monitor.html"
 
 
@@ -265,6 +272,20 @@ def _tell_judgements(
     return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, program)
 
 
+def _drawn(judged: Sequence[Judgement], args: argparse.Namespace) -> Iterator[PageSection]:
+    """For a page of one run: how far its states were from what the model allows, over time."""
+    asked = args.report is not None and len(args.seed) == 1
+    for j in (j for j in judged if asked and j.offsets):
+        times = JudgedTimes(j.offset_times_s[0], j.offset_times_s[-1], changes=j.modes)
+        times.alarms.update(map(times.column, j.alarm_times_s))
+        for at_s, offsets in zip(j.offset_times_s, j.offsets, strict=True):
+            for name, x in zip(j.state_names, offsets.tolist(), strict=True):
+                share = 100.0 * min(max(x, -OFFSET_MAX), OFFSET_MAX)
+                times.note((name, "%", ALLOWED), at_s, share, (-100.0, 100.0), alarm=True)
+        title = f"{j.module}: its states beside the model"
+        yield PageSection(title, (OFFSETS,), drawn=drawing(times, "alarms"))
+
+
 def _outcome(
     judged: Sequence[Judgement],
     table: tuple[tuple[str, ...], list[tuple[str, ...]]],
@@ -296,6 +317,7 @@ def _outcome(
         console.say(f"\n{text}")
     told = [
         PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
+        *_drawn(judged, args),
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]

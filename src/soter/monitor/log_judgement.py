@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
     from soter.monitor.log_files.log_columns import Damage, FarStamps
     from soter.monitor.typed_samples import DerivedValue
+    from soter.report.judged_curves import JudgedTimes
 
 
 ASSUMED = (
@@ -76,7 +77,7 @@ class ModuleOfLog:
     of the file, of which only what stands before it was judged.
     `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
     says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
-    `span`: where the module is declared.
+    `span`: where the module is declared; `times`: what `safe` compared over time.
     """
 
     module: str
@@ -106,6 +107,7 @@ class ModuleOfLog:
     bounds: dict[str, NearestMargin] = field(default_factory=dict)
     last_heard: dict[str, float] = field(default_factory=dict)
     span: Span | None = field(default=None, compare=False, repr=False)
+    times: JudgedTimes | None = field(default=None, compare=False, repr=False)
 
     @property
     def decided(self) -> bool:

@@ -32,6 +32,7 @@ from soter.monitor.decidable_modules import (
 from soter.monitor.log_files.log_columns import unusable
 from soter.monitor.log_judgement import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
 from soter.monitor.predicate_margins import PredicateMargins, PredicatePosition
+from soter.report.judged_curves import JudgedTimes
 from soter.semantics.configuration import AC, NEVER, DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
@@ -80,6 +81,8 @@ def replay(
     for of_module, m in zip(judged.modules, system.modules, strict=True):
         of_module.waiting = max(0, from_ns - begin_ns) // m.period_ns
     pairs = zip(system.modules, judged.modules, strict=True)
+    for of_module in judged.modules:
+        of_module.times = JudgedTimes(judged.from_s, judged.to_s)
     watches = {m.index: _Watch(m, of_module) for m, of_module in pairs if of_module.decided}
     world = _LogState(system, interpreter, samples, plan, judged, from_ns)
     world.watches = watches
@@ -422,6 +425,11 @@ class _Watch:
         found = self.found
         found.clearance = _least(found.clearance, clear.far, clear, self.of_safe, time_s)
         holds = copysign(1.0, clear.far) > 0
+        assert found.times is not None
+        found.times.alarms[found.times.column(time_s)] += not holds
+        for bound, (value, *band) in self.of_safe.sides.items():
+            found.times.note(self.of_safe.compared(bound), time_s, value, band, alarm=not holds)
+        self.of_safe.sides.clear()
         if not holds and found.first_outside_s is None:
             found.first_outside_s = time_s
         return holds

@@ -81,6 +81,11 @@ class Judgement:
     offsets: list[Floats] = field(default_factory=list, compare=False, repr=False)
     """Of each step how far states, (states,), were from the middle of what the model allows, as a
     share of what bounds and errors allow: beyond 1 an alarm; 0 where a state is not known."""
+    offset_times_s: list[float] = field(default_factory=list, compare=False, repr=False)
+    alarm_times_s: list[float] = field(default_factory=list, compare=False, repr=False)
+    state_names: tuple[str, ...] = field(default=(), compare=False, repr=False)
+    modes: tuple[tuple[float, str], ...] = field(default=(), compare=False, repr=False)
+    """When, in s, who was given control, as in `RecordedRun`."""
 
     @property
     def judged(self) -> bool:
@@ -283,6 +288,8 @@ def judge(
     models = models or Models(problem)
     source = "estimates" if estimates else "truth"
     judgement = Judgement(module.name, source, span=module.symbol.span)
+    judgement.state_names = tuple(leaf.name for leaf in reader.states)
+    judgement.modes = tuple((at_s, to) for at_s, m, to in record.modes if m == module.name)
     if record.times_ns:
         judgement.length_ns = record.times_ns[-1] - record.times_ns[0]
     if estimates:
@@ -296,6 +303,7 @@ def judge(
 def note_alarm(judgement: Judgement, at_s: float, states: Sequence[str]) -> None:
     """Count an alarm, and the states, or commands, that it is about."""
     judgement.alarms += 1
+    judgement.alarm_times_s.append(at_s)
     first = judgement.first_alarm_s
     judgement.first_alarm_s = at_s if first is None else min(first, at_s)
     for name in states:
@@ -345,6 +353,7 @@ def _compare(
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(over > 0, over / step.reach, 0.0)
         judgement.offsets.append(np.nan_to_num(ahead / (step.reach + slack)))
+    judgement.offset_times_s.append(record.times_ns[k] / 1e9)
     judgement.steps += 1
     worst = int(np.argmax(shares))
     if shares[worst] > judgement.share:
@@ -450,6 +459,7 @@ def _on_estimates(
             continue  # there is no state of which both are known
         judgement.steps += 1
         judgement.offsets.append(_offset(box, seen))
+        judgement.offset_times_s.append(now / 1e9)
         judgement.judged_ns += 0 if gap else apart
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
         wrong = [reader.states[i].name for i in np.flatnonzero(low > high)]

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.model import typed as t
+from soter.language.model.tree_walk import nodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from soter.language.evaluate.environment import Environment
     from soter.language.evaluate.statements import Evaluator
     from soter.language.model.types import Value
+    from soter.report.judged_curves import Compared
 
 
 TEXT_MAX = 70
@@ -57,6 +59,7 @@ class PredicateMargins:
     """Margins of the predicates of one scope, compiled once.
 
     `bounds`: every comparison as it is written, and the calls that led there.
+    `sides`: by bound the value that was compared when it was last asked, and its band.
     `seen`: by bound the distance it had when it was last asked, above zero on the side that speaks
     for the predicate.
     """
@@ -66,6 +69,9 @@ class PredicateMargins:
         self.bounds: list[tuple[str, tuple[str, ...]]] = []
         self._labels: list[str] = []
         self.seen: dict[int, float] = {}
+        self.sides: dict[int, tuple[float, ...]] = {}
+        self.curves: list[t.TypedExpr] = []
+        """Of each bound the side that is compared: the first that is no constant."""
 
     def of(self, e: t.TypedExpr, at: PredicatePosition = ROOT) -> Callable[[Environment], Distance]:
         """`environment -> distance`; raises `StepFault` where the predicate does."""
@@ -84,6 +90,11 @@ class PredicateMargins:
             return self._call(e, at)
         value = self._evaluator.expression(e)
         return lambda env: Far[0] if value(env) else Far[1]
+
+    def compared(self, bound: int) -> Compared:
+        """What a bound compares, for a drawing over time."""
+        e = self.curves[bound]
+        return _text(e), getattr(e.type, "unit", ""), f"`{self.label(bound)}`"
 
     def label(self, bound: int) -> str:
         """A comparison as people tell it from the others: with the calls in which they differ."""
@@ -128,15 +139,22 @@ class PredicateMargins:
         holds = self._evaluator.expression(e)
         bound, seen = len(self.bounds), self.seen
         self.bounds.append((_text(e), at.calls))
+        self.curves.append(e.left if _varies(e.left) else e.right)
+        first, sides = self.curves[-1] is e.left, self.sides
         sign = 1.0 if e.op in ("<", "<=") else -1.0
+        above = (at.sense * sign < 0) == first
 
         def compared(env: Environment) -> Distance:
-            far = sign * (float(right(env)) - float(left(env)))
+            a, b = float(left(env)), float(right(env))
+            far = sign * (b - a)
             if far == 0.0 or math.isnan(far):
                 size = 0.0 if far == 0.0 else math.inf
                 far = size if holds(env) else -size
             if at.sense:
                 seen[bound] = at.sense * far
+                value, end = (a, b) if first else (b, a)
+                band = (end, math.inf) if above else (-math.inf, end)
+                sides[bound] = (value, *band)
             return Distance(far, bound)
 
         return compared
@@ -248,6 +266,10 @@ def _after(way: list[Distance], distance: Distance) -> Distance:
     """The distance of a returned value, at most that of the conditions (`way`) that led to it."""
     nearest = min([*way, distance], key=lambda d: abs(d.far))
     return Distance(math.copysign(abs(nearest.far), distance.far), nearest.bound)
+
+
+def _varies(e: t.TypedExpr) -> bool:
+    return any(isinstance(n, (t.VarRead, t.TopicRead, t.AgeRead, t.TypedCall)) for n in nodes([e]))
 
 
 def _text(e: t.TypedExpr) -> str:

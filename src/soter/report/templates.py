@@ -68,7 +68,7 @@ def _environment() -> Environment:
 class PageSection:
     """A heading, sentences below it, and a table: rows of text under `head`.
 
-    `opens`: the number of the row at which the table opens, in a box that scrolls.
+    `opens`: the number of the row at which the table opens, in a box that scrolls. `drawn`: HTML.
     """
 
     title: str
@@ -76,6 +76,7 @@ class PageSection:
     head: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     opens: int | None = None
+    drawn: str = ""
 
 
 def sections_main(title: str, headline: str, verdict: str, sections: Sequence[PageSection]) -> str:

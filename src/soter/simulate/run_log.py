@@ -10,7 +10,7 @@ Non-goals: reading logs that `soter run --log` did not write; locals of nodes, w
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -285,7 +285,8 @@ class RecordedRun:
     """After each instant: every topic by full name, every plant's true state by full name.
 
     `published`: the topics that were published at each instant. `before`: the topics before the
-    first one, of a part of a record; None: their defaults.
+    first one, of a part of a record; None: their defaults. `modes`: when, in s, which module was
+    given to whom, as far as that is known; the first of each is its mode at the beginning.
     """
 
     times_ns: list[int]
@@ -293,6 +294,7 @@ class RecordedRun:
     truths: list[dict[str, Any]]
     published: list[set[str]]
     before: dict[str, Any] | None = None
+    modes: list[tuple[float, str, str]] = field(default_factory=list)
 
 
 MISSED = ("late", "skip", "wait", "overrun", "silent")
@@ -312,6 +314,9 @@ def record_of_trace(run: Run) -> RecordedRun:
         record.truths.append({c.name: truth_value(run.layout, c, raw) for c in plants})
         stamps, now = row["stamps"], record.times_ns[-1]
         record.published.append({t.name for t in run.system.topics if stamps[t.index] == now})
+    for m in run.system.modules:
+        record.modes.append((0.0, m.name, "AC" if m.forced == "ac" else "SC"))
+    record.modes.extend((d.time_ns / 1e9, d.module, d.after) for d in run.decisions)
     _drop_unpublished(record, run.system)
     return record
 
@@ -350,6 +355,8 @@ def read_log(path: Path, system: System) -> RecordedRun:
     states: dict[str, Any] = {}
     for time_ns, channel, message in messages(path):
         t = types.get(channel)
+        if channel == MODES_TOPIC:
+            record.modes.append((time_ns / 1e9, message["module"], message["mode"]))
         if t is None:
             continue
         value = _logged_value(path, system, channel, t, message)

@@ -21,6 +21,7 @@ from soter.report.proof_page import (
     RegionSlice,
     write_proof,
 )
+from soter.simulate.run_report import report_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,6 +93,49 @@ def test_a_page_that_was_moved_alone_says_what_it_lacks(
     page.open(alone.as_uri())
     page.wait("document.readyState === 'complete'")
     assert "soter-plotly" in page.value("document.getElementById('figure-chart-0').textContent")
+
+
+MANY = """soter 1;
+type P = { x: float unit "m", y: float unit "m", z: float unit "m" };
+type Wheels = { left: float unit "rad/s", right: float unit "rad/s" };
+type Mixed = { a: float unit "m", b: float unit "s", c: float, d: float };
+topic late: float;
+topic where: P;
+plant Body period 10ms { drives where = p; state w: Wheels; state m: Mixed; state p: P;
+  der w = { left: 1.0, right: 2.0 }; der m = { a: 1.0, b: 1.0, c: 1.0, d: 1.0 };
+  der p = { x: 1.0, y: 2.0, z: 0.0 }; }
+node N period 10ms { subscribes where; publishes late; step { publish late = where.x; } }
+system S default { b: Body; node N; until 1s; always b.truth.p.x < 9.0; }
+"""
+
+
+def test_other_signals_are_folded_below_those_of_properties_and_drawn_when_opened(
+    page: browser.Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    (tmp_path / "many.soter").write_text(MANY)
+    program = soter.load(tmp_path / "many.soter")
+    run = program.simulate()
+    panels = list(dict.fromkeys(s.panel for s in report_page(run, "", {}).charts[0].series))
+    assert panels == ["b.p", "b.w", "b.m.a", "b.m.b", "b.m.c", "b.m.d", "where", "late"]
+    page.size(PHONE_PX, 900)
+    page.open(program.write_report(run, tmp_path / "many.html").as_uri())
+    page.wait(READY)
+    texts = "document.querySelectorAll('#figure-chart-0{} .annotation-text')"
+    names = f"[...{texts}].map((e) => e.textContent)"
+    shown = page.value(names.format(""))
+    assert "b.p / m  (dashed: b.p.y, dotted: b.p.z)" in shown
+    assert "b.w / (rad/s)  (dashed: b.w.right)" in shown
+    assert "late" not in shown
+    assert page.value("document.querySelectorAll('details[open]').length") == 0
+    folded = page.value("document.body.scrollHeight")
+    page.value("document.querySelector('details').open = true")
+    page.wait("document.querySelectorAll('#figure-chart-0-more .main-svg').length > 0")
+    assert "late" in page.value(names.format("-more"))
+    assert page.value("document.body.scrollHeight") > folded + 600
+    drawn = "document.querySelector('#figure-chart-0-more .main-svg').getBoundingClientRect().width"
+    assert 300 < page.value(drawn) <= PHONE_PX
+    assert page.errors == []
 
 
 def proof_page(folder: Path) -> Path:

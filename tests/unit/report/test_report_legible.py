@@ -15,6 +15,7 @@ import browser
 import legibility
 import soter
 from soter.report.html import write_document, write_html
+from soter.report.judged_curves import JudgedTimes, drawing
 from soter.report.proof_page import (
     R2,
     R4,
@@ -44,7 +45,7 @@ HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
 WINDOWS = ((1300, "light"), (1300, "dark"), (420, "light"))
 DRAWN = (
     "document.readyState === 'complete' && [...document.querySelectorAll('.plot')]"
-    ".every((e) => e.querySelector('.main-svg, canvas'))"
+    ".filter((e) => e.offsetParent).every((e) => e.querySelector('.main-svg, canvas'))"
 )
 
 
@@ -101,7 +102,21 @@ def told_page(folder: Path) -> Path:
     return write_document("a page", main, folder / "told.html")
 
 
+def judged_page(folder: Path) -> Path:
+    """A log with alarms, and with a name that is longer than a phone is wide."""
+    times = JudgedTimes(0.0, 600.0, changes=[(0.0, "SC"), (30.0, "AC"), (400.0, "SC")])
+    long = ("Up(t.height - p.z, -v.z, tau): room - line.T * v", "m/s", f"`{HASH * 2}`")
+    for k in range(6_000):
+        value = float(np.sin(k / 300)) * 12_345.678
+        times.note(long, k / 10, value, (-10_000.0, 9_000.0), alarm=True)
+        times.alarms[times.column(k / 10)] += value > 9_000.0
+    section = PageSection("What was judged", (), drawn=drawing(times, "reads outside of `safe`"))
+    main = sections_main("a log", "1,000 alarms", "bad", [section])
+    return write_document("a log", main, folder / "judged.html")
+
+
 MADE = (
+    judged_page,
     run_page,
     in_browser.proof_page,
     in_browser.campaign_page,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, Severity
 from soter.diagnostics.render import safe
+from soter.report.judged_curves import drawing
 from soter.report.templates import PageSection
 
 if TYPE_CHECKING:
@@ -90,7 +91,12 @@ def sections(j: LogJudgement) -> Iterator[PageSection]:
 
 def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
     """Sections of a module: its outcome, changes of control, how near each comparison came."""
-    yield PageSection(m.module, tuple(text.strip() for text in _outcome(m)))
+    drawn = ""
+    if m.times is not None and m.decided:
+        changes = [(m.times.begin_s, "SC"), *((c.time_s, c.to) for c in m.changes)]
+        m.times.changes = () if m.unheard else changes
+        drawn = drawing(m.times, "reads outside of `safe`")
+    yield PageSection(m.module, tuple(text.strip() for text in _outcome(m)), drawn=drawn)
     if not m.decided:
         return
     if m.changes:

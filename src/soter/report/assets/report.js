@@ -77,6 +77,9 @@
 
   function draw(figure) {
     const place = document.getElementById("figure-" + figure.key);
+    if (place.clientWidth === 0) {
+      return; // folded
+    }
     const style = window.getComputedStyle(document.documentElement);
     const data = figure.data.map((trace) => {
       const { group, ...rest } = themed(trace, style);
@@ -154,6 +157,8 @@
     pending = window.setTimeout(drawAll, 120);
   });
   dark.addEventListener("change", drawAll);
+  document.querySelectorAll("details").forEach((e) => (e.open = e.open && !narrow.matches));
+  document.querySelectorAll("details").forEach((e) => e.addEventListener("toggle", drawAll));
   if (typeof Plotly === "undefined") {
     for (const place of document.querySelectorAll(".plot")) {
       place.textContent =

@@ -8,6 +8,8 @@ Non-goals: judging: the counts come from the caller; drawing (`timeline.py`, a `
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
     Bar = tuple[ModeBand | None, str]
 
 
+PANELS = 4
+"""Panels of a chart that are not folded."""
 KNOWN = ("lap_s", "violations", "ac_share", "switches_to_sc", "switches_to_ac", "min_clearance_m")
 CAPTIONS = {
     "lap_s": "a lap",
@@ -139,8 +143,8 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
     scene, drawn = ("", []) if page.scene is None else page.scene.sections(page.flights)
     flown = _flown(page.flights)
     end_s = longest_s(page.charts)
-    charted = [chart_timeline(c, f"chart-{i}", end_s=end_s) for i, c in enumerate(page.charts)]
-    drawn = [*drawn, *flown, *charted]
+    charted = [_charted(c, f"chart-{i}", end_s) for i, c in enumerate(page.charts)]
+    drawn = [*drawn, *flown, *chain(*charted)]
     main = filled(
         "report/run/page.html.j2",
         page=page,
@@ -148,7 +152,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         headline=headline(page),
         cards=_cards(page, longest_s(arms)),
         scene=scene,
-        flown=[(f.title, figure) for f, figure in zip(page.flights, flown, strict=True)],
+        flown=[(f.title, [figure]) for f, figure in zip(page.flights, flown, strict=True)],
         charted=[(c.title, figure) for c, figure in zip(page.charts, charted, strict=True)],
         program=_program_section(page.picture),
         where_text=_where,
@@ -175,6 +179,17 @@ def _cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str, li
         for c in page.charts
     ]
     return cards
+
+
+def _charted(chart: Chart, key: str, end_s: float) -> list[Figure]:
+    """The chart of the first panels, and of the others, which the page folds."""
+    panels = list(dict.fromkeys(s.panel or s.name for s in chart.series))
+    parts = [part for part in (panels[:PANELS], panels[PANELS:]) if part]
+    series = [tuple(s for s in chart.series if (s.panel or s.name) in part) for part in parts]
+    return [
+        chart_timeline(replace(chart, series=each), f"{key}{'-more' * k}", end_s=end_s)
+        for k, each in enumerate(series or [()])
+    ]
 
 
 def _flown(flights: Sequence[Flight]) -> list[Figure]:

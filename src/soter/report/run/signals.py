@@ -41,7 +41,7 @@ ELEMENTS_MAX = 7
 """Arrays that are longer are not drawn; an arm has this many joints."""
 SIGNAL_SHARE_MIN = 20
 """A signal keeps at least one part in this many of its panel's height."""
-AXES = {"x", "y", "z"}
+AXES = {"w", "x", "y", "z"}
 
 
 def recorded(t: Type, values: Sequence[Any]) -> npt.NDArray[Any]:
@@ -75,11 +75,14 @@ def value_series(
     demanded = _limits_by_signal(system)
     measured = _measured_states(system)
     compared = frozenset(measured.values())
+    alone: set[str] = set()
     states_of = {x.name: x.plant.states for x in system.components if x.plant is not None}
     for name, states in plants.items():
         for state in states_of[name]:
             for each in _signals(f"{name}.{state.name}", state.type, states[state.name], ()):
-                own = replace(each, panel=each.name) if each.name in compared else each
+                shared = each.panel == each.name.rpartition(".")[0]  # of a record
+                alone |= {each.name} & compared if not shared else set()
+                own = replace(each, panel=each.name) if each.name in alone else each
                 yield _with_limits(own, demanded)
     for topic in system.topics:
         if topic.held or topic.name not in topics:
@@ -93,9 +96,21 @@ def value_series(
                 Threshold("greatest declared", levels.high),
             )
         for each in _signals(topic.name, topic.type, topics[topic.name], marks):
-            truth = measured.get(each.name)
-            held = replace(each, held=True, panel=each.panel if truth is None else truth)
+            truth = measured.get(each.name, "")
+            held = replace(each, held=True, panel=truth if truth in alone else each.panel)
             yield _with_limits(held, demanded)
+
+
+def by_interest(system: System, series: Sequence[Series]) -> tuple[Series, ...]:
+    """The signals, first those of panels with a limit, a margin or a state of a property."""
+    text = " ".join(p.text for p in system.properties)
+
+    def asked(s: Series) -> bool:
+        plant, _, state = s.name.partition(".")
+        return bool(s.thresholds) or "(" in s.name or f"{plant}.truth.{state.split('.')[0]}" in text
+
+    first = {s.panel for s in series if asked(s)}
+    return tuple(sorted(series, key=lambda s: s.panel not in first))
 
 
 def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
@@ -169,7 +184,8 @@ def _signals(
         limits_in_sight, held = _visible_levels(numbers, marks), not isinstance(t, FloatType)
         yield Series(name, unit, numbers, panel=name, thresholds=limits_in_sight, held=held)
     elif isinstance(t, RecordType):
-        together = {name_ for name_, _ in t.fields} <= AXES
+        units = {getattr(field_type, "unit", "") for _, field_type in t.fields}
+        together = {name_ for name_, _ in t.fields} <= AXES or (len(units) == 1 and units != {""})
         for name_, field_type in t.fields:
             for series in _signals(f"{name}.{name_}", field_type, values[name_], ()):
                 yield replace(series, panel=name) if together else series
