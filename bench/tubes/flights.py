@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import soter
-from soter.certificate.flight_check import open_flights
+from soter.certificate.extras.flight_check import open_flights
 from soter.certificate.report import UNCONFIRMED
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC, LogChannel, LogHeader, McapLog
 from soter.report.mcap_reading import messages, metadata

@@ -52,7 +52,7 @@ def recheck(
     """
     require_flint()
     require_plain()
-    from soter.certificate.flight_check import open_flights  # noqa: PLC0415 - an extra
+    from soter.certificate.extras.flight_check import open_flights  # noqa: PLC0415 - an extra
     from soter.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
@@ -73,7 +73,7 @@ def require_flint() -> None:
         raise mistake(
             "D007",
             "certificates are checked with `python-flint`, which is not installed",
-            f"install it: {pip_install('prove')}",
+            f"install it: {pip_install('recheck')}",
         )
 
 

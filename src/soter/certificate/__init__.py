@@ -7,9 +7,9 @@ In reading order:
   `proof_methods.py` says what claims rest on, and has the methods of whole modules.
 - `cell_sets.py`, `cell_predicates.py`: sets of cells, and on which of them a predicate holds.
 - `grid/`, `induction/`, `tubes/`: the methods by which claims are shown.
-- Extras: `handovers.py` (jumps of a view's state), `failsafe_law.py` (the law in the place of SC).
+- `extras/`: what most certificates have not, asked for by its `__init__` alone.
 - `scope.py`: what a verdict is about and rests on; `vacuous_proofs.py`: whether it says anything;
-  `report.py`: the verdicts and errors; `flight_check.py`: verdicts in the log of a flight.
+  `report.py`: the verdicts and errors.
 What is not understood is not confirmed. docs/recheck.md says what each certificate goes through.
 
 Sets, as docs/proof-sets.md has them. C: where `safe` holds. K, in C: SC keeps it. R(H): no command

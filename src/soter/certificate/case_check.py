@@ -6,10 +6,7 @@ Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that com
 when they were forked; only answers come back. There is no thread: this process may fork again.
 `rates_are_defined` shows, over the whole grid at once, each obligation of the rates (a divisor is
 not 0, an index is there, an assertion holds) that no group shows cell by cell.
-`survives_the_start`, an extra, shows that SC's first steps publish values in their sets and cannot
-fault: on defaults, or, where not all that SC reads is published at once, on any values.
-Non-goals: how a group shows a claim (`grid/grid_group.py`), certificates (`rechecker.py`); which of
-SC's outputs count (`reading/derived_times.py`: the first one on a state does).
+Non-goals: how a group shows a claim (`grid/grid_group.py`), certificates (`rechecker.py`).
 
 The argument: a state of the module is one of each group. Each part of `safe` is the share of one
 group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let
@@ -29,28 +26,22 @@ from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.cell_predicates import cells_published_in_set, certain_cells
+from soter.certificate.extras import extras
 from soter.certificate.folder import FREE, OF_SETS
 from soter.certificate.reading.case_model import (
     CaseModel,
-    command_term,
     control_inputs,
-    step_of_sc,
 )
-from soter.certificate.reading.left_out_states import nothing_reads
 from soter.certificate.reading.module_facts import (
     bounded_topics,
     number_of,
-    topics_read_by_sc,
 )
 from soter.certificate.reading.module_times import DELAYS
-from soter.certificate.reading.sc_locals_and_modes import any_mode
-from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
+from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.terms.terms import Terms, inputs_of
+from soter.certificate.terms.terms import inputs_of
 from soter.diagnostics.current_phase import share_done
-from soter.language.model.types import FloatType, leaves
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
@@ -61,7 +52,7 @@ if TYPE_CHECKING:
     from soter.certificate.grid.grid_group import GridCheck, GridGroup, Task
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
-    from soter.language.model.system import Module, System, Topic
+    from soter.language.model.system import Module, System
 
     Extents = tuple[tuple[float, float], ...]
 
@@ -216,7 +207,7 @@ class CaseCheck:
         pairs = zip(self.groups, lawful, strict=True)
         self.checks = [g.check(self.model, kept) for g, kept in pairs]
         if facts.unbounded:
-            nothing_reads(self.model, len(self.groups))
+            extras.left_out_states.nothing_reads(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
         rates_are_defined(self.model, [g.states for g, check in each if check.shows_rates_defined])
         if claims & OF_SETS:
@@ -359,60 +350,3 @@ def narrowed_extents(extents: Extents, parts: Iterable[Axes]) -> Extents:
         for state, edges in zip(part.states, part.grid.edges, strict=True):
             ends[state] = edges[0], edges[-1]
     return tuple(ends)
-
-
-def survives_the_start(facts: Facts) -> None:
-    """NotRecheckedError unless SC surely answers all that it may read before there are states.
-
-    SC reads only defaults while no topic shows a state, where one publisher says all of them each
-    time, and never before it has read a state itself. Otherwise a state of one topic may be read
-    beside the default of another, and so each is anything of its set.
-    """
-    setting = facts.setting
-    sc = facts.sc
-    assert sc.node is not None
-    if sc.node.locals:
-        raise NotRecheckedError("an SC with locals that may step before anything was published")
-    paths = {r.name: r.paths for r in setting.by_sc}
-    every = [p for of in paths.values() for p in of]
-    at_once = len({p.clocks[-1].name for p in every}) == 1
-    at_once = at_once and not any(p.may_publish_nothing(setting.silent) for p in every)
-    terms, known = Terms(), {}
-    for symbol in topics_read_by_sc(sc):
-        topic = facts.system.topics[sc.scope.topics[symbol]]
-        running = facts.flying.topics[facts.running[topic.index]].name
-        only_default = at_once and running in paths
-        known[symbol] = _any_value(terms, topic, default=only_default)
-    if not is_step_harmless(facts, terms, known):
-        raise NotRecheckedError(
-            "SC may step before anything was published, and fault on what it then reads"
-        )
-
-
-def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
-    """Whether a step of SC on these values surely publishes all it should, in its sets."""
-    sc = facts.sc
-    assert sc.node is not None
-    published = step_of_sc(terms, sc, known, any_mode(terms, sc.node.step))({})
-    for control in facts.controls:
-        command_term(terms, control, [published])
-    return all_certain(terms, terms.obligations)
-
-
-def _any_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
-    """Any value of the set of a topic; just its default where that is all there may be."""
-    bounded = all(
-        b is not None and isinstance(of, FloatType)
-        for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)
-    )
-    if default or not bounded:
-        if not default:
-            early = "what was published before all that it reads shows a state"
-            raise NotRecheckedError(f"SC may read of `{topic.name}` {early}, and it has no set")
-        return topic.default
-    parts = [
-        terms.add_input("box", topic.name, exact(b.low), exact(b.high))
-        for b in topic.bounds
-        if b is not None
-    ]
-    return value_of_leaves(topic.type, parts)

@@ -3,7 +3,7 @@
 Purpose: `certain_cells` finds cells on which `safe` or `safer` holds, `cells_published_in_set`
 those on which what plants publish is in its set; `cells_wrongly_admitted` shows that `ttf` and
 `safer` let AC only where R(H) is.
-Non-goals: computed predicates (`grid/estimates_and_shield.py`), which claims there are
+Non-goals: computed predicates (`extras/estimates_and_shield.py`), which claims there are
 (`case_check.py`).
 """
 

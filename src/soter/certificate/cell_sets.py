@@ -8,7 +8,7 @@ Non-goals: what is tried on a block; where tables come from (`folder.py`).
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
 
 An axis may have no ends: then its first and its last cell hold all that lies beyond, and nothing
-reads its state (`reading/left_out_states.py`). Of the runs that begin there those are enclosed that
+reads its state (`extras/left_out_states.py`). Of the runs that begin there those are enclosed that
 begin between the edges. Let one begin at z beyond the upper edge e, which a box from which runs are
 enclosed touches. Take from it, at all times, z - e along that axis: that is a run from the box.
 Where it does not fall by more than the last cell is wide it stays in the last cell, and the other
@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from flint import arb
 
-from soter.certificate.reading.left_out_states import FARTHEST
+from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.terms.linear_enclosures import HALF, above, below, exact
 
 if TYPE_CHECKING:

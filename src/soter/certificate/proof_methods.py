@@ -13,8 +13,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.certificate.folder import FREE, RETURN
-from soter.certificate.report import RejectedError
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -43,14 +42,20 @@ def group_on_cells() -> type[GridGroup]:
 
 
 def _inductions() -> ModuleMethod:
-    """What checks inductions; SoterError D007 where the solver is not installed."""
+    """What checks inductions; NotRecheckedError where the solver is not installed."""
     if find_spec("z3") is None:
         what = "inductions are checked with `z3-solver`, which is not installed"
-        helps = (f"install it: {pip_install('prove')}",)
-        raise SoterError((Diagnostic("D007", what, helps=helps),))
+        raise NotRecheckedError(f"{what}: {pip_install('prove')}")
     from soter.certificate.induction import check_claims  # noqa: PLC0415 - an extra
 
     return ModuleMethod(check_claims.recheck_induction, check_claims.read_entry)
+
+
+def jump_by_solver() -> Callable[..., tuple[str, str]]:
+    """What shows by the solver in which steps a node changes a view (`induction/`)."""
+    from soter.certificate.induction import handover_jumps  # noqa: PLC0415 - see the head
+
+    return handover_jumps.why_not_shown
 
 
 def _rest() -> ModuleMethod:

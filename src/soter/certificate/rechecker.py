@@ -2,9 +2,7 @@
 
 Purpose: `recheck(folder)` goes from the bytes of a certificate to a `Report`: accepted, or the
 reason why not. What is false is rejected; whatever this room does not know how to confirm is not
-re-checked, and never accepted. While `soter verify` makes a certificate, `why_not_recheckable` says
-for its headline why it would be *not re-checked* (decision 278): it reads the problem as a re-check
-does and makes ready what each claim needs, but it looks only at a few cells.
+re-checked, and never accepted.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 
 The argument: of each module that a manifest names, the problem is read off the program that lies
@@ -23,7 +21,6 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import (
@@ -32,10 +29,9 @@ from soter.certificate.case_check import (
     check_static_claims,
     narrowed_extents,
     proved_claims,
-    survives_the_start,
 )
 from soter.certificate.cell_sets import Axes, Grid
-from soter.certificate.failsafe_law import check_law, read_law
+from soter.certificate.extras import extras
 from soter.certificate.folder import (
     MANIFEST_KEYS,
     OF_SETS,
@@ -47,20 +43,12 @@ from soter.certificate.folder import (
     read_certificate,
     refuse_cells,
 )
-from soter.certificate.handovers import jumps_of
 from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import (
-    leave_out,
-    read_turning,
-    refuse_read,
-    refuse_turns_read,
-)
-from soter.certificate.reading.module_facts import Facts, Input, bounded_topics
+from soter.certificate.reading.module_facts import Facts, Input
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.view_predicates import why_views_leave_out
 from soter.certificate.report import (
     ACCEPTED,
     NOT_RECHECKED,
@@ -78,7 +66,7 @@ from soter.certificate.scope import (
     parameters_of,
 )
 from soter.certificate.vacuous_proofs import why_vacuous
-from soter.diagnostics.current_phase import between, phase, telling
+from soter.diagnostics.current_phase import between, phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
@@ -86,8 +74,9 @@ from soter.report.wording import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from pathlib import Path
 
-    from soter.certificate.failsafe_law import FailsafeLaw
+    from soter.certificate.extras.failsafe_law import FailsafeLaw
     from soter.certificate.grid.grid_group import GridGroup
     from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
@@ -222,7 +211,7 @@ def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
         own = _proved_as(facts)[:2]
         same = [f for f in covered if isinstance(f, Facts) and _proved_as(f)[:2] == own]
         assert facts.whole is not None
-        if why := why_views_leave_out(facts.whole, [f.view for f in same]):
+        if why := extras.views.why_views_leave_out(facts.whole, [f.view for f in same]):
             raise RejectedError(why)
 
 
@@ -256,7 +245,7 @@ def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
     check_supported(facts)
     setting = facts.setting
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
-        survives_the_start(facts)  # else every read of SC shows a state
+        extras.sc_locals_and_modes.survives_the_start(facts)  # else every read of SC shows a state
     return facts
 
 
@@ -306,7 +295,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
         with _rejecting_malformed("a table of the DM"):
-            compare_tables(certificate, facts, groups, entry["tables"])
+            extras.estimates_and_shield.compare_tables(certificate, facts, groups, entry["tables"])
     cells = [core for of_case in groups for g in of_case for core in g.cells]
     refuse_cells(cells, claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
@@ -314,7 +303,9 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
     law = None
     if "law" in entry:
         with _rejecting_malformed("a law"):
-            law = read_law(facts, entry, claims, partial(read, claims={"P2a"}, computed=False))
+            law = extras.failsafe_law.read_law(
+                facts, entry, claims, partial(read, claims={"P2a"}, computed=False)
+            )
     return Claimed(claims, groups, law)
 
 
@@ -335,7 +326,7 @@ def _check_module(
         asked()
     report = RecheckedModule(name, dict(entry["claims"]), system=entry["system"])
     report.confirmed = [c for c in CLAIMS if c in claimed.claims]
-    jumps = jumps_of(facts, groups, claimed.claims) if facts.view else {}
+    jumps = extras.handovers.jumps_of(facts, groups, claimed.claims) if facts.view else {}
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_facts(facts, jumps)
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
@@ -356,29 +347,14 @@ def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers:
             narrowed_extents(facts.extents, [g.cells_asked for g in own]),
         )
         if facts.left_out:
-            refuse_read(model)
+            extras.left_out_states.refuse_read(model)
         if facts.turning:
-            refuse_turns_read(model)
+            extras.left_out_states.refuse_turns_read(model)
         case = CaseCheck(model, own, claimed.claims, entry, workers)
         if claimed.law is not None:
-            case.lawful = check_law(claimed.law, k, case)
+            case.lawful = extras.failsafe_law.check_law(claimed.law, k, case)
         with between(k / len(cases), (k + 1) / len(cases)):
             case.check()
-
-
-def compare_tables(
-    certificate: Certificate,
-    facts: Facts,
-    cases: list[list[GridGroup]],
-    entries: list[dict[str, Any]],
-) -> None:
-    """Compare the DM's table of each group with the sets of all cases, or RejectedError."""
-    if len(entries) != len(cases[0]):
-        raise RejectedError("the tables of the DM are not one for each group")
-    if any(len(case) != len(cases[0]) for case in cases):
-        raise RejectedError("the cases have other groups, and the DM has one table for all")
-    for same, entry in zip(zip(*cases, strict=True), entries, strict=True):
-        same[0].compare(certificate, facts, same, entry)
 
 
 def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
@@ -394,12 +370,14 @@ def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
     if len(inputs) < len(facts.states) + len(others):
         there = [given["name"] for given in inputs if given["kind"] == "state"]
-        leave_out(facts, [s.name for s in facts.states if s.name not in there])
+        extras.left_out_states.leave_out(
+            facts, [s.name for s in facts.states if s.name not in there]
+        )
     if len(inputs) != len(facts.states) + len(others):
         raise RejectedError("the inputs are others in the program")
     facts.extents = tuple(_state_extents(facts, zip(inputs, [*facts.states, *others], strict=True)))
     if "wraps" in entry:
-        read_turning(facts, entry["wraps"])
+        extras.left_out_states.read_turning(facts, entry["wraps"])
 
 
 def _state_extents(
@@ -449,50 +427,3 @@ def read_groups(
     if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")
     return groups
-
-
-def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
-    """Why a module would not be re-checked; "": nothing stands in the way.
-
-    `flat`: the system that has it, as it is proved; `entry`: the module in the manifest; `files`:
-    those that it names.
-    """
-    try:
-        whole = [of for key, of in MODULES.items() if key in entry]
-        if whole:
-            whole[0]().read(flat, entry)
-        else:
-            _try_sets(flat, entry, Certificate(Path(), {}, files, set()))
-    except (RejectedError, SoterError) as error:
-        return f"the re-checker finds something else: {error}"
-    except Exception as error:  # noqa: BLE001 - as a re-check does
-        return failure_reason(error)
-    return ""
-
-
-def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
-    facts = read_problem(flat, entry)
-    claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
-    for k in sorted({0, len(values) - 1}):  # the first and the last
-        groups = claimed.groups[k]
-        ranges = narrowed_extents(facts.extents, [g.cells_asked for g in groups])
-        model = CaseModel(facts, values[k], ranges)
-        case = CaseCheck(model, groups, set(), entry, 1)
-        with telling(None):
-            case.check()
-        _read_predicates(model)
-        for check in case.checks if claimed.claims & OF_SETS else ():
-            check.prepare(claimed.claims)
-
-
-def _read_predicates(model: CaseModel) -> None:
-    """Read every predicate and declared set that a claim asks of states or estimates."""
-    facts: Facts = model.facts
-    symbol = facts.symbol
-    for expr in (symbol.safe, facts.ttf, symbol.safer):
-        if expr is not None:
-            terms, states = model.new_terms()
-            model.predicate(terms, states, expr, errors=True)
-    for topic in bounded_topics(facts):
-        terms, states = model.new_terms()
-        model.in_set(terms, states, topic)

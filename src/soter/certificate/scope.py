@@ -5,7 +5,7 @@ think is covered: other systems, modules and values, and what nothing here looks
 `assumptions_of` and `confirmed_facts` derive assumptions again from the program: keys for programs,
 texts for people.
 Non-goals: what a manifest says about them: nothing is read there. What hand-overs, modes and nodes
-on the way rest on is said where that is (`handovers.py`, `reading/`).
+on the way rest on is said where that is (`extras/`).
 
 The argument: each part of the problem that the claims do not show is named here: the world and the
 inputs with their ranges, the times, the machine. An assumption that is always made is always said.
@@ -15,8 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soter.certificate import handovers
-from soter.certificate.reading import node_paths, sc_locals_and_modes
+from soter.certificate.extras import extras
 from soter.certificate.reading.module_facts import (
     Facts,
     bounded_topics,
@@ -39,7 +38,6 @@ from soter.language.prelude.function_error_bounds import BOUNDS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.certificate.handovers import Jumps
     from soter.certificate.reading.module_facts import Input
     from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
@@ -182,16 +180,16 @@ WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 UNDECLARED = "undeclared times are zero:"
 
 
-def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssumption]:
+def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list[RecheckAssumption]:
     """Everything that is taken for granted about one module; `jumps`: what was tried to confirm."""
     links = bool(facts.symbol.verify.abstracts)
     parts = (
         _abstraction_conforms(facts) if links else (),
-        handovers.jump_assumptions(facts, jumps or {}) if facts.view else (),
+        extras.handovers.jump_assumptions(facts, jumps or {}) if facts.view else (),
         _plant_behaviour(facts),
         _input_bounds(facts),
-        sc_locals_and_modes.mode_assumptions(facts) if facts.modes else (),
-        node_paths.node_assumptions(facts.ways) if facts.ways.notes else (),
+        extras.sc_locals_and_modes.mode_assumptions(facts) if facts.modes else (),
+        extras.node_paths.node_assumptions(facts.ways) if facts.ways.notes else (),
         _timing_assumptions(facts),
         _machine_assumptions(facts),
         _judged_as_driven(facts) if links else (),
@@ -213,7 +211,7 @@ def identified_numbers(facts: Covered) -> Said:
         yield f"identified {name}", text
 
 
-def confirmed_facts(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
+def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssumption]:
     """The facts that are confirmed beside the claims, and no assumptions any more."""
     entries = []
     for index in facts.in_sets:
@@ -221,7 +219,7 @@ def confirmed_facts(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
             name = facts.system.topics[index].name
             text = f"what plants publish lies in the declared set of {name} for every state that "
             entries.append((f"set {name}", text + "SC keeps, errors included"))
-    entries += handovers.confirmed_jumps(facts, jumps) if jumps else ()
+    entries += extras.handovers.confirmed_jumps(facts, jumps) if jumps else ()
     return [RecheckAssumption(key, text) for key, text in entries]
 
 

@@ -157,7 +157,7 @@ def _proved_by(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
 
 def _why_not_recheckable(flat: System, result: ModuleResult) -> str:
     """Why the re-checker cannot check a module of that system; "": it can."""
-    from soter.certificate.rechecker import why_not_recheckable  # noqa: PLC0415 - an extra
+    from soter.certificate.extras.trial import why_not_recheckable  # noqa: PLC0415 - an extra
 
     files: dict[str, bytes] = {}
     entry = module_method(result.problem).entry(result, flat.name, "sets/0", files)

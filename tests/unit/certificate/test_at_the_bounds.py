@@ -14,11 +14,11 @@ from flint import arb
 
 from soter.certificate import cell_predicates
 from soter.certificate.cell_sets import Cells, Grid, holds_in_parts
-from soter.certificate.grid.estimates_and_shield import axes_seen_by_dm
+from soter.certificate.extras.estimates_and_shield import axes_seen_by_dm
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import GridCheck
 from soter.certificate.grid.group_claims import ChainCheck
-from soter.certificate.reading.left_out_states import FARTHEST
+from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
     ONE,

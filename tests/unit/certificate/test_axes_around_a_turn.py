@@ -19,8 +19,8 @@ import soter
 from generators.turning_systems import Drawn
 from soter.api import recheck
 from soter.certificate.cell_sets import SEAM, Cells, Grid, turned_back
+from soter.certificate.extras.left_out_states import read_turning, refuse_turns_read
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import read_turning, refuse_turns_read
 from soter.certificate.report import NotRecheckedError, RejectedError
 from unit.certificate import small_proofs
 

@@ -22,7 +22,7 @@ from soter.certificate.cell_sets import (
     smallest_block,
     volume,
 )
-from soter.certificate.reading.left_out_states import FARTHEST
+from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
 

@@ -16,8 +16,8 @@ import soter
 from long_tests import examples, seeds
 from soter.api import recheck
 from soter.certificate.case_check import CLAIMS
+from soter.certificate.extras.estimates_and_shield import read_tops
 from soter.certificate.folder import FORMAT
-from soter.certificate.grid.estimates_and_shield import read_tops
 from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs

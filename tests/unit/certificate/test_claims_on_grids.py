@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from soter.certificate.cell_sets import Cells, Grid, volume
+from soter.certificate.extras import estimates_and_shield
+from soter.certificate.extras.estimates_and_shield import least_levels, packed_levels
 from soter.certificate.grid import grid_group, group_claims
-from soter.certificate.grid.estimates_and_shield import least_levels, packed_levels
 from soter.certificate.grid.grid_group import BLOCKS, LOOK, SMALL, GridCheck, block_tasks
 from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
@@ -152,8 +153,8 @@ def test_where_ac_may_act_everywhere_nothing_is_left_to_show(
 
 
 def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: None)
-    monkeypatch.setattr(grid_group, "eroded_cells", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(estimates_and_shield, "FreeCheck", lambda *_: None)
+    monkeypatch.setattr(estimates_and_shield, "eroded_cells", lambda _m, _g, cells: cells)
     free_ = bools(1, 1, 1, 1)
     good = [bools(1, 1, 1, 0), bools(0, 1, 1, 0)]
     for levels, said, tasks in (
@@ -180,7 +181,7 @@ def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch
         check = check_of(tables([1] * 4, free=free_, levels=whole), kept=kept)
         assert len(list(check.show_levels(5))) == tasks
     shown = [("of commands", lambda _: iter(()))] * 2
-    monkeypatch.setattr(grid_group, "shield_inclusions", lambda *_: shown)
+    monkeypatch.setattr(estimates_and_shield, "shield_inclusions", lambda *_: shown)
     check = check_of(tables([1] * 4, free=free_, levels=good), symbol=SimpleNamespace(shield=1))
     assert len(list(check.show_levels(5))) == 4
 
@@ -194,10 +195,10 @@ def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch
         shown.append(of)
         return iter(())
 
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *of: of)
-    monkeypatch.setattr(grid_group, "eroded_cells", lambda _m, _g, cells: cells)
-    monkeypatch.setattr(grid_group, "estimates_of_outside", noted)
-    monkeypatch.setattr(grid_group, "estimates_driven_out", noted)
+    monkeypatch.setattr(estimates_and_shield, "FreeCheck", lambda *of: of)
+    monkeypatch.setattr(estimates_and_shield, "eroded_cells", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(estimates_and_shield, "estimates_of_outside", noted)
+    monkeypatch.setattr(estimates_and_shield, "estimates_driven_out", noted)
     check = check_of(group, levels=4)
     assert [task() for task, _ in check.show_levels(7)] == [""] * 3
     first, *others = shown
@@ -223,7 +224,7 @@ def test_what_is_known_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> No
     assert compiled == [group_claims.PIECES[0]]
     every, some = (Cells(LINE, bools(1, 1, 1, last)) for last in (1, 0))
     for sets, fine in (((every,), True), ((some,), False), ((every, some), False)):
-        assert check._never_left(*sets) is fine
+        assert check.never_left(*sets) is fine
 
 
 # ---------------------------------------------------------------- ranks
@@ -254,7 +255,7 @@ def test_the_way_home_takes_the_longest_of_every_rank() -> None:
 
 
 def test_which_ranks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "eroded_cells", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(estimates_and_shield, "eroded_cells", lambda _m, _g, cells: cells)
     calm = Cells(LINE, bools(1, 1, 0, 0))
     good = ([1, 0, 0, 0], [1, 2, 3, 0], [0, 1, 2, 0], [1, 1, 1, 0])
     for args, said in (

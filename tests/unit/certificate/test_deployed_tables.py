@@ -17,10 +17,13 @@ from bench.recheck.models import Cart
 import soter
 from soter.api import recheck
 from soter.certificate.cell_sets import Grid
-from soter.certificate.grid.estimates_and_shield import least_levels, packed_levels
+from soter.certificate.extras.estimates_and_shield import (
+    compare_tables,
+    least_levels,
+    packed_levels,
+)
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import GroupTables
-from soter.certificate.rechecker import compare_tables
 from soter.certificate.report import RejectedError
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import complete

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from soter.certificate.cell_sets import Grid
+from soter.certificate.extras import estimates_and_shield, handovers, trial
+from soter.certificate.extras.estimates_and_shield import packed_levels
 from soter.certificate.folder import FREE
-from soter.certificate.grid import estimates_and_shield, grid_group
-from soter.certificate.grid.estimates_and_shield import packed_levels
+from soter.certificate.grid import grid_group
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import (
+    RESTS,
     GroupTables,
 )
-from soter.certificate.grid.resting import RESTS
 from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
@@ -25,9 +26,7 @@ from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 def test_what_a_group_says_of_itself() -> None:
     group = GridGroup(tables([1, 0, 1, 0]))
     assert group.states == (0,)
-    assert group.why_no_entry == "there is no R(H)"
     group.tables.free = bools(0, 0, 0, 0)
-    assert group.why_no_entry == ""
     told: Any = SimpleNamespace(cells=5)
     group.add_size_to(told)
     assert told.cells == 9
@@ -94,8 +93,8 @@ def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
         given: Any = SimpleNamespace(
             plain=lambda _: plain, edges=lambda _: LINE.edges[0] if edges is None else edges
         )
-        own = [GridGroup(g) for g in groups]
-        return fails(lambda: own[0].compare(given, facts, own, entry) or ())  # type: ignore[func-returns-value]
+        compare: Any = estimates_and_shield.compare_table
+        return fails(lambda: compare(given, facts, groups, entry) or ())
 
     axis = {"state": "x", "edges": "e"}
     entry = {"axes": [axis], "levels": "l"}
@@ -140,15 +139,17 @@ def test_what_is_of_a_shield_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_may_hold_outside_r_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(grid_group, "AdmitCheck", lambda *_, **k: asked.append(k))
+    monkeypatch.setattr(handovers, "AdmitCheck", lambda *_, **k: asked.append(k))
     model: Any = SimpleNamespace(facts=SimpleNamespace(states=[SimpleNamespace(name="x")]))
     group = GridGroup(tables([1] * 4, free=bools(1, 0, 1, 1)))
+    without: Any = GridGroup(tables([1] * 4))
+    assert handovers.why_not_entered(model, [without], "expr") == "there is no R(H)"  # type: ignore[arg-type]
     for found, wanted in (([], ""), ([((1, 2),), ((2, 3),)], "outside R(H), at x in [1, 2]")):
         monkeypatch.setattr(
-            grid_group, "cells_wrongly_admitted", lambda *_, found=found: iter(found)
+            handovers, "cells_wrongly_admitted", lambda *_, found=found: iter(found)
         )
-        assert wanted in group.where_entered_outside(model, "expr")  # type: ignore[arg-type]
-        assert bool(group.where_entered_outside(model, "expr")) is bool(wanted)  # type: ignore[arg-type]
+        assert wanted in handovers.where_entered_outside(group, model, "expr")  # type: ignore[arg-type]
+        assert bool(handovers.where_entered_outside(group, model, "expr")) is bool(wanted)  # type: ignore[arg-type]
     assert all(k == {"admits": True, "anywhere": True} for k in asked)
 
 
@@ -159,7 +160,7 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
     free_check = SimpleNamespace(
         stays=lambda box, _w, pieces: stayed.append((float(box[0][0]), pieces))
     )
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: free_check)
+    monkeypatch.setattr(trial, "FreeCheck", lambda *_: free_check)
     for core, wanted in (
         ([0, 0, 0, 0], []),
         ([0, 5, 0, 0], [(1.0, 2)]),
@@ -174,7 +175,7 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
                 (float(box[0][0]), holds, float(box[0][1]), within.size, target([0.0, 4.0]), pieces)
             )
         )
-        check.prepare(claims)
+        trial.follow_few(check, claims)
         assert [(a, n) for a, n, *_ in led] == wanted
         assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
         assert stayed == ([(a, 4) for a, _ in wanted] if claims & FREE else [])

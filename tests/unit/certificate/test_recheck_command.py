@@ -225,6 +225,11 @@ def longer(entry: Entry) -> None:
     entry["times"]["H_ns"] = 3_600 * 10**9
 
 
+def induction(entry: Entry) -> None:
+    """A module proved by induction, which needs the solver."""
+    entry["induction"] = {}
+
+
 def false(entry: Entry) -> None:
     """Another figure than that of the program."""
     entry["times"]["Delta_ns"] += 1
@@ -261,6 +266,17 @@ def test_one_false_module_rejects_all_else_it_is_said_which_were_not_rechecked(
         assert module.verdict == (NOT_RECHECKED if beyond_us else ACCEPTED)
         assert which.get(module.system, "") in module.not_rechecked
         assert bool(module.confirmed) != beyond_us
+
+
+def test_without_the_solver_an_induction_alone_is_not_rechecked(
+    three: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("soter.certificate.proof_methods.find_spec", lambda _: None)
+    report = recheck(three(right, induction, right))
+    assert report.verdict == NOT_RECHECKED
+    left = [m for m in report.modules if not m.confirmed]
+    assert len(report.modules) == 3
+    assert ["z3-solver" in m.not_rechecked for m in left] == [True]
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,9 @@ import pytest
 
 from generators.handover_program import CHANGES, GUARD, GUARDS, IN, handover, of_walls
 from soter.api.program import load
-from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Cells
-from soter.certificate.handovers import jumps_of
+from soter.certificate.extras.handovers import jumps_of
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
@@ -48,7 +47,7 @@ def proved(tmp_path_factory: pytest.TempPathFactory) -> Proved:
         return jumps_of(*given)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rechecker, "jumps_of", noted)
+        patch.setattr("soter.certificate.extras.handovers.jumps_of", noted)
         patch.setattr("os.cpu_count", lambda: 1)
         report = recheck(folder / "cert")
     return folder / "cert", report, asked
@@ -372,7 +371,7 @@ def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "where", ["handovers.why_not_entered", "induction.handover_jumps.why_not_shown"]
+    "where", ["extras.handovers.why_not_entered", "induction.handover_jumps.why_not_shown"]
 )
 def test_what_goes_wrong_confirms_nothing(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str

@@ -12,7 +12,7 @@ from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Cells, Grid, cells_unshown, volume
-from soter.certificate.grid import estimates_and_shield
+from soter.certificate.extras import estimates_and_shield
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables, cells_not_nearer
 from soter.certificate.grid.sc_chains import points_inwards

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
-from soter.certificate.case_check import survives_the_start
+from soter.certificate.extras.sc_locals_and_modes import survives_the_start
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from soter.certificate.cell_sets import Grid
+from soter.certificate.extras.estimates_and_shield import compare_table
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading import case_model, problem, supported_constructs
@@ -200,7 +201,7 @@ def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str)
     certificate: Any = SimpleNamespace(edges=tuple)
     why = "elsewhere" if state == "p.p" else "other axes"
     with pytest.raises(RejectedError, match=why):
-        GridGroup.compare(check, certificate, facts, [check], {"axes": [axis], "levels": None})
+        compare_table(certificate, facts, [check.tables], {"axes": [axis], "levels": None})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -329,7 +330,7 @@ def test_a_run_starts_as_is_declared_and_where_what_flies_is(
     pairs = zip("abc", (FLOAT, FLOAT, IntType(1, 3)), strict=True)
     states = [Variable(n, of, "state", NO_SPAN) for n, of in pairs]
     begun = None if real is None else (*real, 2)
-    monkeypatch.setattr(problem, "flown", lambda *_: begun)
+    monkeypatch.setattr("soter.certificate.extras.views.flown", lambda *_: begun)
     plant = SimpleNamespace(states=states, der={states[0]: 1}, next={})
     c: Any = SimpleNamespace(
         name="p", index=4, plant=plant, initial=(0.875, 1.0, 3),

@@ -203,7 +203,7 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
             lawful=None if lawful is None else Cells(grid, np.array(lawful)),
             chains=None,
             tables=SimpleNamespace(core=None),
-            _never_left=lambda _: not left,
+            never_left=lambda _: not left,
         )
         certain = [
             a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
@@ -242,7 +242,7 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
     monkeypatch.setattr(rechecker, "CaseModel", lambda *_: None)
     monkeypatch.setattr(rechecker, "narrowed_extents", lambda *_: None)
     monkeypatch.setattr(rechecker, "CaseCheck", case)
-    monkeypatch.setattr(rechecker, "check_law", lambda of, k, _: (of, k))
+    monkeypatch.setattr("soter.certificate.extras.failsafe_law.check_law", lambda of, k, _: (of, k))
     facts: Any = SimpleNamespace(
         cases=lambda: iter([(0,), (1,)]), extents=(), left_out=[], turning=set()
     )
@@ -292,7 +292,7 @@ def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
 def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     facts = facts_of(tmp_path)
     monkeypatch.setattr(
-        "soter.certificate.handovers.jump_assumptions", lambda *_: [("key", "text")]
+        "soter.certificate.extras.handovers.jump_assumptions", lambda *_: [("key", "text")]
     )
     for view in (None, "a view"):
         facts.view = view  # type: ignore[assignment]
@@ -301,7 +301,7 @@ def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    of = "soter.certificate.reading.sc_locals_and_modes.mode_assumptions"
+    of = "soter.certificate.extras.sc_locals_and_modes.mode_assumptions"
     monkeypatch.setattr(of, lambda *_: [("key", "text")])
     facts = facts_of(tmp_path)
     for modes in ((), ("a mode",)):

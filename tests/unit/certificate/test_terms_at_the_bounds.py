@@ -15,11 +15,11 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
+from soter.certificate.extras.sc_locals_and_modes import any_alternative
 from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs
-from soter.certificate.reading.sc_locals_and_modes import any_alternative
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import Rows

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
+from soter.certificate.extras.node_paths import NodeEffect, NodePath
 from soter.certificate.reading.derived_times import (
     Clock,
     DerivedTimes,
@@ -21,7 +22,6 @@ from soter.certificate.reading.derived_times import (
     TopicReading,
     derive,
 )
-from soter.certificate.reading.node_paths import NodeEffect, NodePath
 from soter.certificate.report import NotRecheckedError
 
 SYSTEMS = 30

@@ -10,6 +10,7 @@ import pytest
 
 from soter.certificate import case_check, rechecker
 from soter.certificate.case_check import CaseCheck, narrowed_extents
+from soter.certificate.extras import left_out_states, sc_locals_and_modes
 from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
@@ -63,7 +64,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     symbol = SimpleNamespace(safe="safe", safer="safer", verify=SimpleNamespace(recover=None))
     known = {"unbounded": set(), "times": {"H_ns": 7}, "computed": False, "between_ns": 3}
     own = SimpleNamespace(symbol=symbol, ttf="ttf", in_sets=(), **{**known, **facts})
-    monkeypatch.setattr(case_check, "nothing_reads", lambda _, n: asked.append(f"reads {n}"))
+    monkeypatch.setattr(left_out_states, "nothing_reads", lambda _, n: asked.append(f"reads {n}"))
     monkeypatch.setattr(case_check, "rates_are_defined", lambda _, s: asked.append(f"rates {s}"))
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
     monkeypatch.setattr(case_check, "cells_published_in_set", lambda *_: ["c0", "c1"])
@@ -232,8 +233,8 @@ def test_when_the_start_of_sc_is_asked_about(
     )
     facts = SimpleNamespace(setting=setting, levels=3)
     monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)
-    for name in ("check_supported", "survives_the_start"):
-        monkeypatch.setattr(rechecker, name, lambda _, name=name: done.append(name))
+    for of, name in ((rechecker, "check_supported"), (sc_locals_and_modes, "survives_the_start")):
+        monkeypatch.setattr(of, name, lambda _, name=name: done.append(name))
     none: Any = None
     found: Any = rechecker.read_problem(none, {"module": "M"})
     assert found is facts

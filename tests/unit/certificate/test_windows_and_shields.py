@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from soter.certificate.cell_sets import Cells
-from soter.certificate.grid import estimates_and_shield, sc_chains
+from soter.certificate.extras import estimates_and_shield
+from soter.certificate.grid import sc_chains
 from soter.certificate.grid.sc_chains import EVERY, Window, windows
 from soter.certificate.report import RejectedError
 from soter.certificate.terms.linear_enclosures import exact

@@ -359,7 +359,7 @@ def rewritten(path: Path, number: str, column: str, to: str) -> None:
         csv.writer(file).writerows([head, *rows])
 
 
-def test_flights_that_violate_are_flown_first_and_never_left_out(soter: Soter, cart: Path) -> None:
+def test_flights_that_violate_are_flown_first_andnever_left_out(soter: Soter, cart: Path) -> None:
     run = ("campaign", "c.soter", "--system", "Unprotected", "--flights", "4", "--until", "30s")
     soter(*run, "-o", "fly")
     again = ("--system", "Unprotected", "--campaign", "fly")

@@ -203,5 +203,5 @@ def test_without_the_arithmetic_of_the_re_checker_the_extra_is_named(
     assert done.exit == 1
     (error,) = done.document["diagnostics"]
     assert error["code"] == "D007"
-    assert "soter-rta[prove]" in str(error)
+    assert "soter-rta[recheck]" in str(error)
     assert not (here / "case").exists()

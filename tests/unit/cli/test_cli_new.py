@@ -92,7 +92,7 @@ def test_a_folder_that_is_not_there(soter: Soter) -> None:
     assert soter("new", "nowhere/rover", "--json").codes == ["D001"]
 
 
-def test_half_a_folder_is_never_left(
+def test_half_a_folder_isnever_left(
     soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object, **__: object) -> None:

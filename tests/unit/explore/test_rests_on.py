@@ -101,7 +101,7 @@ def test_a_parameter_of_the_command_line_stands_there_as_well(
     assert any("GAIN = 1.5 (by itself 0.5)" in line for line in told)
 
 
-def test_what_is_set_or_picked_is_never_left_out_of_a_long_list() -> None:
+def test_what_is_set_or_picked_isnever_left_out_of_a_long_list() -> None:
     many = "".join(f"param P{i}: int = 1 in [0, 9];\n" for i in range(14))
     text = (
         source()

@@ -167,7 +167,16 @@ class FlowChain:
         return (), self._follow(start, self._any_commands(start), spans)[1]
 
     def _hold_image(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
-        """A hold: the command that SC answers, where it leads, and the boxes on the way."""
+        """A hold: the command that SC answers, where it leads, and the boxes on the way.
+
+        Claimed is of every run whose states at the begin are of the form: it is in the boxes all
+        the time, and at the end in the form that is given back. The sample is the state of an
+        instant, which `_sampled_states` encloses; SC's step on it is a row over the sample, and
+        what it may be off that row an unknown of z, one number for the hold, as one command acts.
+        On the box of `flow.enclose`, which no run leaves during a step, the rate is A x + B u + c
+        and noise, so that states after it are rows of the solution of that, noise counted for as
+        long as it acts (`_step`). Until `early` the old command may act, which `_handover` adds.
+        """
         new = self._answer_of_sc(start, fresh=fresh)
         way, boxes = self._follow(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
         return self.layout.close(start, way, new), boxes

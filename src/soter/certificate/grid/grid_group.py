@@ -16,22 +16,11 @@ import numpy as np
 
 from soter.certificate.cell_predicates import AdmitCheck, cells_wrongly_admitted
 from soter.certificate.cell_sets import Cells, Grid, parts, turned_back, volume
-from soter.certificate.folder import FREE
-from soter.certificate.grid.estimates_and_shield import (
-    FULL,
-    axes_seen_by_dm,
-    eroded_cells,
-    estimates_driven_out,
-    estimates_of_outside,
-    least_levels,
-    packed_levels,
-    read_shield,
-    require_same_axes,
-    shield_inclusions,
-)
+from soter.certificate.extras import extras
 from soter.certificate.grid.group_claims import (
     FREE_PIECES,
     PIECES,
+    RESTS,
     ChainCheck,
     FreeCheck,
     GroupTables,
@@ -39,7 +28,6 @@ from soter.certificate.grid.group_claims import (
     cells_not_led,
     cells_not_nearer,
 )
-from soter.certificate.grid.resting import RESTS, resting_cells_unshown
 from soter.certificate.grid.sc_chains import points_inwards
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.report import GETS, KEEPS, NotRecheckedError, RejectedError
@@ -51,12 +39,13 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Axes, Block
     from soter.certificate.folder import Certificate
-    from soter.certificate.grid.estimates_and_shield import Entry
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
     from soter.language.model import typed
 
+    Entry = dict[str, Any]
+    """A part of a manifest."""
     Task = tuple[Callable[[], str], float]
     """A function that shows a part of a claim, and gives "", or what went wrong; and what that is
     likely to cost, in holds of one cell, for the progress alone."""
@@ -69,10 +58,6 @@ BLOCK = 1_000
 """About so many cells has a block of a larger grid: progress is told block by block."""
 SMALL = 4_000
 """A grid with no more cells is not dealt out: it is not worth it."""
-CELLS_TRIED = 3
-"""From so many cells of K a trial follows SC: the first, one in the middle, the last."""
-HOLDS_TRIED = 2
-"""The most holds for which a trial follows SC from each of them."""
 
 
 class GridGroup:
@@ -97,7 +82,8 @@ class GridGroup:
         if "R" in entry:
             tables.free = certificate.bits(entry["R"], shape)
         if "Q_axes" in entry:
-            tables.finer = _grid_of_q(certificate, axes.grid, entry["Q_axes"])
+            of_q = extras.estimates_and_shield.grid_of_q
+            tables.finer = of_q(certificate, axes.grid, entry["Q_axes"])
             shape_of_way = tables.finer.shape
         if "Q" in entry:
             tables.home = certificate.numbers(entry["Q"], shape_of_way, "<u1")
@@ -121,26 +107,6 @@ class GridGroup:
         """The check that shows the claims of this group cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
-    def compare(
-        self, certificate: Certificate, facts: Facts, same: Sequence[GridGroup], entry: Entry
-    ) -> None:
-        """RejectedError where the DM's table is not that of the sets S."""
-        group, tables = self.tables, [g.tables for g in same]
-        shield = {"command", "commands"} if facts.symbol.shield is not None else set()
-        if entry.keys() != {"axes", "levels", *shield}:
-            raise RejectedError("a table of the DM is not as it should be")
-        if any(g.states != group.states or g.grid.edges != group.grid.edges for g in tables):
-            raise RejectedError("the cases have other grids, and the DM has one table for all")
-        names = [facts.states[i].name for i in group.states]
-        require_same_axes(certificate, group, names, axes_seen_by_dm(facts, group), entry["axes"])
-        total = least_levels(tables)
-        if certificate.plain(entry["levels"]) != packed_levels(total):
-            raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
-        for g in tables:
-            g.given_back = total == FULL
-            if shield:
-                read_shield(certificate, facts, g, entry)
-
     def cells_kept_by_law(self, law: Sequence[GridGroup]) -> Cells:
         """The cells that the law keeps; RejectedError where these are cells of another grid."""
         own = self.tables
@@ -152,22 +118,6 @@ class GridGroup:
     def add_size_to(self, report: RecheckedModule) -> None:
         """Add to a report how many cells the grid has."""
         report.cells += int(np.prod(self.tables.grid.shape))
-
-    @property
-    def why_no_entry(self) -> str:
-        """Why `where_entered_outside` says nothing: there is no R(H); "": there is one."""
-        return "there is no R(H)" if self.tables.free is None else ""
-
-    def where_entered_outside(self, model: CaseModel, expr: typed.TypedExpr) -> str:
-        """Where `expr` may hold outside R(H), in words; not even `safe` is taken to hold there."""
-        grid = self.tables.grid
-        assert self.tables.free is not None
-        check = AdmitCheck(model, self.tables, expr, admits=True, anywhere=True)
-        failed = next(cells_wrongly_admitted(check, self.tables.free, grid.whole), None)
-        if failed is None:
-            return ""
-        names = ", ".join(model.facts.states[s].name for s in self.states)
-        return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
     @property
     def why_ac_never(self) -> str:
@@ -216,22 +166,9 @@ class GridCheck:
         check.chain(PIECES[0])
         return check
 
-    def _never_left(self, *sets: Cells) -> bool:
+    def never_left(self, *sets: Cells) -> bool:
         """Whether the sets are the whole grid of a group that no run leaves."""
         return self.kept and all(s.members.all() for s in sets)
-
-    def prepare(self, claims: set[str]) -> None:
-        """Follow SC, and any command, from a few cells of K, wherever that leads."""
-        everywhere = Cells(self.grid, np.ones(self.grid.shape, dtype=np.bool_))
-        free = FreeCheck(self.model, self.tables, self.model.facts.times["H_ns"])
-        cells = np.argwhere(self.kernel.members)
-        places = np.linspace(0, max(len(cells) - 1, 0), min(CELLS_TRIED, len(cells)))
-        for cell in (tuple(map(int, cells[k])) for k in dict.fromkeys(map(int, places))):
-            box = self.grid.box(tuple((i, i + 1) for i in cell))
-            holds = min(int(self.tables.core[cell]), HOLDS_TRIED)
-            self.chains.leads(box, holds, everywhere, everywhere.contains, PIECES[0])
-            if claims & FREE:
-                free.stays(box, everywhere, FREE_PIECES[0])
 
     def note_safe_cells(self, cells: Cells) -> None:
         """`safe` is certain on these cells; RejectedError where K is empty."""
@@ -263,7 +200,7 @@ class GridCheck:
             self.allowed &= self.lawful.members
         if (self.kernel.members & ~self.allowed).any():
             raise RejectedError(f"K holds cells on which {what} is not certain")
-        if self._never_left(self.kernel):
+        if self.never_left(self.kernel):
             return ()
         within, tasks, at_rest = (
             Cells(self.grid, self.allowed),
@@ -271,7 +208,7 @@ class GridCheck:
             np.asarray(self.tables.core == RESTS),
         )
         if at_rest.any():
-            still = resting_cells_unshown(self.model, self.tables, at_rest, within)
+            still = extras.resting.resting_cells_unshown(self.model, self.tables, at_rest, within)
             tasks = [*block_tasks("SC does not certainly stand still from", self.grid, still)]
         holds = np.where(at_rest, 0, self.tables.core)
         show = partial(cells_not_led, self.chains, holds, within, self.kernel)
@@ -282,7 +219,7 @@ class GridCheck:
         """Show that no command leads from a cell of R out of K; RejectedError without R."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
-        if self._never_left(self.kernel):
+        if self.never_left(self.kernel):
             return ()
         check = FreeCheck(self.model, self.tables, horizon_ns)
         check.phase(FREE_PIECES[0])
@@ -299,32 +236,8 @@ class GridCheck:
         return block_tasks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
     def show_levels(self, between_ns: int) -> Iterator[Task]:
-        """Show each S_k from S_(k-1), S_0 from R, and what a shield permits.
-
-        RejectedError where they are too few, or one is no part of the one before.
-        """
-        tables, facts = self.tables, self.model.facts
-        assert tables.free is not None
-        if len(tables.levels) != facts.levels - 1:
-            raise RejectedError("the tables S are not as many as the levels ask for")
-        levels = tables.levels
-        inside = Cells(self.grid, tables.free)
-        show: Any = partial(estimates_of_outside, self.model, tables, levels[0], inside)
-        yield from block_tasks(
-            "an estimate in S_0 may be of a state outside R(H), in", self.grid, show
-        )
-        if facts.symbol.shield is not None:
-            for what, of_commands in shield_inclusions(self.model, tables, self.kernel):
-                yield from block_tasks(what, self.grid, of_commands)
-        check = FreeCheck(self.model, tables, between_ns)
-        for k in range(1, len(levels)):
-            if (levels[k] & ~levels[k - 1]).any():
-                raise RejectedError(f"S_{k} is no part of S_{k - 1}")
-            calm = eroded_cells(self.model, tables, Cells(self.grid, levels[k - 1]))
-            if not self._never_left(calm):
-                show = partial(estimates_driven_out, check, levels[k], calm)
-                what = f"S_{k} may be left for outside S_{k - 1} at once, from"
-                yield from block_tasks(what, self.grid, show)
+        """Show the sets S, where predicates are computed."""
+        yield from extras.estimates_and_shield.level_tasks(self, between_ns)
 
     @property
     def holds_to_return(self) -> int:
@@ -346,12 +259,17 @@ class GridCheck:
         if np.any(tables.core == RESTS):
             raise NotRecheckedError("P2b: K has cells at rest, from which SC leads nowhere")
         if tables.finer is not None:
-            yield from self._check_on_finer().show_return(None)
+            if tables.given_back is None:
+                raise RejectedError("Q has cells of its own, and the DM has no table")
+            finer = extras.estimates_and_shield.on_finer(tables)
+            yield from GridCheck(self.model, finer, self.lawful).show_return(None)
             return
         if calm is None:
             if tables.given_back is None:
                 raise RejectedError("a claim needs the table of the DM, which is not there")
-            calm = eroded_cells(self.model, tables, Cells(self.grid, tables.given_back))
+            calm = extras.estimates_and_shield.eroded_cells(
+                self.model, tables, Cells(self.grid, tables.given_back)
+            )
         if tables.home is None or tables.rank is None or tables.rank_holds is None:
             raise RejectedError("a claim needs Q and W, which are not there")
         home = Cells(self.grid, tables.home > 0)
@@ -363,7 +281,7 @@ class GridCheck:
             raise RejectedError("W does not begin with Q")
         if ((tables.rank <= 1) & (tables.rank_holds > 0)).any():
             raise RejectedError("W says how long it takes where there is nowhere to go")
-        if self._never_left(home):
+        if self.never_left(home):
             return
         kept = partial(cells_not_led, self.chains, tables.home, calm, home)
         what = "SC does not certainly stay where `safer` holds from"
@@ -372,17 +290,11 @@ class GridCheck:
         what = "SC does not certainly come nearer to Q from"
         yield from block_tasks(what, self.grid, nearer, tables.rank_holds)
 
-    def _check_on_finer(self) -> GridCheck:
-        """The check of the way back, on the smaller cells of Q and W."""
-        if self.tables.given_back is None:
-            raise RejectedError("Q has cells of its own, and the DM has no table")
-        return GridCheck(self.model, self.tables.on_finer(), self.lawful)
-
     def show_start(self, until_ns: int) -> Iterable[Task]:
         """Shown at once, as it is one box; RejectedError where that may leave K."""
         box = Grid(tuple(self._starts()))
         inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
-        if not (inside and self._never_left(self.kernel)):
+        if not (inside and self.never_left(self.kernel)):
             check = FreeCheck(self.model, self.tables, until_ns)
             if not check.stays(box.box(box.whole), self.kernel, FREE_PIECES[-1]):
                 raise RejectedError("an initial state may leave K before SC acts")
@@ -402,20 +314,6 @@ class GridCheck:
                 low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
                 ends = low, high
             yield turned_back(edges, *ends) if self.grid.wraps_around(k) else ends
-
-
-def _grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
-    """The cells of Q; RejectedError where one of them is no part of a cell of the grid."""
-    edges = tuple(map(certificate.edges, paths))
-    same = len(edges) == len(grid.edges) and all(
-        set(own) <= set(cut) and (own[0], own[-1]) == (cut[0], cut[-1])
-        for own, cut in zip(grid.edges, edges, strict=False)
-    )
-    if not same:
-        raise RejectedError("the cells of Q are no parts of those of its group")
-    finer = Grid(edges, grid.unbounded, grid.wraps)
-    certificate.count(finer.shape)
-    return finer
 
 
 def block_tasks(

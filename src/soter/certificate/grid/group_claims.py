@@ -55,6 +55,8 @@ WINDOWS = 4
 """Into so many parts runs are cut by how late their first command acted, and then also by how old
 the sample was that it answers."""
 UNRANKED = 1 << 20
+RESTS = 255
+"""The number of a cell from which SC comes to rest (`extras/resting.py`), in place of holds."""
 
 
 @dataclass(eq=False)
@@ -67,7 +69,7 @@ class GroupTables(Axes):
     core: NDArray[np.uint8]
     """K: after how many holds of SC the state is in K again; 0: the cell is none of K.
 
-    `RESTS` (`resting.py`) in place of a number: from there SC stays in C for ever."""
+    `RESTS` in place of a number: from there SC stays in C for ever."""
     free: NDArray[np.bool_] | None = None
     """R(H)."""
     home: NDArray[np.uint8] | None = None
@@ -87,17 +89,6 @@ class GroupTables(Axes):
     """The control that it is about; None: none moves the group."""
     finer: Grid | None = None
     """The smaller cells of `home`, `rank` and `rank_holds`; None: they are those of all else."""
-
-    def on_finer(self) -> GroupTables:
-        """K, what the DM gives back, Q and W on the smaller cells."""
-        grid = self.finer
-        assert grid is not None
-        places = zip(self.grid.edges, grid.edges, strict=True)
-        at = np.ix_(*(np.searchsorted(e, f[:-1], side="right") - 1 for e, f in places))
-        given = None if self.given_back is None else self.given_back[at]
-        made = GroupTables(self.states, grid, self.core[at], given_back=given)
-        made.home, made.rank, made.rank_holds = self.home, self.rank, self.rank_holds
-        return made
 
 
 # ---------------------------------------------------------------- chains

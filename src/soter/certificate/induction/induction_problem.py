@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
+from soter.certificate.extras.sc_locals_and_modes import modes_in
+from soter.certificate.extras.thread_times import delayed_in_thread
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
@@ -30,9 +32,7 @@ from soter.certificate.induction.solver_values import (
     value_as_terms,
     within_bounds,
 )
-from soter.certificate.reading.sc_locals_and_modes import modes_in
 from soter.certificate.reading.symbolic_values import is_known
-from soter.certificate.reading.thread_times import delayed_in_thread
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.predicates import maybe_nan

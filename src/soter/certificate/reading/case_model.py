@@ -7,6 +7,8 @@ Non-goals: time (`linear_flows.py`, `grid/sc_chains.py`), sets.
 The argument: a term stands for every value that an expression may have. The states and whatever
 else is not known (disturbances, errors, what others publish) are inputs with their ranges; what
 must hold for an expression to have a value at all is an obligation, asked where the term is used.
+One that is not certain there fails what is tried: a box is tried in smaller parts, the claim about
+a cell that is left is rejected; what is asked of the whole grid at once is not re-checked.
 
 Terms are made for states on three times the width of the grid, and what was decided of them holds
 there. That is enough: states enter a chain in a cell, at the end of each hold its boxes were seen
@@ -21,8 +23,8 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.extras import extras
 from soter.certificate.reading.module_facts import driven_topics, reads_mode, topics_of_others
-from soter.certificate.reading.sc_locals_and_modes import any_alternative, any_mode, every_step
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
 from soter.certificate.reading.symbolic_values import scalar_leaves, truth_of, value_of_leaves
 from soter.certificate.report import NotRecheckedError
@@ -46,7 +48,7 @@ if TYPE_CHECKING:
 
 LEFT_OUT = "left out: "
 FARTHEST = exact(2.0**1000)
-"""The ends of states that are left out: no claim depends on them (`left_out_states.py`)."""
+"""No state is farther out than that: a sum of two such numbers is still a double."""
 
 
 @dataclass(eq=False)
@@ -159,7 +161,11 @@ class CaseModel:
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
         with_modes = partial(step_of_sc, terms, sc, known)
         if sc.node.locals or reads_mode(sc.node.step):
-            published = list(every_step(terms, sc.node, with_modes, self.facts.local_ranges))
+            published = list(
+                extras.sc_locals_and_modes.every_step(
+                    terms, sc.node, with_modes, self.facts.local_ranges
+                )
+            )
         else:
             published = [with_modes({})({})]
         return [command_term(terms, control, published) for control in self.facts.controls]
@@ -171,7 +177,7 @@ class CaseModel:
         values = self.topics(terms, states, errors=errors)
         scope = self.facts.module.scope
         known = {t: values[i] for t, i in scope.topics.items() if i in values}
-        modes = any_mode(terms, [expr]) if reads_mode([expr]) else {}
+        modes = extras.sc_locals_and_modes.any_mode(terms, [expr]) if reads_mode([expr]) else {}
         return truth_of(
             SymbolicReader(terms, Surroundings(scope.params, known, modes=modes)).expression(expr)
         )
@@ -327,7 +333,11 @@ def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, 
             raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
         value = scalar_leaves(by_index[control.owner])[control.leaf]
         alternatives.append(terms.constant(value) if isinstance(value, float) else value)
-    command = alternatives[0] if len(alternatives) == 1 else any_alternative(terms, alternatives)
+    command = (
+        alternatives[0]
+        if len(alternatives) == 1
+        else extras.sc_locals_and_modes.any_alternative(terms, alternatives)
+    )
     low = terms.combine(((ONE, command),), -exact(control.low))
     high = terms.combine(((-ONE, command),), exact(control.high))
     terms.oblige(negation(terms.below_zero(low)))

@@ -59,6 +59,10 @@ class Clock:
         return range(start + (phase - start) % self.period, end, self.period)
 
 
+NOW = Clock("now", 1)
+"""What shows the state of the very instant in which it is read."""
+
+
 @dataclass(frozen=True)
 class TopicPath:
     """The way of a topic from a sensor straight to the module (else `node_paths.py`)."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.certificate.reading.view_predicates import without_ages
+from soter.certificate.extras import extras
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.tree_walk import nodes, topic_reads
@@ -168,7 +168,9 @@ class Facts:
     def ttf(self) -> typed.TypedExpr | None:
         """`ttf` without the parts that ask for an age, which no state decides."""
         ttf = self.symbol.ttf
-        return ttf if ttf is None or not has_part(AgeRead, [ttf]) else without_ages(ttf)
+        return (
+            ttf if ttf is None or not has_part(AgeRead, [ttf]) else extras.views.without_ages(ttf)
+        )
 
     @property
     def modes(self) -> bool:

@@ -13,8 +13,10 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.extras import extras
 from soter.certificate.folder import only_keys
 from soter.certificate.reading.derived_times import (
+    NOW,
     Clock,
     DerivedTimes,
     TimingSetting,
@@ -30,12 +32,9 @@ from soter.certificate.reading.module_facts import (
     number_of,
     topics_read,
 )
-from soter.certificate.reading.node_paths import NOW, NodeWays
 from soter.certificate.reading.supported_constructs import parts_of
-from soter.certificate.reading.thread_times import check_thread
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.language.model import typed
-from soter.language.model.system import holder_of
 from soter.language.model.types import leaves, show_ns
 
 if TYPE_CHECKING:
@@ -163,13 +162,13 @@ def read_times(facts: Facts) -> None:
     running = {facts.running[i] for i in (*by_dm, *by_sc)}
     if verify.abstracts or nodes_between(facts.flying, facts.flying_module, running):
         number = partial(number_of, facts)
-        facts.ways = NodeWays(facts.flying, facts.flying_module, number)
+        facts.ways = extras.node_paths.NodeWays(facts.flying, facts.flying_module, number)
     else:
         facts.ways = Ways(facts.flying, facts.flying_module)
     setting = _timing_setting(facts, by_dm, by_sc, time_by_name)
     _check_ways(facts, setting, (by_dm, by_sc))
     if verify.abstracts:
-        check_abstracted_sensors(facts, {*by_dm, *by_sc})
+        extras.views.check_abstracted_sensors(facts, {*by_dm, *by_sc})
     if facts.kind == "map":
         _check_map(facts, setting)
     own = derive(setting)
@@ -185,7 +184,9 @@ def read_times(facts: Facts) -> None:
         time_by_name["H_ns"] = int(number_of(facts, verify.horizon))
     in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
     if facts.flying.timed:
-        facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
+        facts.thread = extras.thread_times.check_thread(
+            facts.flying, facts.flying_module, setting, in_step
+        )
     facts.times, facts.own, facts.setting = time_by_name, own, setting
 
 
@@ -314,20 +315,3 @@ def compare_times(facts: Facts, given: dict[str, Any]) -> None:
         facts.times[key] = value
     if 2 * own_jitter <= facts.times["delta_ns"] < 2 * facts.times["j_ns"]:
         raise NotRecheckedError("a j in the manifest of more than half a period, and less is there")
-
-
-def check_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
-    """Check that each topic comes from the plant whose abstraction drives it.
-
-    DiffersError where one does not.
-    """
-    outer = holder_of(facts.flying_module)
-    driven = driven_topics(facts)
-    for index in topics:
-        model = driven[index][0].name
-        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
-        real = f"{outer}.{real}" if outer else real
-        paths = facts.ways.ways_to(facts.running[index])
-        if not any(p.sensor.name == real for p in paths):
-            name = facts.system.topics[index].name
-            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")

@@ -1,9 +1,7 @@
 """The verification problem once more: read off the program text by different code.
 
 Purpose: `read_facts` reads plants, inputs with their ranges, times, H* and axes of one module,
-as docs/verification.md (section 1) defines them, to be compared with what a certificate says. Where
-the module `abstracts` its plants, it makes the system of the proof, and checks that the module is
-the same there as in the system that flies (an extra).
+as docs/verification.md (section 1) defines them, to be compared with what a certificate says.
 Non-goals: sharing code with `verify/problem/`; diagnostics (a program that determines no problem
 has no certificate: `NotRecheckedError` or `DiffersError`).
 
@@ -14,8 +12,9 @@ that nobody knows is an input with the range that the program declares, or there
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
+from soter.certificate.extras import extras
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
@@ -29,19 +28,14 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.reading.module_times import read_times
 from soter.certificate.reading.symbolic_values import scalar_leaves
-from soter.certificate.reading.view_predicates import module_in_view
 from soter.certificate.report import NotRecheckedError
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.derived_systems import without_held_topics
-from soter.language.elaborate.elaborator import Elaborator
-from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from soter.certificate.reading.module_facts import InputKind
     from soter.language.model.system import Component, Module, System
@@ -65,11 +59,11 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     if runs.plan is not None:
         raise NotRecheckedError(f"`{name}` has several plans, each of which is read alone")
     if view:
-        runs = module_in_view(runs, view)
+        runs = extras.views.module_in_view(runs, view)
     elif runs.symbol.verify.views:
         raise NotRecheckedError(f"`{name}` is proved in views")
     if runs.symbol.verify.abstracts:
-        system, module, plants = abstracted_system(flat_system, runs)
+        system, module, plants = extras.views.abstracted_system(flat_system, runs)
     else:
         system, module, plants = flat_system, runs, _plants_of(flat_system, runs)
     if not plants:
@@ -83,7 +77,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     if system is flat_system:
         facts.running = {topic.index: topic.index for topic in system.topics}
     else:
-        check_same_as_flown(facts)
+        extras.views.check_same_as_flown(facts)
     for c in plants:
         _read_states(facts, c)
         _read_disturbances(facts, c)
@@ -136,7 +130,7 @@ def _read_states(facts: Facts, c: Component) -> None:
     """
     plant = c.plant
     assert plant is not None
-    begun = flown(facts, c.name) if facts.symbol.verify.abstracts else None
+    begun = extras.views.flown(facts, c.name) if facts.symbol.verify.abstracts else None
     starts = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
     for variable, initial, drawn, real in starts:
         moves = variable in plant.der or variable in plant.next
@@ -311,100 +305,3 @@ def _element(expr: typed.Aggregate, part: str) -> typed.TypedExpr | None:
         return None
     order = expr.order if expr.order is not None else tuple(range(len(expr.elements)))
     return expr.elements[order.index(names.index(part))]
-
-
-# ---------------------------------------------------------------- the system of the proof
-
-
-def abstracted_system(
-    system: System, module: Module
-) -> tuple[System, Module, tuple[Component, ...]]:
-    """The system to prove in, the module there, and its plants.
-
-    SoterError where a system of the module and its `abstracts` plants cannot be elaborated.
-    """
-    symbol = module.symbol
-    ac, sc = (system.components[i].node for i in (module.ac, module.sc))
-    assert ac is not None
-    assert sc is not None
-    parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in symbol.verify.abstracts]
-    parts.append((symbol.name, _with_controllers(symbol, ac, sc)))
-    instances = tuple(typed.InstanceSymbol(n, what, {}, {}, symbol.span) for n, what in parts)
-    made = typed.SystemSymbol(
-        name="recheck",
-        span=symbol.span,
-        default=False,
-        instances=instances,
-        sets=_own_parameters(module, instances),
-    )
-    diagnostics = Diagnostics()
-    around = {p.name: v for p, v in module.around.items()}
-    elaborator = Elaborator(system.program, made, around, diagnostics)
-    elaborator.partial = True
-    flattened = elaborator.run()
-    if flattened is None or diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
-    flattened = without_held_topics(flattened)
-    plants = tuple(c for c in flattened.components if c.role == "plant")
-    return flattened, flattened.modules[0], plants
-
-
-def _own_parameters(
-    module: Module, instances: tuple[typed.InstanceSymbol, ...]
-) -> tuple[typed.SetSymbol, ...]:
-    """The `set`s of the module's own parameters, repeated for each plant of its proof.
-
-    Its topics are not its own: they keep what is set around it.
-    """
-    own = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
-    return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in own)
-
-
-def _with_controllers(
-    symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
-) -> typed.ModuleSymbol:
-    if symbol.ac is ac and symbol.sc is sc:
-        return symbol
-    return typed.ModuleSymbol(**{**vars(symbol), "ac": ac, "sc": sc})
-
-
-def flown(facts: Facts, name: str) -> Sequence[Any] | None:
-    """The states of a plant of the proof at the start of a run, by its map; None: not known."""
-    for link in facts.symbol.verify.abstracts:
-        if link.name == name:
-            return start_behind(facts.flying, facts.flying_module, link)
-    return None
-
-
-def check_same_as_flown(facts: Facts) -> None:
-    """Check that the system of the proof has the topics and periods of the running system.
-
-    NotRecheckedError where it has not.
-    """
-    system, flying = facts.system, facts.flying
-    module, running = facts.module, facts.flying_module
-    pairs = [(module.scope, running.scope)]
-    for part in ("dm", "ac", "sc"):
-        a = system.components[getattr(module, part)]
-        b = flying.components[getattr(running, part)]
-        if (a.period_ns, a.phase_ns) != (b.period_ns, b.phase_ns) or a.node is not b.node:
-            raise NotRecheckedError(f"`{b.name}` is another one where the module is proved")
-        given, flown = ({p: repr(v) for p, v in x.scope.params.items()} for x in (a, b))
-        if given != flown:
-            raise NotRecheckedError(f"`{b.name}` has other parameters where the module is proved")
-        pairs.append((a.scope, b.scope))
-    for proved, runs in pairs:
-        for symbol, index in proved.topics.items():
-            if symbol not in runs.topics:
-                raise NotRecheckedError(f"`{symbol.name}` is no topic of `{flying.name}`")
-            at = runs.topics[symbol]
-            one, other = system.topics[index], flying.topics[at]
-            its, ours = ((t.bounds, t.max_age_ns, repr(t.default)) for t in (one, other))
-            if its != ours:
-                raise NotRecheckedError(
-                    f"`{other.name}` has another set, default or `max_age` than `{one.name}`"
-                )
-            if facts.running.setdefault(index, at) != at:
-                raise NotRecheckedError(f"`{one.name}` stands for two topics of `{flying.name}`")
-    if {facts.running[i] for i in module.outputs} != set(running.outputs):
-        raise NotRecheckedError("the module has other outputs where it is proved")

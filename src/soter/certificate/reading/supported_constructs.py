@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.sc_locals_and_modes import require_modes_of_others
+from soter.certificate.extras import extras
 from soter.certificate.report import FOLLOWED, NotRecheckedError
 from soter.language.model import system as model
 from soter.language.model import typed as t
@@ -117,7 +117,7 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node, followed=followed)
     if facts.modes:
-        require_modes_of_others(facts)
+        extras.sc_locals_and_modes.require_modes_of_others(facts)
     _require_own_topics(facts)
     rest = () if facts.symbol.rest is None else (facts.symbol.rest.condition,)
     for expr in (*facts.symbol.predicates, *rest):

@@ -249,8 +249,13 @@ class Operations:
     def prelude(self, name: str, *given: Value) -> Linear:
         """A function of the prelude: the exact one within its tested bound (an assumption).
 
-        What is outside of its domain is no number; where it may leave the range of doubles, as
-        `exp` does, it may be infinite.
+        Claimed is that the result stands for all that the machine computes. Let y be the exact
+        value, u the unit roundoff. On its domain it computes y, off by `ulps` units of y and
+        `absolute`, and lies in `values` (`prelude/function_error_bounds.py`). A unit of y is
+        2 u |y| at most, that of the double it is rounded to 1 + u times as much, and `TINIEST`
+        where y is subnormal: off by a share of |y| and a constant. A flow has y itself. Outside of
+        the domain it is no number, which is a doubt that the result rests on; so is that `exp`
+        may be infinite. A turn further an argument was rounded by `FAR_TURNS` more.
         NotRecheckedError where the bound is one that is not read here.
         """
         bound, numbers = BOUNDS[name], [self.finite(x) for x in given]

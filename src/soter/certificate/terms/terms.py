@@ -181,7 +181,7 @@ class Terms:
     excluded: dict[int, int] = field(default_factory=dict)
     """Inputs that lie above their lower end (1), or below their upper one (-1)."""
     turning: set[int] = field(default_factory=set)
-    """Inputs that stand for angles any number of turns further (`reading/left_out_states.py`)."""
+    """Inputs that stand for angles any number of turns further (`extras/left_out_states.py`)."""
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""

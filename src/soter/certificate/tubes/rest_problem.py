@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.case_check import survives_the_start
+from soter.certificate.extras.estimates_and_shield import command_cells
+from soter.certificate.extras.left_out_states import THIRD, degree, refuse_turns_read
+from soter.certificate.extras.sc_locals_and_modes import survives_the_start
 from soter.certificate.folder import hexadecimal
-from soter.certificate.grid.estimates_and_shield import command_cells
 from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.reading.case_model import CaseModel, control_inputs
-from soter.certificate.reading.left_out_states import THIRD, degree, refuse_turns_read
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,

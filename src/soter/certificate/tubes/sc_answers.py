@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.certificate.extras.left_out_states import THIRD
+from soter.certificate.extras.sc_locals_and_modes import local_values
 from soter.certificate.reading.case_model import command_term, step_of_sc
-from soter.certificate.reading.left_out_states import THIRD
 from soter.certificate.reading.module_facts import topics_read_by_sc
-from soter.certificate.reading.sc_locals_and_modes import local_values
 from soter.certificate.reading.symbolic_values import value_of_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import all_certain

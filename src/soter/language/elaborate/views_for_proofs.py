@@ -6,7 +6,7 @@ view (R023), and a part of `ttf` that none keeps is dropped: that makes a proof 
 `moved_by_others` replaces each topic that a plant reads and the module does not publish by a
 disturbance. `start_behind` computes where an abstraction starts.
 Non-goals: proofs; who keeps topics in their sets (`verify/scope.py`); initial states that are
-drawn. The re-checker has its own views (`certificate/reading/view_predicates.py`), on purpose.
+drawn. The re-checker has its own views (`certificate/extras/views.py`), on purpose.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.flight_assumptions import LoggedAssumptions
+from soter.certificate.extras.flight_assumptions import LoggedAssumptions
 from soter.language.front_end import check_file, system_to_prove
 from tables import all_rows
 

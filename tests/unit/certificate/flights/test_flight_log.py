@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate import flight_check
-from soter.certificate.flight_check import open_flights
+from soter.certificate.extras import flight_check
+from soter.certificate.extras.flight_check import open_flights
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED, REJECTED
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError

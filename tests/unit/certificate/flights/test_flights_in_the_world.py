@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate import flight_check
-from soter.certificate.flight_check import open_flights
+from soter.certificate.extras import flight_check
+from soter.certificate.extras.flight_check import open_flights
 from soter.certificate.folder import program_of, read_certificate
 from unit.certificate.flights.logged_flights import (
     MS,

@@ -11,7 +11,8 @@ import pytest
 
 from json_documents import problems_of
 from soter.api import Program
-from soter.certificate import flight_check, proof_methods
+from soter.certificate import proof_methods
+from soter.certificate.extras import flight_check
 from soter.certificate.folder import Certificate
 from soter.certificate.proof_methods import ModuleMethod
 from soter.certificate.report import NotRecheckedError, RejectedError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import Program
-from soter.certificate.flight_check import open_flights
+from soter.certificate.extras.flight_check import open_flights
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import (
     CONTRADICTED,

@@ -18,9 +18,9 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.certificate.cell_sets import Axes, Cells, Grid
+from soter.certificate.extras.resting import resting_cells_unshown
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.grid.resting import RESTS as MARK
-from soter.certificate.grid.resting import resting_cells_unshown
+from soter.certificate.grid.group_claims import RESTS as MARK
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.certificate.extras.left_out_states import leave_out, refuse_read
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import leave_out, refuse_read
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of

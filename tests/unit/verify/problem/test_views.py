@@ -12,7 +12,7 @@ import pytest
 
 from generators.corridor_program import LAW, SAFE, SET, VIEWS, program
 from soter.api import load
-from soter.certificate.reading.view_predicates import module_in_view, why_views_leave_out
+from soter.certificate.extras.views import module_in_view, why_views_leave_out
 from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view

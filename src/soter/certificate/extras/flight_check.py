@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
-from soter.certificate.flight_assumptions import LoggedAssumptions
+from soter.certificate.extras.flight_assumptions import LoggedAssumptions
 from soter.certificate.folder import program_of, read_certificate
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.rechecker import failure_reason

@@ -1,7 +1,9 @@
-"""An SC with locals, or that looks at modes of other modules, read again: an extra.
+"""An SC with locals, with modes of other modules, or that steps before it can read a state.
 
 Purpose: `every_step` reads every step that SC may take, one combination of modes and values of its
 locals after the other; `any_alternative` makes a term for whatever one of several steps publishes.
+`survives_the_start` shows that SC's first steps publish values in their sets and cannot fault: on
+defaults, or, where not all that SC reads is published at once, on any values.
 Who decides the modes of other modules is no part of a certificate: a step of SC is read once for
 each combination of them, a predicate with each of them open.
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
@@ -19,13 +21,16 @@ from itertools import product, repeat
 from math import prod
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.reading.case_model import command_term, step_of_sc
+from soter.certificate.reading.module_facts import topics_read_by_sc
 from soter.certificate.reading.symbolic_values import value_of_leaves, whole
 from soter.certificate.report import NotRecheckedError
+from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact, key_of
-from soter.certificate.terms.terms import Atom
+from soter.certificate.terms.terms import Atom, Terms
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
-from soter.language.model.types import BoolType, EnumType, IntType, leaves
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +38,8 @@ if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.reading.symbolic_reading import Ranges
     from soter.certificate.report import Said
-    from soter.certificate.terms.terms import Linear, Proposition, Terms
+    from soter.certificate.terms.terms import Linear, Proposition
+    from soter.language.model.system import Topic
     from soter.language.model.types import Type
 
     Key = typed.ModuleSymbol | str
@@ -248,3 +254,63 @@ class _Shapes:
             shape = (x.kind, tuple(parts), argument, x.value, x.strict)
             self._truths[x] = self._names.setdefault(shape, len(self._names))
         return self._truths[x]
+
+
+# ---------------------------------------------------------------- before anything was published
+
+
+def survives_the_start(facts: Facts) -> None:
+    """NotRecheckedError unless SC surely answers all that it may read before there are states.
+
+    SC reads only defaults while no topic shows a state, where one publisher says all of them each
+    time, and never before it has read a state itself. Otherwise a state of one topic may be read
+    beside the default of another, and so each is anything of its set.
+    """
+    setting = facts.setting
+    sc = facts.sc
+    assert sc.node is not None
+    if sc.node.locals:
+        raise NotRecheckedError("an SC with locals that may step before anything was published")
+    paths = {r.name: r.paths for r in setting.by_sc}
+    every = [p for of in paths.values() for p in of]
+    at_once = len({p.clocks[-1].name for p in every}) == 1
+    at_once = at_once and not any(p.may_publish_nothing(setting.silent) for p in every)
+    terms, known = Terms(), {}
+    for symbol in topics_read_by_sc(sc):
+        topic = facts.system.topics[sc.scope.topics[symbol]]
+        running = facts.flying.topics[facts.running[topic.index]].name
+        only_default = at_once and running in paths
+        known[symbol] = _any_value(terms, topic, default=only_default)
+    if not is_step_harmless(facts, terms, known):
+        raise NotRecheckedError(
+            "SC may step before anything was published, and fault on what it then reads"
+        )
+
+
+def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
+    """Whether a step of SC on these values surely publishes all it should, in its sets."""
+    sc = facts.sc
+    assert sc.node is not None
+    published = step_of_sc(terms, sc, known, any_mode(terms, sc.node.step))({})
+    for control in facts.controls:
+        command_term(terms, control, [published])
+    return all_certain(terms, terms.obligations)
+
+
+def _any_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+    """Any value of the set of a topic; just its default where that is all there may be."""
+    bounded = all(
+        b is not None and isinstance(of, FloatType)
+        for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)
+    )
+    if default or not bounded:
+        if not default:
+            early = "what was published before all that it reads shows a state"
+            raise NotRecheckedError(f"SC may read of `{topic.name}` {early}, and it has no set")
+        return topic.default
+    parts = [
+        terms.add_input("box", topic.name, exact(b.low), exact(b.high))
+        for b in topic.bounds
+        if b is not None
+    ]
+    return value_of_leaves(topic.type, parts)

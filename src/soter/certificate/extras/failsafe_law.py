@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.certificate.case_check import CaseCheck
+from soter.certificate.extras.left_out_states import leave_out
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import leave_out
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported

@@ -18,12 +18,19 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from soter.certificate.cell_predicates import Decision, conjunction_of, influence
+from soter.certificate.cell_predicates import (
+    AdmitCheck,
+    Decision,
+    cells_wrongly_admitted,
+    conjunction_of,
+    influence,
+)
+from soter.certificate.extras.views import shown_part_of_enters
 from soter.certificate.folder import FREE
+from soter.certificate.proof_methods import jump_by_solver
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import driven_topics, topics_read
 from soter.certificate.reading.problem import state_published
-from soter.certificate.reading.view_predicates import shown_part_of_enters
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
     HALF,
@@ -95,10 +102,8 @@ def _jump_by_publisher(facts: Facts, link: typed.AbstractionLink, topic: typed.T
     """The jump of one topic, by what the node that publishes it is shown to do (z3)."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
-    from soter.certificate.induction.handover_jumps import why_not_shown  # noqa: PLC0415 - an extra
-
     try:
-        node, why = why_not_shown(facts, link, topic)
+        node, why = jump_by_solver()(facts, link, topic)
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
         return Jump(topic.name, "", _failure_text(error))
     return Jump(topic.name, node, why)
@@ -173,8 +178,8 @@ def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.T
     states = [s for g in groups for s in g.states]
     if sorted(states) != list(range(len(model.facts.states))):
         return "not every state is in a group"
-    if unentered := next((g.why_no_entry for g in groups if g.why_no_entry), ""):
-        return unentered
+    if any(g.tables.free is None for g in groups):
+        return "there is no R(H)"
     reach = _judged_ranges(model.facts, expr)
     for k, ends in enumerate(reach):
         if ends is None:
@@ -184,7 +189,19 @@ def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.T
     where = _where_outside_grid(model, groups, expr, [r for r in reach if r is not None])
     if where:
         return f"it may hold where {where}, outside the grid"
-    return next((why for g in groups if (why := g.where_entered_outside(model, expr))), "")
+    return next((why for g in groups if (why := where_entered_outside(g, model, expr))), "")
+
+
+def where_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedExpr) -> str:
+    """Where `expr` may hold outside R(H), in words; not even `safe` is taken to hold there."""
+    grid = group.tables.grid
+    assert group.tables.free is not None
+    check = AdmitCheck(model, group.tables, expr, admits=True, anywhere=True)
+    failed = next(cells_wrongly_admitted(check, group.tables.free, grid.whole), None)
+    if failed is None:
+        return ""
+    names = ", ".join(model.facts.states[s].name for s in group.states)
+    return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
 
 # ---------------------------------------------------------------- outside the grid

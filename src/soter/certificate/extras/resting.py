@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     Signs = tuple[int, ...]
     Rates = Mapping[Signs, Sequence[Interval]]
 
-RESTS = 255
-"""The number that K's table has for such a cell, in place of the number of holds."""
 HAIR = exact(2.0**-21)
 """The share of B's width by which it is looked at beyond its ends, where a run that left it is."""
 

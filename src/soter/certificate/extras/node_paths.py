@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.derived_times import (
+    NOW,
     Clock,
     Effect,
     TopicPath,
@@ -37,8 +38,6 @@ NODES_MAX = 16
 """Nodes on a path, at most: no person wrote a longer one."""
 LOOKS_MAX = 20_000
 """The most looks at topics, on all ways together."""
-NOW = Clock("now", 1)
-"""What shows the state of the very instant in which it is read."""
 
 TEXTS = {
     "shows": "what {} publishes shows the state that it has just read, within the errors",

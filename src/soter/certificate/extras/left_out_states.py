@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from soter.certificate.reading.case_model import LEFT_OUT, CaseModel, control_inputs
+from soter.certificate.reading.case_model import FARTHEST, LEFT_OUT, CaseModel, control_inputs
 from soter.certificate.reading.module_facts import Facts, bounded_topics
 from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS, OF_A_TURN
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -112,10 +112,6 @@ def degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
         else:
             known[index] = max(parts) if atom.kind in LARGEST_OF else inf
     return max((known[a] for a in x.terms), default=0)
-
-
-FARTHEST = exact(2.0**1000)
-"""No state is farther out than that: a sum of two such numbers is still a double."""
 
 
 def nothing_reads(model: CaseModel, groups: int) -> None:

@@ -1,11 +1,12 @@
 """What a DM with computed predicates has in its tables: the sets S, and commands of a shield.
 
-Purpose: for `GridGroup` it compares the bytes of the DM's table with the sets S of all cases. For
-`GridCheck` it shows these sets: `eroded_cells` gives the cells of states all of whose estimates lie
+Purpose: `compare_tables` compares the bytes of the DM's tables with the sets S of all cases;
+`level_tasks` shows these sets: `eroded_cells` gives the cells of states all of whose estimates lie
 in a set; `estimates_of_outside`, `estimates_driven_out` yield the cells of estimates behind which a
 state may lie, or may be driven, outside of one. `shield_inclusions`: commands that a shield permits
 on an estimate lead from no state behind it out of K before SC's first output acts
 (docs/proof-flight.md, A gate that looks at commands).
+`grid_of_q`, `on_finer`: a Q with smaller cells, which needs such a table.
 Non-goals: free phases (`group_claims.py`), which claims there are (`grid_group.py`); that the DM
 reads its table as it should.
 
@@ -24,9 +25,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cell_sets import Cells, cells_uncovered, volume
+from soter.certificate.cell_sets import Cells, Grid, cells_uncovered, volume
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS, FreeCheck
+from soter.certificate.grid.grid_group import block_tasks
+from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import number_of
 from soter.certificate.reading.problem import error_of
@@ -50,11 +52,9 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Block
     from soter.certificate.folder import Certificate
-    from soter.certificate.grid.group_claims import GroupTables
+    from soter.certificate.grid.grid_group import Entry, GridCheck, GridGroup, Task
     from soter.certificate.reading.module_facts import Facts
 
-    Entry = dict[str, Any]
-    """A part of a manifest."""
     Show = Callable[[Block], Iterator[Block]]
 
 
@@ -137,6 +137,34 @@ def estimates_driven_out(
         return check.stays_in_parts(box, within, SPLITS if volume(at) == 1 else 0)
 
     return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
+
+
+def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
+    """Show each S_k from S_(k-1), S_0 from R, and what a shield permits.
+
+    RejectedError where they are too few, or one is no part of the one before.
+    """
+    tables, grid, model = check.tables, check.grid, check.model
+    facts = model.facts
+    assert tables.free is not None
+    if len(tables.levels) != facts.levels - 1:
+        raise RejectedError("the tables S are not as many as the levels ask for")
+    levels = tables.levels
+    inside = Cells(grid, tables.free)
+    show: Any = partial(estimates_of_outside, model, tables, levels[0], inside)
+    yield from block_tasks("an estimate in S_0 may be of a state outside R(H), in", grid, show)
+    if facts.symbol.shield is not None:
+        for what, of_commands in shield_inclusions(model, tables, check.kernel):
+            yield from block_tasks(what, grid, of_commands)
+    free = FreeCheck(model, tables, between_ns)
+    for k in range(1, len(levels)):
+        if (levels[k] & ~levels[k - 1]).any():
+            raise RejectedError(f"S_{k} is no part of S_{k - 1}")
+        calm = eroded_cells(model, tables, Cells(grid, levels[k - 1]))
+        if not check.never_left(calm):
+            show = partial(estimates_driven_out, free, levels[k], calm)
+            what = f"S_{k} may be left for outside S_{k - 1} at once, from"
+            yield from block_tasks(what, grid, show)
 
 
 def command_cells(facts: Facts) -> int:
@@ -245,6 +273,39 @@ def read_tops(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
 # ---------------------------------------------------------------- the DM's table
 
 
+def compare_tables(
+    certificate: Certificate, facts: Facts, cases: list[list[GridGroup]], entries: list[Entry]
+) -> None:
+    """Compare the DM's table of each group with the sets of all cases, or RejectedError."""
+    if len(entries) != len(cases[0]):
+        raise RejectedError("the tables of the DM are not one for each group")
+    if any(len(case) != len(cases[0]) for case in cases):
+        raise RejectedError("the cases have other groups, and the DM has one table for all")
+    for same, entry in zip(zip(*cases, strict=True), entries, strict=True):
+        compare_table(certificate, facts, [g.tables for g in same], entry)
+
+
+def compare_table(
+    certificate: Certificate, facts: Facts, tables: Sequence[GroupTables], entry: Entry
+) -> None:
+    """RejectedError where the DM's table of a group is not that of the sets S of all cases."""
+    group = tables[0]
+    shield = {"command", "commands"} if facts.symbol.shield is not None else set()
+    if entry.keys() != {"axes", "levels", *shield}:
+        raise RejectedError("a table of the DM is not as it should be")
+    if any(g.states != group.states or g.grid.edges != group.grid.edges for g in tables):
+        raise RejectedError("the cases have other grids, and the DM has one table for all")
+    names = [facts.states[i].name for i in group.states]
+    require_same_axes(certificate, group, names, axes_seen_by_dm(facts, group), entry["axes"])
+    total = least_levels(tables)
+    if certificate.plain(entry["levels"]) != packed_levels(total):
+        raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
+    for g in tables:
+        g.given_back = total == FULL
+        if shield:
+            read_shield(certificate, facts, g, entry)
+
+
 def require_same_axes(
     certificate: Certificate,
     group: GroupTables,
@@ -316,3 +377,29 @@ def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entr
         raise RejectedError("a table of the DM is about a command that there is not")
     group.command = None if entry["command"] is None else names.index(entry["command"])
     group.tops = read_tops(certificate.plain(entry["commands"]), group, command_cells(facts))
+
+
+def grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
+    """The cells of Q; RejectedError where one of them is no part of a cell of the grid."""
+    edges = tuple(map(certificate.edges, paths))
+    same = len(edges) == len(grid.edges) and all(
+        set(own) <= set(cut) and (own[0], own[-1]) == (cut[0], cut[-1])
+        for own, cut in zip(grid.edges, edges, strict=False)
+    )
+    if not same:
+        raise RejectedError("the cells of Q are no parts of those of its group")
+    finer = Grid(edges, grid.unbounded, grid.wraps)
+    certificate.count(finer.shape)
+    return finer
+
+
+def on_finer(tables: GroupTables) -> GroupTables:
+    """K, what the DM gives back, Q and W on the smaller cells."""
+    grid = tables.finer
+    assert grid is not None
+    places = zip(tables.grid.edges, grid.edges, strict=True)
+    at = np.ix_(*(np.searchsorted(e, f[:-1], side="right") - 1 for e, f in places))
+    given = None if tables.given_back is None else tables.given_back[at]
+    made = GroupTables(tables.states, grid, tables.core[at], given_back=given)
+    made.home, made.rank, made.rank_holds = tables.home, tables.rank, tables.rank_holds
+    return made
