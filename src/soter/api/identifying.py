@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -53,6 +54,11 @@ BEGINS = '{\n  "$comment": "soter identify'
 ALIKE = (
     "That new episodes are drawn as the held-out ones were is an assumption: another place, season "
     "or load is another draw. `soter monitor` watches it, and its node does so in flight."
+)
+NOT_EXPLAINED = (
+    "No values in the declared ranges do. Look first at the rate of the state that is named: its "
+    "terms, signs and units. Then at the ranges in the program: widen those of which you would "
+    "believe more."
 )
 TOGETHER = (
     "Pieces of one log hang together: what is one draw here is less than a flight of its own, and "
@@ -232,28 +238,40 @@ def headline(found: Identification) -> str:
 
 
 def sections(found: Identification, name: str) -> list[PageSection]:
-    """What is told of the fit, for a page or a terminal; `name`: of the file with the values."""
-    told = [ALIKE] + [TOGETHER] * (found.cut_s is not None)
+    """What is told of the fit, for a page or a terminal; `name`: the path of `data`."""
+    explained = found.alarm is None
+    told = [ALIKE] + [TOGETHER] * (found.cut_s is not None) if explained else [NOT_EXPLAINED]
     if found.never_excited:
         told.append(f"never excited: {', '.join(found.never_excited)}")
-    if found.kept:
+    if found.kept and explained:
         told.append(f"not shown by these logs, so they stay as declared: {', '.join(found.kept)}")
     if found.judged_share < 1:
         told.append(f"of one episode only {found.judged_share:.1%} of the time is judged")
     values = {n: f"{v:.6g}" for n, v in found.values.items()}
     kinds = {n: "bound" if n in found.bounds else "model" for n in found.declared}
     rows = [
-        (n, kinds[n], f"{was:.6g}", values.get(n, "not shown")) for n, was in found.declared.items()
+        (n, kinds[n], f"{was:.6g}", values.get(n, "not shown" if explained else "not fitted"))
+        for n, was in found.declared.items()
     ]
     inputs = [(n, f"{share:.1%}") for n, share in found.excitation.items()]
     fields = ", ".join(f"{n}: float" for n in values)
     lines = [f"type Fit = {{ {fields} }};", f'const FIT: Fit = data "{name}";']
-    lines += [f"param {n}: float = FIT.{n};  // {v}, and its range" for n, v in values.items()]
+    lines += [f"param {n}: float = FIT.{n}{_range(found, n)};  // {v}" for n, v in values.items()]
     return [
         PageSection("Values", tuple(told), ("parameter", "", "declared", "fitted"), tuple(rows)),
         PageSection("Inputs", (), ("input", "share of its set that was seen"), tuple(inputs)),
-        PageSection("Lines for the program", tuple(lines) if found.alarm is None else ()),
+        PageSection("Lines for the program", tuple(lines) if explained else ()),
     ]
+
+
+def _range(found: Identification, name: str) -> str:
+    ends = found.ranges.get(name, (-inf, inf))
+    return f" in [{ends[0]}, {ends[1]}]" if max(map(abs, ends)) < inf else ""
+
+
+def data_path(program: str | Path, output: str | Path) -> str:
+    """The path by which a program names a file of data: from the folder of the program."""
+    return Path(os.path.relpath(output, Path(program).parent)).as_posix()
 
 
 def write_page(found: Identification, title: str, name: str, path: Path) -> None:

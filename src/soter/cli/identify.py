@@ -23,6 +23,7 @@ from soter.cli.terminal.command_line import (
     report_option,
     report_path,
 )
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, option
 from soter.diagnostics.render import safe
 
@@ -75,19 +76,22 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     from soter.api import identifying  # noqa: PLC0415 - needs NumPy
 
     identifying.require_free(Path(args.output))
-    found = identifying.identify(
-        loaded(args, console),
-        args.logs,
-        args.map,
-        opened=args.open,
-        episode=args.episode,
-        module=args.module,
-        system=args.system,
-        estimates=args.estimates,
-        params=dict(args.params),
-    )
+    program = loaded(args, console)
+    with ProgressBar(console, timed=False):
+        found = identifying.identify(
+            program,
+            args.logs,
+            args.map,
+            opened=args.open,
+            episode=args.episode,
+            module=args.module,
+            system=args.system,
+            estimates=args.estimates,
+            params=dict(args.params),
+        )
+    data = identifying.data_path(args.file, args.output)
     console.say(f"{console.paint('bold', safe(identifying.headline(found)))}\n")
-    values, inputs, lines = identifying.sections(found, Path(args.output).name)
+    values, inputs, lines = identifying.sections(found, data)
     for part in (values, inputs):
         console.say(console.table(part.head, part.rows) + "\n")
         for text in part.says:
@@ -100,7 +104,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         fields["output"] = args.output
     if args.report is not None:
         page = report_path(args.report, args.file, ENDING)
-        identifying.write_page(found, args.file, Path(args.output).name, page)
+        identifying.write_page(found, args.file, data, page)
         console.say(f"\nreport  {page}")
         fields["report"] = str(page)
     return CommandOutcome(FINE if found.alarm is None else VIOLATED, fields=fields)

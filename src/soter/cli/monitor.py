@@ -135,7 +135,8 @@ SEEDS_MAX = 10_000
 HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
 ALARM = (
     "an alarm: no disturbance within its declared bounds explains the step. The model is false, "
-    "and what was proved with it says nothing about this run."
+    "and what was proved with it says nothing about this run. `by` names the state (or the "
+    "command) that does not fit: look at what its rate reads, and at its sensor."
 )
 MEANING = (
     "The model explains a step where disturbances within the ranges that the program declares lead "
@@ -143,8 +144,9 @@ MEANING = (
     "on the states of the plants; on estimates: on what the DM read, with the measurement errors "
     "that the program declares. Most of the disturbance used: of all steps the largest part of a "
     "declared range that one needed, and the state (column `by`) that needed it; at most 100% is "
-    "as declared. That every step is explained does not say that the run was safe: `soter run` "
-    "judges that."
+    "as declared. On estimates nothing stands there, and `by` names the states of which the alarms "
+    "left nothing. Times are seconds from where the record begins. That every step is explained "
+    "does not say that the run was safe: `soter run` judges that."
 )
 """What the words of the table mean, for a page that somebody reads without the program."""
 ALLOWED = "may be from -100 to 100 %"

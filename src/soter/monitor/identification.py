@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import mistake
 from soter.monitor.linear_model import linear_model
 from soter.monitor.model_membership import Models, RecordReader, judge
@@ -86,7 +87,8 @@ class Identification:
 
     `held_out`: N; `rate`: 1/(N+1); `factor`: the least by which bounds of the training half had to
     be scaled for the held-out half, below 1 none; `excitation`: command -> the share of its set
-    that was seen, 0 or 1 of an endless one; `alarm`: None where every step is explained.
+    that was seen, 0 or 1 of an endless one; `alarm`: None where every step is explained;
+    `ranges`: in which each open parameter may lie.
     """
 
     values: Mapping[str, float]
@@ -104,6 +106,7 @@ class Identification:
     cut_s: float | None = None
     logs: Mapping[str, str] = field(default_factory=dict)
     program_sha256: str = ""
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:
@@ -134,9 +137,12 @@ def identified(
     training, held_out = episodes[::2], episodes[1::2]
     values, kept = start, list[str]()
     asked: list[str] | None = None
-    for _ in range(ROUNDS):
+    for k in range(1, ROUNDS + 1):
+        phase(f"round {k} of {ROUNDS}: the model by least squares, on {len(training)} episodes")
         values, kept = fit.model(values, training)
+        phase(f"round {k} of {ROUNDS}: the least bounds, on {len(training)} episodes")
         asked = fit.shrink(values, training)
+    phase(f"{len(held_out)} held-out episodes")
     factor = None if asked is None else fit.least(values, asked, held_out)
     values |= fit.tried if factor is None else fit.scaled(values, asked or (), max(1.0, factor))
     judged = [(e, j) for e in episodes for j in fit.judged(values, [e])]
@@ -155,6 +161,7 @@ def identified(
         excitation=_excitation(pose(start), episodes),
         alarm=_first_alarm(*wrong[0]) if wrong else None,
         alarms=len({id(e) for e, _ in wrong}),
+        ranges={p.name: (p.low, p.high) for p in parameters},
     )
 
 

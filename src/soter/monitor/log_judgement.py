@@ -29,7 +29,8 @@ ASSUMED = (
     ),
     (
         "nothing says that this vehicle is the plant of the proof: what was proved holds of it "
-        "only as far as its own accelerations, lags and errors keep to the declared ones"
+        "only as far as its own accelerations, lags and errors keep to the declared ones "
+        "(`soter monitor --estimates` asks that)"
     ),
     (
         "the decision module steps at its period without lateness, and AC's outputs, which are not "

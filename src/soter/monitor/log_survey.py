@@ -61,11 +61,15 @@ LATE_NS = 60 * 10**9
 STAMP = "header.stamp"
 NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
 TIME_COLUMN = re.compile(
-    r"#? ?(time|timestamp|stamp|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
+    r"#? ?(time|timestamp|stamp|ts|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
+)
+COMMAND_NAME = re.compile(
+    r"(?:^|[^a-z])(?:cmd|command|sp|set|setpoint|duty|pwm|throttle|u)(?:[^a-z]|$)", re.IGNORECASE
 )
 TIME_NAMED = (
-    "its first line names its columns, and that of the time `t`, `time`, `stamp` or `timestamp`, "
-    "with or without a unit: `time_ms`"
+    "its first line names its columns, and that of the time `t`, `ts`, `time`, `stamp` or "
+    "`timestamp`, with or without a unit: `time_ms`; call it so in a copy, for this draft: a "
+    "mapping may have any name, `[time] from`"
 )
 TIME_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns"}
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
@@ -396,9 +400,13 @@ def _name(text: str, taken: set[str]) -> str:
 
 
 def _csv_with_command(survey: LogSurvey) -> tuple[str, str] | None:
-    """A CSV that has several numbers, in one of which a command may stand, and the last of them."""
+    """A CSV that has several numbers, and that which is called as a command is, or the last."""
     channels = survey.channels if survey.time is not None else {}
-    return next(((c, found.kept[-1]) for c, found in channels.items() if found.kept[1:]), None)
+    channel = next((c for c, found in channels.items() if found.kept[1:]), None)
+    if channel is None:
+        return None
+    kept = channels[channel].kept
+    return channel, next((k for k in kept if COMMAND_NAME.search(k)), kept[-1])
 
 
 def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:

@@ -66,6 +66,25 @@ def test_a_program_reads_the_fit_and_its_proof_assumes_it(
     assert any("at most one in 4" in a for a in recheck("proof").assumptions)
 
 
+def test_the_lines_that_are_printed_are_those_that_the_program_needs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "robot").mkdir()
+    program = folder / "robot" / "mass.soter"
+    text = (folder / "mass.soter").read_text()
+    program.write_text(text)
+    code = main(["identify", *LOGS, "--program", "robot/mass.soter", "--map", "mass.json"])
+    said = capsys.readouterr().out
+    lines = [line.strip() for line in said.partition(" reads it by\n")[2].splitlines() if line]
+    assert code == 0
+    assert 'const FIT: Fit = data "../fit.json";' in lines
+    assert any(line.startswith("param PUSH0: float = FIT.PUSH0 in [0.0, ") for line in lines)
+    fitted = tuple(line.partition(" = ")[0] for line in lines if line.startswith("param"))
+    rest = [line for line in text.splitlines() if not line.startswith(fitted)]
+    program.write_text("\n".join([rest[0], *lines, *rest[1:]]))
+    assert load(program).constant("FIT").DRAG > 0
+
+
 REFUSED = {
     "one episode": (("0.csv", *HOW), "U001"),
     "a log twice": ((*LOGS, "0.csv", *HOW), "U001"),
@@ -141,4 +160,7 @@ def test_what_nothing_explains_ends_with_3_and_the_first_alarm(
     said = capsys.readouterr().out
     assert "Nothing that the program permits explains" in said
     assert "csv m.v0 of Keeper at " in said
+    assert "Look first at the rate of the state that is named" in said
+    assert "not fitted" in said
+    assert "drawn as the held-out ones" not in said
     assert not (folder / "fit.json").exists()

@@ -122,6 +122,7 @@ def test_a_draft_asks_whether_what_is_called_so_is_an_angle(tmp_path: Path) -> N
         ("time_us", 0, "us"),
         ("Time (s)", 0, "s"),
         ("t", 1_700_000_000, "s"),
+        ("TS_ms", 3_931_776, "ms"),
     ],
 )
 def test_the_time_of_a_csv_is_a_column_that_is_called_so_in_a_unit_that_fits(
@@ -130,6 +131,28 @@ def test_the_time_of_a_csv_is_a_column_that_is_called_so_in_a_unit_that_fits(
     rows = "".join(f"0.5,{first + k}\n" for k in range(3))
     found = surveyed([written(tmp_path / "a.csv", f"x,{column}\n{rows}".encode())])
     assert found.time == (column, unit)
+
+
+@pytest.mark.parametrize(("columns", "shown"), [("SP_PUMP,level", "SP_PUMP"), ("speed,x", "water")])
+def test_a_draft_shows_the_column_that_is_called_as_a_command_is(
+    soter: Soter, here: Path, columns: str, shown: str
+) -> None:
+    written(here / "a.csv", f"t,{columns},water\n0,1.5,2.5,3.5\n1,1.5,2.5,3.5\n".encode())
+    assert soter("new", "robot", "--from", "a.csv").exit == 0
+    assert f"# [topics.{shown}]" in (here / "robot" / "robot.toml").read_text(encoding="utf-8")
+
+
+def test_runs_are_no_parts_of_one_log(soter: Soter, here: Path) -> None:
+    for name in ("a.csv", "b.csv"):
+        written(here / name, table(flight(), "t,x"))
+    assert soter("new", "robot", "--from", "a.csv").exit == 0
+    program, mapping = here / "robot" / "robot.soter", here / "robot" / "robot.toml"
+    module = MODULE.format(topic="a", field="x")
+    program.write_text(program.read_text(encoding="utf-8") + module, encoding="utf-8")
+    text = mapping.read_text(encoding="utf-8").replace('channel = "a.csv"', "")
+    mapping.write_text(text, encoding="utf-8")
+    refused = soter("monitor", str(program), "a.csv", "b.csv", "--map", str(mapping))
+    assert (refused.exit, "of several runs give one at a time" in refused.err) == (1, True)
 
 
 def test_several_csvs_are_one_mapping(soter: Soter, here: Path) -> None:

@@ -422,7 +422,8 @@ def _columns_of_files(
         if len(meant) != 1:
             names = ", ".join(f"`{p.name}`" for p in paths)
             told = f"a topic has the `channel` {channel}" if channel else "a topic has no `channel`"
-            help_ = "the `channel` of a topic is the name of one of them; `*` stands for any text"
+            help_ = "the `channel` of a topic is the name of one of them; `*` stands for any text; "
+            help_ += "several CSVs are one log: of several runs give one at a time"
             raise unusable(paths[0], f"{told}, and {len(meant)} of {names} are called so", help_)
         columns[channel] = read_csv(meant[0], mapping, asked, partial=partial)
     begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
