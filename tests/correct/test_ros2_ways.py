@@ -211,6 +211,27 @@ def test_a_qos_that_does_not_match_is_told_both_ways(bridged: World) -> None:
     soon(lambda: bridged.told(COMMAND, "message") == f"{UNHEARD}, by /sensor (its QoS)")
 
 
+HEARS = """
+import time
+from either_ros import Node
+from geometry_msgs.msg import Twist
+node = Node("wheels")._node
+node.create_subscription(Twist, "/cmd_vel", lambda message: None, 1)
+while not node.count_publishers("/cmd_vel"):
+    time.sleep(0.05)
+print("hears", flush=True)
+time.sleep(1000)
+"""
+
+
+def test_who_hears_the_commands_is_not_called_unheard(bridged: World) -> None:
+    bridged.script("wheels", HEARS)
+    soon(lambda: bool(bridged.nodes.heard["wheels"]))
+    bridged.script("sensor", QOS)  # comes later: once it is told the wheels are known, too
+    soon(lambda: "/sensor" in bridged.told(COMMAND, "message"))
+    assert "/wheels" not in bridged.told(COMMAND, "message")
+
+
 def test_of_two_publishers_only_that_of_the_mapping_is_heard_and_again_when_started_anew(
     bridged: World,
 ) -> None:

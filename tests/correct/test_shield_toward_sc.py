@@ -376,7 +376,7 @@ def test_a_clause_that_names_nothing_to_move_toward_is_told(clause: str, tmp_pat
     path.write_text(SMALL.replace("shield 4;", clause), "utf-8")
     checked = check_file(str(path))
     assert not checked.ok
-    assert {d.code for d in checked.diagnostics.items} & {"S004", "S005", "M027"}
+    assert {d.code for d in checked.diagnostics.items} & {"S004", "S005", "S006", "M027"}
 
 
 def test_the_sled_of_the_page_does_what_the_page_says(tmp_path: Path) -> None:

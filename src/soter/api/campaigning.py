@@ -31,6 +31,7 @@ from soter.campaign.result import (
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.language.evaluate.topic_ranges import always_by_parts
+from soter.native.bindings import bound_alike
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
 
@@ -88,7 +89,7 @@ def campaign(
     lateness, others = _other_arms(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
-        other = Fleet(arm.system, until_ns, core=core)
+        other = Fleet(arm.system, until_ns, core=bound_alike(bindings, arm.system).core)
         own = _identity(arm.system, path, until_ns, seed, 0)
         own = replace(own, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))

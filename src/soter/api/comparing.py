@@ -117,9 +117,9 @@ class Comparison:
 
 
 RULE = (
-    "A proof stands where its problem is the same to the byte; certificates are bound to the hash "
-    "of a program all the same, and `run`, `build` and `assure` ask for it. Files that "
-    "externs are bound to are not compared."
+    "A proof stands where its problem is the same to the byte. `run`, `build` and `assure` ask for "
+    "a proof of the new text all the same: `soter verify --cert` makes it, with the same verdicts. "
+    "Files that externs are bound to are not compared."
 )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ from soter.api.arguments import complete
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
-from soter.native.bindings import Bindings, bind, bind_again
+from soter.native.bindings import Bindings, bind, bind_again, bound_alike
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
 from soter.simulate.externs.c_extern import linked_content
@@ -122,7 +122,7 @@ class PreparedSystems:
         named = by_name("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
         if named is system:
             return prepared
-        bindings = replace(prepared.bindings, system=named)
+        bindings = bound_alike(prepared.bindings, named)
         return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
     def native(self, prepared: PreparedSystem) -> NativeProgram:

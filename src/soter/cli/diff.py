@@ -34,8 +34,8 @@ EXAMPLES = """\
   soter diff cart.soter cart-new.soter --json | jq '.consequences[] | select(.status == "again")'
 
 A proof stands where its problem is the same to the byte: code of an advanced controller, comments
-and layout are not in it. `soter recheck` and `soter build` ask for the hash of a program all the
-same: a new certificate is made, in the knowledge that its verdicts are the old ones.
+and layout are not in it. `soter build` and `soter assure` ask for a proof of the new text all the
+same: `soter verify NEW --cert DIR` makes it, with the verdicts of the old one.
 
 exit codes: 0 nothing has to be made again, 4 something has, 1 diagnostics, 2 usage
 """

@@ -37,7 +37,7 @@ LOGIC = {"&&", "||"}
 CONDITIONS_MAX, VECTORS_MAX = 31, 64
 """Conditions of a decision, and evaluations that differ; of what is beyond nothing is shown."""
 COUNTERS = """
-uint64_t soter_vectors[{n}][{most}];
+uint64_t traced_vectors[{n}][{most}];
 static bool soter_condition(uint64_t *seen, unsigned i, bool value) {{
   *seen |= (UINT64_C(1) << i) | ((uint64_t)value << (31U + i));
   return value;
@@ -46,11 +46,11 @@ static bool soter_outcome(uint64_t *seen, unsigned d, bool value) {{
   const uint64_t made = *seen | ((uint64_t)value << 62U) | (UINT64_C(1) << 63U);
   unsigned k = 0;
   *seen = 0;
-  while (k < {most}U && soter_vectors[d][k] != 0U && soter_vectors[d][k] != made) {{
+  while (k < {most}U && traced_vectors[d][k] != 0U && traced_vectors[d][k] != made) {{
     k++;
   }}
   if (k < {most}U) {{
-    soter_vectors[d][k] = made;
+    traced_vectors[d][k] = made;
   }}
   return value;
 }}
@@ -244,7 +244,7 @@ def _shown(
     found: dict[tuple[str, str], set[Vector]] = {}
     for decisions, path in libraries:
         shape = ctypes.c_uint64 * VECTORS_MAX * len(decisions)
-        rows = shape.in_dll(ctypes.CDLL(str(path)), "soter_vectors")
+        rows = shape.in_dll(ctypes.CDLL(str(path)), "traced_vectors")
         counts: dict[tuple[str, str], int] = {}
         for (function, decision), row in zip(decisions, rows, strict=True):
             said = expr(decision)

@@ -37,7 +37,7 @@ def switch(frame: Frame) -> c.FunctionDef:
         c.IfStmt(c.Binary("==", c.Name("mode"), ac), (c.Return(c.Ternary(unsafe, sc, ac)),)),
         c.Return(c.Ternary(fine, ac, sc)),
     )
-    doc = "the mode after a DM step: the switching logic of the paper's Figure"
+    doc = "the mode after a DM step: the switching logic of the paper"
     return c.FunctionDef("soter_mode", f"{frame.prefix}_switch", parameters, body, doc)
 
 

@@ -193,6 +193,16 @@ def bind_again(bindings: Bindings, given: Mapping[str, object]) -> Bindings:
     return Bindings(bindings.system, bindings.core, externs)
 
 
+def bound_alike(bindings: Bindings, derived: System) -> Bindings:
+    """The same bindings of a system that is derived from theirs, as one with a forced module.
+
+    Core is lowered again: AC of a module that is forced has no shield.
+    """
+    core = lower(derived)
+    _enter_c(core, bindings.externs)
+    return Bindings(derived, core, bindings.externs)
+
+
 def _assign(externs: list[Extern], given: Mapping[str, object]) -> None:
     for exactness in (2, 1, 0):
         for name, target in given.items():

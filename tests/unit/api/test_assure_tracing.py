@@ -240,6 +240,27 @@ def test_a_near_name_is_proposed(tmp_path: Path, flat: System) -> None:
     assert error.value.diagnostics[0].helps == ("did you mean `SafeCart.safe`?",)
 
 
+@all_rows(
+    ("row", "now"),
+    [
+        ("disturbance c.w in [-0.1, 0.1]", "disturbance c.w in [-0.15, 0.15]"),
+        ("error m.q[1] 1e-05", "error m.q[1] 0.02"),
+        ("declared late dm 1 ms", "declared late dm 2.5 ms"),
+    ],
+)
+def test_evidence_about_another_bound_is_asked_for_and_not_taken_over(
+    tmp_path: Path, flat: System, row: str, now: str
+) -> None:
+    """Beside it stand an assumption about another index, and one that is spelled much alike."""
+    case = case_of()
+    for k, key in enumerate((now, "error m.q[0] 1e-05", "declared late sc 1 ms"), 3):
+        case.add(CaseNode(f"A{k}", "assumption", key, key=key), beside=case.node("G1"))
+    with pytest.raises(SoterError) as error:
+        traced(tmp_path, flat, f'assumption,"{row}",,,plant,tape,report 7\n', case)
+    (said,) = error.value.diagnostics
+    assert said.helps == (f"it is `{now}` now: does the evidence hold of this number?",)
+
+
 IDS = st.sampled_from(["R1", "R2", "R3", "R4"])
 TARGETS = st.lists(
     st.sampled_from(["R1", "R2", "R3", "R4", "SafeCart.safe", "SafeCart.P2b"]), max_size=3
@@ -348,3 +369,36 @@ def test_a_requirement_leads_to_conditions_that_runs_cover_or_that_are_named(
     rows = (tmp_path / "trace.csv").read_text(encoding="utf-8").splitlines()
     assert rows[-1] == "H3,SafeCart.failsafe,,,,,,,,it reaches no condition"
     assert "not covered: never false" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_conditions_of_computed_predicates_say_that_their_check_is_not_counted(
+    tmp_path: Path,
+) -> None:
+    """Goal G6 of the same case says that all facts were tried: the page says why both are true."""
+    tank = """soter 1;
+topic level: float max_age 100ms;
+topic pump: float in [-0.1, 0.1] = 0.0;
+plant Tank period 50ms { reads pump; drives level = h; state h: float = 1.0; der h = pump; }
+node Fill period 100ms { subscribes level; publishes pump; step { publish pump = 0.1; } }
+node Hold period 100ms {
+  subscribes level;
+  publishes pump;
+  step { publish pump = clamp(0.5 * (1.0 - level), -0.1, 0.1); }
+}
+rta Guard {
+  ac Fill;
+  sc Hold;
+  period 100ms;
+  safe level > 0.2 && level < 1.8;
+  verify { grid level in [0.2, 1.8] / 40; }
+}
+system Plant { t: Tank; module Guard; until 1s; }
+"""
+    (tmp_path / "tank.soter").write_text(tank)
+    (tmp_path / "hazards.csv").write_text(HEAD + "hazard,H1,spills,Guard.safe,,,\n")
+    how = {"hazards": tmp_path / "hazards.csv", "trace": True}
+    trace = load(tmp_path / "tank.soter").assure(tmp_path / "case", **how).case.conditions
+    assert trace is not None
+    assert trace.ran[-1].endswith("computes its predicates: what goal G6 tries is not counted")
+    stale = next(x for x in trace.conditions if x.condition == "stale")
+    assert stale.not_covered == "never true"

@@ -6,13 +6,13 @@ A certificate without an extra imports nothing but what is on the list.
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
+import processes
 import soter
 import soter.certificate
 from unit.certificate import small_proofs
@@ -69,9 +69,7 @@ def test_a_plain_certificate_starts_nothing_and_imports_only_what_is_on_the_list
         cert = tmp_path / "cert"
         soter.load(REPO / name).verify(cert=cert, refute=False)
     run = [sys.executable, "-c", CHILD, str(cert)]
-    said = subprocess.run(
-        run, capture_output=True, text=True, check=False, env={"PATH": "/nowhere"}
-    )
+    said = processes.run(run, capture_output=True, text=True, env={"PATH": "/nowhere"})
     assert said.returncode == 0, said.stderr
     parts = [m.removeprefix("soter.certificate.").replace(".", "/") for m in said.stdout.split()]
     here = {f"{p}.py" for p in parts if not (ROOM / p).is_dir()}

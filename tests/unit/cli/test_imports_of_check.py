@@ -53,6 +53,7 @@ PROGRAMS = (
             "E020_nobody_stands_in",
             "M005_without_a_system",
             "M013_invariant_of_a_node",
+            "M027_candidates_beyond_the_set",
             "S005_unit_behind_the_set",
             "S010_until_in_a_loop",
             "S015_name_of_a_property",

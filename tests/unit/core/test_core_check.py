@@ -119,7 +119,6 @@ BROKEN: list[tuple[tuple[Any, ...], str]] = [
     ((assign("y", FLOAT, ONE),), "`y` is changed, which is no variable here"),
     ((let(core.Var(INT, "x")),), "Var is float, not int"),
     ((assign("x", FLOAT, N),), "Var is int, not float"),
-    ((assign("spot", SPOT, whole(4), 1),), "Const is int, not int in [0, 3]"),
     ((assign("spot", SPOT, ONE, 2),), "Field is None"),
     ((core.Push(AT, "x", FLOAT, (), ONE),), "Const is float, not None"),
     ((core.Push(AT, "xs", LIST, (), N),), "Var is int, not float"),

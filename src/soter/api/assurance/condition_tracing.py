@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 
 RUNS = 20
+UNCOUNTED = "no check of a DM that computes its predicates: what goal G6 tries is not counted"
 PLACE = re.compile(r"(.*?)(?:, (\S+:\d+))?", re.DOTALL)
 """What the comment above a function says: what it is of, and where the program says that."""
 
@@ -59,7 +60,7 @@ def trace_conditions(
         if name in item.properties
     }
     computed = any(m.symbol.ttf is None or m.symbol.safer is None for m in declared.modules)
-    decided = [("no check of a decision module that computes its predicates", dict[Any, Any]())]
+    decided = [(UNCOUNTED, dict[Any, Any]())]
     shown: list[tuple[str, Shown]] = [*_flown(flat)]
     shown += [*(decided if computed else _decided(case, flat)), *tested]
     evidence = list(_summed(shown))

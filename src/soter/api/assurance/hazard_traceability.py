@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import re
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from io import StringIO
@@ -50,6 +51,8 @@ FOREIGN = {
 }
 """Kind of a row -> cells that must be empty in it."""
 ROWS_MAX = 100_000
+NUMBER = re.compile(r"(?<![\w.])(?<![\w\]]\[)-?\d[\d.e+-]*")
+"""In the key of an assumption, none of an index or a name: a bound."""
 
 
 @dataclass(frozen=True)
@@ -367,7 +370,10 @@ def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> I
             continue
         if _is_of_test(r.id) in groups:
             message = f"the case has no assumption `{r.id}`"
-            helps = did_you_mean(r.id, known) or ("`case.json` has the key of each assumption",)
+            same = [k for k in known if NUMBER.sub("", k or "") == NUMBER.sub("", r.id)]
+            changed = (f"it is `{k}` now: does the evidence hold of this number?" for k in same)
+            helps = (*changed,) or did_you_mean(r.id, known)
+            helps = helps or ("`case.json` has the key of each assumption",)
             diagnostics.error(CODE, message, r.span, helps=helps)
         else:
             why = "no test was explored" if _is_of_test(r.id) else "no certificate was accepted"

@@ -73,9 +73,12 @@ class BridgedIn : public Bridged {
   }
 
   Status status() override {
+    /* The actual one: a deadline of T::qos() is 0, of the graph infinite, which would not fit. */
+    const rclcpp::QoS own = subscription_->get_actual_qos();
     inward_.unheard(unmatched(node_->get_publishers_info_by_topic(T::topic()),
-                              rosidl_generator_traits::name<Message>(), [](const rclcpp::QoS& of) {
-                                return rclcpp::qos_check_compatible(of, T::qos()).compatibility;
+                              rosidl_generator_traits::name<Message>(),
+                              [&own](const rclcpp::QoS& of) {
+                                return rclcpp::qos_check_compatible(of, own).compatibility;
                               }));
     return inward_.status();
   }
@@ -119,11 +122,13 @@ class BridgedOut : public Bridged {
         names += (names.empty() ? "" : ", ") + name;
       }
     }
-    outward_.others(names,
-                    unmatched(node_->get_subscriptions_info_by_topic(T::topic()),
-                              rosidl_generator_traits::name<Message>(), [](const rclcpp::QoS& of) {
-                                return rclcpp::qos_check_compatible(T::qos(), of).compatibility;
-                              }));
+    const rclcpp::QoS actual = publisher_->get_actual_qos();
+    outward_.others(
+        names,
+        unmatched(node_->get_subscriptions_info_by_topic(T::topic()),
+                  rosidl_generator_traits::name<Message>(), [&actual](const rclcpp::QoS& of) {
+                    return rclcpp::qos_check_compatible(actual, of).compatibility;
+                  }));
     return outward_.status();
   }
 

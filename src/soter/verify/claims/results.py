@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.diagnostics.diagnostic import Span
+    from soter.diagnostics.diagnostic import Diagnostic, Span
     from soter.language.front_end import CheckResult
     from soter.verify.problem.problem import Assumption, Group, Problem
     from soter.verify.search.hint_text import Hints
@@ -393,6 +393,8 @@ class ProofSearch:
     result: ModuleResult | None = None
     ended: bool = False
     """Whether its budget was spent."""
+    refused: Diagnostic | None = None
+    """Why no model of it could be made, whatever its hints are; None: one could."""
     proved: bool = False
     """Whether the module is proved with what was found, and its AC may get control.
 

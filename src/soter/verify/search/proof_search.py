@@ -105,7 +105,9 @@ def find_hints(
         for cells, hints in search.cut_short:
             if not search.made.proved and search.going():
                 search.attempt(hints, cells)
-    except (SoterError, CancelledError, StepFaultError, UnboundedError, EnclosureError):
+    except SoterError as error:
+        search.made.refused = error.diagnostics[0]
+    except (CancelledError, StepFaultError, UnboundedError, EnclosureError):
         pass
     except KeyboardInterrupt as stopped:
         vars(stopped)["__notes__"] = search.so_far()

@@ -36,6 +36,7 @@ NOT_LOOKED_FOR = (
     "`abstracts`, `enters` and an SC that is to be found"
 )
 NO_RUNS = "no hint was tried: runs of the model under SC, of which hints are made, gave none"
+NO_MODEL = "no hint was tried, as with any of them the module is refused: "
 NO_TIME = (
     "no hint was tried: `--budget` ended while runs of the model, of which hints are made, went on"
 )
@@ -155,4 +156,8 @@ def _told_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
         return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)
     tried = tuple(f"tried in vain: `{t.hints}` ({t.gave})" for t in search.tries if not t.untried)
     none = NO_TIME if search.ended else NO_RUNS
+    why = search.refused
+    if why is not None and not tried:
+        notes = (*refused.notes, f"{NO_MODEL}{why.code}: {why.message}", *why.notes)
+        return replace(refused, notes=notes, helps=(*why.helps, *helps))
     return replace(refused, notes=(*refused.notes, *(tried or (none,))), helps=helps)

@@ -110,8 +110,11 @@ class ExpressionReading(Execution["Value"]):
             if a is condition:  # `condition || b`
                 return self.make.join("or", condition, b)
             if a.op in CONDITIONS or b.op in CONDITIONS:
+                otherwise = self.make.not_(condition)
+                if b is otherwise:  # `b || f(x)`: Core calls `f` where `b` is false
+                    return self.make.join("or", b, a)
                 yes = self.make.join("and", condition, a)
-                no = self.make.join("and", self.make.not_(condition), b)
+                no = self.make.join("and", otherwise, b)
                 return self.make.join("or", yes, no)
             return self.make.select(condition, a, b)
         if isinstance(a, tuple) and len(a) == len(b):

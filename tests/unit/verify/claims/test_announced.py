@@ -83,7 +83,7 @@ STAGES = {
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
     "free_phase": ("soter.certificate.grid.group_claims", "computed"),
     "rates_are_defined": ("soter.certificate.case_check", "a grid"),
-    "axes_seen_by_dm": ("soter.certificate.grid.grid_group", "computed"),
+    "axes_seen_by_dm": ("soter.certificate.extras.estimates_and_shield", "computed"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
     "_check_times": ("soter.certificate.induction.induction_problem", "an induction"),
 }

@@ -56,6 +56,15 @@ def test_the_first_that_may_act_for_longer_is_found() -> None:
     assert found(10.0, SOME, LITTLE) == (*FULL, 0.0), "nothing is good"
 
 
+def test_what_is_no_number_or_lies_beyond_is_never_found() -> None:
+    """The topic's set keeps such a candidate out; the judgement does not rely on it."""
+    caller = Caller(check_of(CHOSEN).in_flight({2: Interval(-0.31, 0.31)}))
+    until, nan = (NEVER,) * (2 * CELLS), float("nan")
+    for wild in ((nan, 0.7), (0.3, nan), (-1.0, 1.0), (0.0, 1.5), (0.0, float("inf"))):
+        wanted = (*FULL, *BRAKE, *wild, *SOME)
+        assert caller.value("toward", (20.0, 200.0, 30.0), wanted, until, NOW) == (*SOME, 1.0)
+
+
 def test_both_engines_choose_alike_and_nothing_is_hit(tmp_path: Path) -> None:
     near = changed(NEAR, *TRIED)
     runs = [flown(tmp_path, near, e, "60ms") for e in ("interp", "native")]

@@ -155,6 +155,16 @@ def test_a_budget_that_ended_before_any_hint_is_named() -> None:
     assert any("`--budget` ended" in note for note in raised.value.diagnostics[0].notes)
 
 
+def test_what_refuses_the_module_whatever_the_hint_is_named_with_its_help() -> None:
+    late = "failsafe cmd = 0.0;\n  verify { response sc 30ms; acts within 1ms; }\n}\nsystem"
+    with pytest.raises(SoterError) as raised:
+        _loaded(BOT.replace("0.12; }\nsystem", f"0.12;\n  {late}")).verify(budget_s=5.0)
+    told = raised.value.diagnostics[0]
+    assert told.code == "R008"
+    assert any("is refused: R015: SC may act 31 ms late" in note for note in told.notes)
+    assert "a period of SC of 62 ms" in told.helps[0]
+
+
 def test_a_grid_of_the_program_that_proves_is_not_touched() -> None:
     own = HOPPER.replace(
         "< 0.8; }\nsystem", "< 0.8; verify { grid apex in [0.15, 0.8] / 130; } }\nsystem"

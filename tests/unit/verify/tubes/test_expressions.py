@@ -24,6 +24,7 @@ from soter.verify.tubes.problem import TubeProblem, TubeTimes
 from soter.verify.tubes.sc_step import ScStep
 from soter.verify.tubes.tube_check import TubeCheck
 from unit.verify.tubes.random_plants import drawn_module
+from unit.verify.tubes.test_rest_claims import FOLLOW
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -285,3 +286,20 @@ def test_a_loop_over_boxes_asks_of_each_once() -> None:
     assert isinstance(problem, TubeProblem)
     safe = TubeCheck(problem).in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
     assert safe.count(".lo > 0.0") == 20
+
+
+@pytest.mark.parametrize("op", ["||", "&&"])
+def test_a_condition_in_a_function_is_asked_as_one_that_is_written_out(op: str) -> None:
+    """Core calls the function only where the left side does not decide."""
+    fun = "\nfun slow(v: float): bool { return v < 3.0; }\nplant "
+
+    def safe(right: str) -> str:
+        text = FOLLOW.read_text(encoding="utf-8").replace("\nplant ", fun)
+        asked = text.replace("safe sight.gap > 0.0", f"safe (sight.gap > 0.0 {op} {right})")
+        assert asked != text
+        flat = system_to_prove(check_file("follow.soter", asked), None)
+        problem = extract(flat, flat.modules[0])
+        assert isinstance(problem, TubeProblem)
+        return TubeCheck(problem).in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
+
+    assert safe("slow(sight.v)") == safe("sight.v < 3.0")

@@ -194,6 +194,17 @@ def test_a_forced_module_neither_moves_nor_refuses(tmp_path: Path) -> None:
     assert flown(tmp_path, forced).violations
 
 
+def test_ac_alone_of_a_campaign_has_no_shield_either(tmp_path: Path) -> None:
+    """From where `test_both_engines_move_alike_and_nothing_is_hit` begins, at full throttle."""
+    path = tmp_path / "follow.soter"
+    path.write_text(NEAR, encoding="utf-8")
+    program = soter.load(path)
+    flown = program.campaign(flights=1, until="30s", arms=("ac",), output=tmp_path / "c")
+    assert [arm.flights[0].violations > 0 for arm in flown.arms] == [False, True]
+    run = program.simulate(until="30s", arm="ac")
+    assert (run.array("levers.gas")[20:] == 1.0).all()
+
+
 def test_of_several_outputs_what_a_step_leaves_held_is_judged_with_what_it_publishes(
     tmp_path: Path,
 ) -> None:
