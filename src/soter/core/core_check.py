@@ -7,7 +7,7 @@ function stands before its calls, so that none recurs; loops have constant ends;
 left, nothing has an effect. What lowers functions, steps and predicates asserts that none is
 broken: every proof, run and test is of Core that was checked.
 Non-goals: whether Core means what the program means (the interpreter is compared with it);
-footprints.
+whether an int that is stored lies in its range, which gates ask; footprints.
 """
 
 from __future__ import annotations
@@ -293,7 +293,7 @@ class _Body:
         """An expression whose value has to be one of a type; with None, of a type that is none."""
         self.expr(e)
         if isinstance(e, core.Expr):
-            ints = isinstance(e.type, IntType) and isinstance(t, IntType)  # the set is a gate's
+            ints = isinstance(e.type, IntType) and isinstance(t, IntType)
             self.require(ints or e.type == t, f"{type(e).__name__} is {e.type}, not {t}")
 
     def expr(self, e: core.Expr) -> None:

@@ -102,11 +102,13 @@ def _flown(flat: System) -> Iterator[tuple[str, Shown]]:
         try:
             bindings = bind(flat, {})
             bound = callables(bindings, "native", StopRequest())
-            program = NativeProgram(flat, core=bindings.core)
-            for seed in range(1, RUNS + 1):
-                program.run(end_of(flat, None), seed, bound)
-                yield f"run of {flat.name}, seed {seed}", seen()
-            close(bound)
+            try:
+                program = NativeProgram(flat, core=bindings.core)
+                for seed in range(1, RUNS + 1):
+                    program.run(end_of(flat, None), seed, bound)
+                    yield f"run of {flat.name}, seed {seed}", seen()
+            finally:
+                close(bound)
         except SoterError as error:
             yield f"no run of {flat.name}: {error}", {}
 
