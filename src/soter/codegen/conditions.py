@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 LOGIC = {"&&", "||"}
 CONDITIONS_MAX, VECTORS_MAX = 31, 64
 """Conditions of a decision, and evaluations that differ; of what is beyond nothing is shown."""
+_Vectors = ctypes.c_uint64 * VECTORS_MAX
 COUNTERS = """
 uint64_t traced_vectors[{n}][{most}];
 static bool soter_condition(uint64_t *seen, unsigned i, bool value) {{
@@ -232,9 +233,20 @@ def printed(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
 
 
 def compiled(decisions: tuple[Decision, ...], path: Path) -> None:
-    """Says where the library is in which these are counted."""
-    if decisions and (libraries := _WATCHED.get()) is not None:
-        libraries.append((decisions, path))
+    """Says where the library is in which these are counted; what others showed of it is forgotten.
+
+    A process that loads a library twice has one copy of its counters.
+    """
+    libraries = _WATCHED.get()
+    if libraries is None or not decisions or any(path == known for _, known in libraries):
+        return
+    ctypes.memset(_vectors(decisions, path), 0, ctypes.sizeof(_Vectors) * len(decisions))
+    libraries.append((decisions, path))
+
+
+def _vectors(decisions: tuple[Decision, ...], path: Path) -> ctypes.Array[Any]:
+    """The counters of a library, a row a decision."""
+    return (_Vectors * len(decisions)).in_dll(ctypes.CDLL(str(path)), "traced_vectors")
 
 
 def _shown(
@@ -243,8 +255,7 @@ def _shown(
     """Function and numbered text of a decision -> its evaluations, of all these libraries."""
     found: dict[tuple[str, str], set[Vector]] = {}
     for decisions, path in libraries:
-        shape = ctypes.c_uint64 * VECTORS_MAX * len(decisions)
-        rows = shape.in_dll(ctypes.CDLL(str(path)), "traced_vectors")
+        rows = _vectors(decisions, path)
         counts: dict[tuple[str, str], int] = {}
         for (function, decision), row in zip(decisions, rows, strict=True):
             said = expr(decision)

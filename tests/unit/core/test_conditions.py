@@ -55,6 +55,21 @@ def test_a_run_shows_what_it_evaluated() -> None:
     assert why["clean"] == "never false"
 
 
+def test_what_ran_before_somebody_watched_is_not_shown() -> None:
+    """A process that loads a library twice has one copy of its counters."""
+    flat = load(CART).declared("Protected")
+    with watched() as seen:
+        NativeProgram(flat).run(10_000_000_000, 1)
+        first = seen()
+    with watched() as seen:
+        program = NativeProgram(flat)
+        assert any(first.values())
+        assert not any(seen().values())
+        program.run(10_000_000_000, 1)
+        NativeProgram(flat)
+        assert seen() == first
+
+
 @pytest.mark.parametrize(
     ("decision", "rows", "said"),
     [
