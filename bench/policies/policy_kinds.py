@@ -50,10 +50,16 @@ def main() -> int:
         folder = args.kinds or Path(made)
         if args.peer:
             script = Path(__file__).with_name("make_kinds.py")
-            given = [str(folder), "--observations", str(args.observations), "--only", args.only]
+            given = [
+                str(folder),
+                "--observations",
+                str(args.observations),
+                "--only",
+                args.allow,
+            ]
             subprocess.run([args.peer, str(script), *given], check=True)
         told = json.loads((folder / "kinds.json").read_text(encoding="utf-8"))
-        rows = [compared(folder, kind) for kind in told["kinds"] if args.only in kind["name"]]
+        rows = [compared(folder, kind) for kind in told["kinds"] if args.allow in kind["name"]]
     versions = ", ".join(f"{name} {version}" for name, version in told["versions"].items())
     print(f"{versions}; {args.observations:,} observations a kind\n")
     print(f"{'kind':38} {'largest difference':>18}  {'indices':>9}  verdict")

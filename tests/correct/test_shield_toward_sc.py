@@ -341,7 +341,7 @@ def held_judged(builder: Any, component: Any, outputs: Any) -> None:
     _judges(builder, component, ())
 
 
-_judges = steps._permitted
+_judges = steps._permit
 
 
 @pytest.mark.parametrize("wrong", [unjudged, held_judged])
@@ -352,7 +352,7 @@ def test_c_that_does_not_judge_what_it_moved_is_noticed(
     monkeypatch.setattr(shield_tables, "moved", full)
     path = written(tmp_path, "publish accel = 0.5;", TOWARD)
     assert not differ(path)
-    monkeypatch.setattr(steps, "_permitted", wrong)
+    monkeypatch.setattr(steps, "_permit", wrong)
     assert differ(path)
 
 

@@ -89,7 +89,7 @@ def _shown(error: SoterError) -> list[str]:
     return traceback_lines(error)
 
 
-def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+def _print(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
         sys.__excepthook__(kind, error, trace)
         return
@@ -98,7 +98,7 @@ def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType 
 
 setattr(SoterError, "_render_traceback_", _shown)  # noqa: B010 - IPython asks for that name
 if sys.excepthook is sys.__excepthook__:  # else another package shows errors
-    sys.excepthook = _hook
+    sys.excepthook = _print
 
 
 def __getattr__(name: str) -> object:

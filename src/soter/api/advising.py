@@ -132,8 +132,10 @@ def _buffers_of(
             rows = tuple(asked.rows(fence, fastest))
             pair = units[0], units[1]
             return Buffers(module.name, position, speed, pair, fence, fastest, rows)
-    what = "`safe` has no end in the direction of the speed" if named else "no position was found"
-    raise mistake("U001", f"{module.name}: {what}", NAME_THEM)
+    problem_text = (
+        "`safe` has no end in the direction of the speed" if named else "no position was found"
+    )
+    raise mistake("U001", f"{module.name}: {problem_text}", NAME_THEM)
 
 
 def _path(problem: Problem, topic: int, leaf: int) -> tuple[str, ...]:
@@ -168,9 +170,9 @@ class _Asked:
         self.dm = CompiledDM(self.unit)
         self.facts = ExpectedFacts(flat, module)
         by_name = {t.name: t.index for t in flat.topics}
-        own = problem.system.topics
+        topics = problem.system.topics
         self.at = {
-            s: (by_name[own[t].name], positions(own[t].type, _path(problem, t, k)))
+            s: (by_name[topics[t].name], positions(topics[t].type, _path(problem, t, k)))
             for s, (t, k) in problem.topic_leaf_of_state.items()
         }
         self.fastest: float | None = None
@@ -191,7 +193,7 @@ class _Asked:
         return self.dm.decide_when_fresh(self.module, state) == AC
 
     def fence(self) -> float | None:
-        """Where `safe` ends that way, at rest or (passive safety) at a speed; None: nowhere."""
+        """The end of `safe` that way, at rest or (passive safety) at a speed; None: it has none."""
         self.fastest = self._end(self.speed)
         if self.fastest is None:
             return None
@@ -213,15 +215,15 @@ class _Asked:
                 yield BufferRow(v, at, abs(fence - at), self.flown(at, v, self.way))
 
     def fastest_in_ac(self) -> float:
-        """Up to which speed AC has control where the position is that of the start."""
+        """The highest speed at which AC has control at the position of the start."""
         assert self.fastest is not None
         v = _last(0.0, self.fastest, lambda v: self.keeps(self.initial[self.position], v))
         return 0.0 if v is None else v
 
     def _end(self, state: int) -> float | None:
         """The end of what a number may be, in the direction of the fence; None: there is none."""
-        own, leaf = self.problem.topic_leaf_of_state[state]
-        bound, of = self.problem.system.topics[own].bounds[leaf], self.problem.states[state]
+        topic, leaf = self.problem.topic_leaf_of_state[state]
+        bound, of = self.problem.system.topics[topic].bounds[leaf], self.problem.states[state]
         low, high = (of.low, of.high) if bound is None else (bound.low, bound.high)
         end = high if state == self.speed or self.way > 0.0 else low
         return end if abs(end) < FARTHEST else None

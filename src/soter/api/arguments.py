@@ -53,20 +53,20 @@ def require_utf8(*names: object) -> None:
     for name in names:
         if not isinstance(name, (str, Path)):
             continue
-        said = str(name).removeprefix(here)
-        if (shown := utf8_text(said)) != said:
+        path = str(name).removeprefix(here)
+        if (shown := utf8_text(path)) != path:
             text = f"`{shown}` is not UTF-8, which everything that soter writes is"
             raise mistake("U003", text, "rename it")
 
 
-def time_ns(what: str, given: float | str | None) -> int | None:
-    """The time that a caller gave as `what`, in ns; None if none; `SoterError` U001."""
-    if given is None:
+def time_ns(name: str, time: float | str | None) -> int | None:
+    """The time that a caller gave as `name`, in ns; None if none; `SoterError` U001."""
+    if time is None:
         return None
     try:
-        return duration_ns(given)
+        return duration_ns(time)
     except WrongTextError as error:
-        raise mistake("U001", f"`{what}` cannot be `{str(given)[:40]}`: {error}") from error
+        raise mistake("U001", f"`{name}` cannot be `{str(time)[:40]}`: {error}") from error
 
 
 def end_of(system: System, until: float | str | None) -> int:
@@ -88,9 +88,9 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
     """The modules with this full or declared name, or all; `SoterError` U001 if there are none."""
     modules = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
     if not modules:
-        there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
+        names = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
         message = f"system `{flat.name}` has no module" + f" `{module}`" * bool(module)
-        raise mistake("U001", message, notes=(f"there are: {there}",))
+        raise mistake("U001", message, notes=(f"there are: {names}",))
     return modules
 
 
@@ -123,13 +123,13 @@ def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[s
 
 
 def params_from_json(
-    program: TypedProgram, given: Mapping[str, object], file: Path
+    program: TypedProgram, values: Mapping[str, object], file: Path
 ) -> dict[str, Value]:
     """Parameter values from the JSON of a trace; `SoterError` D010."""
     from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
 
     params: dict[str, Value] = {}
-    for name, value in given.items():
+    for name, value in values.items():
         param = program.param(name)
         if param is None:
             raise no_trace(file, f"its program has no parameter `{name}`")
@@ -141,9 +141,7 @@ def params_from_json(
 
 
 def complete(
-    system: System,
-    known: Known | None = None,
-    bound: Mapping[str, object] | None = None,
+    system: System, known: Known | None = None, bound: Mapping[str, object] | None = None
 ) -> list[str]:
     """Computes `ttf` and `safer` for modules that have neither; returns a note on each.
 

@@ -20,14 +20,7 @@ from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, kept_meas
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import RayCluster, cluster, fly, fly_batches, require_ray
 from soter.campaign.page import write_page
-from soter.campaign.result import (
-    ORDER,
-    Campaign,
-    FlownArm,
-    attributions,
-    count_faults,
-    make_result,
-)
+from soter.campaign.result import ORDER, Campaign, FlownArm, attributions, count_faults, make_result
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.language.evaluate.topic_ranges import always_by_parts
@@ -90,13 +83,13 @@ def campaign(
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=bound_alike(bindings, arm.system).core)
-        own = _identity(arm.system, path, until_ns, seed, 0)
-        own = replace(own, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
-        todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
-    told = [_part_of_progress(progress or _quiet, k, len(todo)) for k in range(len(todo))]
+        identity = _identity(arm.system, path, until_ns, seed, 0)
+        identity = replace(identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
+        todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
+    shares = [_part_of_progress(progress or _ignore, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
         crew = threads or held.enter_context(cluster())
-        flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, told, strict=True)]
+        flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]
     ours = flown[0]
     return Campaign(
         system=flat.name,
@@ -143,10 +136,10 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
     for p in flat.properties:
         wanted = {"always": True, "never": False}.get(p.kind)
         if wanted is not None and always_by_parts(p.condition, flat, p.scope) is wanted:
-            what = f"no flight can violate `{p.kind} {p.text}`, whatever values it reads"
-            yield Diagnostic("C006", what, severity=Severity.WARNING)
+            message = f"no flight can violate `{p.kind} {p.text}`, whatever values it reads"
+            yield Diagnostic("C006", message, severity=Severity.WARNING)
     if r.distinct < r.flights:
-        what = (
+        message = (
             f"all {r.flights:,} flights are copies of one: nothing in them is left to chance"
             if r.distinct == 1
             else f"{r.flights - r.distinct:,} of {r.flights:,} flights are copies of others"
@@ -154,15 +147,15 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
         of = "one flight" if r.distinct == 1 else f"{r.distinct:,} flights"
         note = f"bounds are no closer than those of {of}"
         helps = ("`choose`, inputs, disturbances and faults make flights differ",)
-        yield Diagnostic("C007", what, notes=(note,), helps=helps, severity=Severity.WARNING)
+        yield Diagnostic("C007", message, notes=(note,), helps=helps, severity=Severity.WARNING)
 
 
 def _no_property(flat: System, severity: Severity) -> Diagnostic:
-    what = f"system `{flat.name}` has no property: no flight of it can be violated"
+    message = f"system `{flat.name}` has no property: no flight of it can be violated"
     helps = ["say what shall hold: `always CONDITION;` in the system"]
     if severity is Severity.ERROR:
         helps.append("to measure only: `measure NAME = EXPRESSION in [a, b] / BINS every T;`")
-    return Diagnostic("C006", what, helps=tuple(helps), severity=severity)
+    return Diagnostic("C006", message, helps=tuple(helps), severity=severity)
 
 
 def _thread_count(workers: int | str | None) -> int:
@@ -172,8 +165,8 @@ def _thread_count(workers: int | str | None) -> int:
         return 0
     threads = os.cpu_count() or 1 if workers in (None, LOCAL) else workers
     if not isinstance(threads, int) or not 1 <= threads <= WORKERS_MAX:
-        said = f"give 1 to {WORKERS_MAX}, `{LOCAL}` or `{RAY}`"
-        raise mistake("U001", f"{workers} workers cannot fly", said)
+        help_ = f"give 1 to {WORKERS_MAX}, `{LOCAL}` or `{RAY}`"
+        raise mistake("U001", f"{workers} workers cannot fly", help_)
     return threads
 
 
@@ -268,7 +261,7 @@ def _part_of_progress(progress: Progress, k: int, count: int) -> Progress:
     return lambda share: progress((k + share) / count)
 
 
-def _quiet(_: float) -> None:
+def _ignore(_: float) -> None:
     pass
 
 

@@ -93,15 +93,15 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
     """
     why = ""
     try:
-        given = json.loads(read_json_text(Path(path)))
-        wcet_by_component = {s["name"]: s["wcet_ns"] for s in given["steps"]}
-        why = other_format(given["schema"], TIMES_FORMAT)
+        document = json.loads(read_json_text(Path(path)))
+        wcet_by_component = {s["name"]: s["wcet_ns"] for s in document["steps"]}
+        why = other_format(document["schema"], TIMES_FORMAT)
         sound = not why and all(
             isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
             for n, ns in wcet_by_component.items()
         )
-        program, system = str(given["program_sha256"]), str(given["system"])
-        assumed = str(given.get("assumed", ""))
+        program, system = str(document["program_sha256"]), str(document["system"])
+        assumed = str(document.get("assumed", ""))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
@@ -127,9 +127,9 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
     elif unknown:
         note = f"it has those of `{unknown[0]}`, which is no part of system `{name}`"
     if note:
-        what = f"`{path}` has no times of this program"
+        message = f"`{path}` has no times of this program"
         helps = ("measure what is there now: `soter measure`",)
-        raise mistake("U011", what, *helps, notes=(note,))
+        raise mistake("U011", message, *helps, notes=(note,))
     for c in components:
         c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
     return {name: assumed}
@@ -189,15 +189,15 @@ def _systems_of_proofs(system: System) -> list[tuple[System, Module]]:
 
     Both have the same trusted thread (M025); it gets the times known for the deployed one.
     """
-    there = system.proved
-    if there is None:
+    proved = system.proved
+    if proved is None:
         return [(system, m) for m in system.modules]
     known = {c.name: c for c in system.components}
-    for c in there.components:
+    for c in proved.components:
         if c.name in known:
             c.wcet_ns, c.jitter_ns = known[c.name].wcet_ns, known[c.name].jitter_ns
-    modules = {m.name: m for m in there.modules}
-    return [(there, modules[m.name]) for m in system.modules if m.name in modules]
+    modules = {m.name: m for m in proved.modules}
+    return [(proved, modules[m.name]) for m in system.modules if m.name in modules]
 
 
 def _switch_report(switch: SwitchLatency) -> SwitchReport:
@@ -276,7 +276,7 @@ class SystemReport:
 
 @dataclass(frozen=True)
 class StepReport:
-    """The most that a step of a node, or a decision of a module, takes.
+    """The highest cost of a step of a node, or of a decision of a module.
 
     `externs`: functions it may call, whose own code is not counted.
     """
@@ -308,8 +308,8 @@ class CheckReport:
         from soter.report.tables import notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [(s.name, m.name, m.ac, m.sc) for s in self.systems for m in s.modules]
-        said = [f"{d.code}: {d.message}" for d in (*self.warnings, *self.untimely)]
-        return notebook_table(f"{self.path}: sound", ("system", "module", "AC", "SC"), rows, said)
+        lines = [f"{d.code}: {d.message}" for d in (*self.warnings, *self.untimely)]
+        return notebook_table(f"{self.path}: sound", ("system", "module", "AC", "SC"), rows, lines)
 
 
 def check_report(

@@ -100,7 +100,7 @@ class Comparison:
             return "Nothing has to be made again: no proof, flight or test depends on what differs"
         proofs = [c.status for c in self.consequences if c.what == "proof"]
         counts = Counter(c.what for c in self.again if c.what != "proof")
-        also = ", ".join(f"{WHATS[what]} of {n}" for what, n in counts.items())
+        also = ", ".join(f"{WHATS[kind]} of {n}" for kind, n in counts.items())
         stand = f"{proofs.count(STANDS)} of {len(proofs)} proofs stand"
         return f"{stand}; to be made again, too: {also}" if also else stand
 
@@ -125,7 +125,7 @@ RULE = (
 
 @dataclass(frozen=True)
 class Version:
-    """One of the two: its path, the checked program, and parameters that its certificate sets."""
+    """A version: its path, the checked program, and parameters that its certificate sets."""
 
     path: str
     checked: CheckResult

@@ -61,17 +61,17 @@ def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
 
     None if that system is deployed itself, or has unbound externs; SoterError of `NativeProgram`.
     """
-    there = system.proved
-    if there is None or any(x.extern and x.binding is None for x in there.components):
+    proved = system.proved
+    if proved is None or any(x.extern and x.binding is None for x in proved.components):
         return []
     from soter.simulate.run import NativeProgram  # noqa: PLC0415 - needs a compiler
 
-    native = NativeProgram(there)
+    native = NativeProgram(proved)
     run = native.run(until_ns, seed, keep_trace=True)
     assert run.trace is not None
     drawn = {d.topic for d in system.inputs}
     topics = [system.topics[i] for i in environment_topics(system) if i not in drawn]
-    numbers = {t.name: t.index for t in there.topics}
+    numbers = {t.name: t.index for t in proved.topics}
     recording: Recording = []
     last = dict.fromkeys((t.index for t in topics), -1)
     rows = run.trace.view("u1").reshape(len(run.trace), native.layout.size)
@@ -94,13 +94,13 @@ def recording_text(recording: Recording) -> str:
 
 def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
     """SHA-256 of the trace of a run that reads the recording; no extern may be due in it."""
-    library, digest, given = native.load().library, hashlib.sha256(), iter(recording)
+    library, digest, inputs = native.load().library, hashlib.sha256(), iter(recording)
     state = library.new_state(seed)
-    waiting = next(given, None)
+    waiting = next(inputs, None)
     while (at := library.next_instant(state)) <= until_ns:
         while waiting is not None and waiting[0] <= at:
             library.publish(state, waiting[1], waiting[2], waiting[0])
-            waiting = next(given, None)
+            waiting = next(inputs, None)
         library.run(state, at)
         digest.update(state.tobytes())
     return digest.hexdigest()
@@ -141,33 +141,33 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
     not re-checked or about another program, D009 and D007 as `recheck`, U001 for a certificate and
     a system that deploys none.
     """
-    there = here.proved
-    if there is None:
+    target_system = here.proved
+    if target_system is None:
         if cert is not None:
             from soter.verify.deploy.proof_transfer import how_to_deploy  # noqa: PLC0415 - the same
 
-            what = f"system `{here.name}` deploys no other: there is nothing to inherit"
-            raise mistake("U001", what, *how_to_deploy(here, str(cert)))
+            message = f"system `{here.name}` deploys no other: there is nothing to inherit"
+            raise mistake("U001", message, *how_to_deploy(here, str(cert)))
         return DeploymentReport()
     from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
 
-    modules = inherited(here, there)
+    modules = inherited(here, target_system)
     seal, confirmed, sets = "", {}, None
     if cert is not None:
         report = recheck(cert)
-        seal = _seal_of_same_program(Path(cert), report, there)
-        confirmed = _confirmed_modules(report, there)
+        seal = _seal_of_same_program(Path(cert), report, target_system)
+        confirmed = _confirmed_modules(report, target_system)
         sets = _CertifiedTables(Path(cert), seal, confirmed)
         for m in modules:
             if m.problem is not None:
                 sets.built(m.problem, None)
     entries = [_inheritance_entry(m, confirmed.get(m.module), seal) for m in modules]
-    proved = dict.fromkeys(confirmed, f"`{there.name}`")
+    proved = dict.fromkeys(confirmed, f"`{target_system.name}`")
     lines = [x for e in entries for x in _entry_lines(e, proved.get(e["module"], ""), seal)]
     document: dict[str, object] = {
         "schema": SCHEMA,
         "system": here.name,
-        "deploys": there.name,
+        "deploys": target_system.name,
         "certificate": seal or None,
         "modules": entries,
     }
@@ -261,9 +261,9 @@ def build(
     package = build_package(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
-    told = [] if inherits.lines else code_assumptions(flat, stored_verdicts(flat))
+    assumed = [] if inherits.lines else code_assumptions(flat, stored_verdicts(flat))
     dropped = _left_out_bindings(bindings) if TARGETS[target].drops_bindings else ()
-    package.notes += [*told, *computed, *dropped]
+    package.notes += [*assumed, *computed, *dropped]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
 
@@ -364,7 +364,7 @@ def _inheritance_entry(
     }
 
 
-def _entry_lines(entry: dict[str, Any], there: str, seal: str) -> list[str]:
+def _entry_lines(entry: dict[str, Any], name_of_proved: str, seal: str) -> list[str]:
     name = entry["module"]
     if not entry["inherited"]:
         lines = [f"{name}: nothing proved: {entry['why_not']}"]
@@ -374,36 +374,40 @@ def _entry_lines(entry: dict[str, Any], there: str, seal: str) -> list[str]:
         if "P1c" not in confirmed and "P1c" not in missing:
             safe += "; P1c is assumed, not proved: not all of its times are declared"
         words = " ".join(confirmed)
-        lines = [f"{name}: {words} of {there}, certificate {seal[:12]}, checked again{safe}"]
+        lines = [
+            f"{name}: {words} of {name_of_proved}, certificate {seal[:12]}, checked again{safe}"
+        ]
     return [*lines, *(f"{name}: {line}" for line in entry["covered"])]
 
 
 # ---------------------------------------------------------------- whether it fits
 
 
-def _seal_of_same_program(folder: Path, report: Report, there: System) -> str:
+def _seal_of_same_program(folder: Path, report: Report, proved: System) -> str:
     """The seal of a certificate if it is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
-        said = "is rejected" if report.verdict == REJECTED else "was not re-checked"
-        raise _other_certificate(folder, f"it {said}: {report.reason}")
+        outcome = "is rejected" if report.verdict == REJECTED else "was not re-checked"
+        raise _other_certificate(folder, f"it {outcome}: {report.reason}")
     raw = read_bytes(folder / "manifest.json", MANIFEST_MAX)
     if hashlib.sha256(raw).hexdigest() != report.seal:
         raise _other_certificate(folder, "it was changed while it was checked")
     manifest = json.loads(raw)
-    home = _declaring_file(there)
+    home = _declaring_file(proved)
     main = Path(str(manifest["main"]))
     for name, digest in manifest["files"].items():
         if not name.startswith("program/"):
             continue
-        own = name.removeprefix("program/")
-        beside = Path(os.path.relpath(own, main.parent)) if own != main.as_posix() else None
+        file_name = name.removeprefix("program/")
+        beside = (
+            Path(os.path.relpath(file_name, main.parent)) if file_name != main.as_posix() else None
+        )
         local = home if beside is None else home.parent / beside
         try:
             same = hashlib.sha256(read_bytes(local, PROGRAM_MAX)).hexdigest() == digest
         except OSError:
             same = False
         if not same:
-            raise _other_certificate(folder, f"its `{own}` is not the one that is built")
+            raise _other_certificate(folder, f"its `{file_name}` is not the one that is built")
     return report.seal
 
 
@@ -412,10 +416,10 @@ def _prefix_of(name: str) -> str:
     return name[: len(name) - len(name.rpartition(".")[2])]
 
 
-def _declaring_file(there: System) -> Path:
+def _declaring_file(proved: System) -> Path:
     """The path of the file that declares the proved system."""
-    prefix = _prefix_of(there.name)
-    return next(f.path for f in _program_files(there.program.path) if f.prefix == prefix).resolve()
+    prefix = _prefix_of(proved.name)
+    return next(f.path for f in _program_files(proved.program.path) if f.prefix == prefix).resolve()
 
 
 def _program_files(path: str) -> list[LoadedFile]:
@@ -426,36 +430,36 @@ def _program_files(path: str) -> list[LoadedFile]:
     return loaded.files
 
 
-def _local_names(there: System, home: Path) -> dict[str, str]:
+def _local_names(proved: System, home: Path) -> dict[str, str]:
     """Full name of a parameter in the certificate -> its full name in this program.
 
     An imported file is called by the first name that an import gives it, which differs if the
     proved system's own file is the main one.
     """
-    here = {f.path.resolve(): f.prefix for f in _program_files(there.program.path)}
+    here = {f.path.resolve(): f.prefix for f in _program_files(proved.program.path)}
     alone = {here[f.path.resolve()]: f.prefix for f in _program_files(str(home))}
     return {
         alone[_prefix_of(name)] + name.rpartition(".")[2]: name
-        for name in there.program.params
+        for name in proved.program.params
         if _prefix_of(name) in alone
     }
 
 
-def _confirmed_modules(report: Report, there: System) -> dict[str, list[RecheckedModule]]:
+def _confirmed_modules(report: Report, proved: System) -> dict[str, list[RecheckedModule]]:
     """Module -> what was confirmed of it in the proved system, one for each view; D020."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - an extra
 
-    short = there.name.removeprefix(_prefix_of(there.name))
-    names = _local_names(there, _declaring_file(there))
+    short = proved.name.removeprefix(_prefix_of(proved.name))
+    names = _local_names(proved, _declaring_file(proved))
     ours = set(names.values())
-    values = {n: v for n, v in parameters_of(there).items() if _declared_name(there, n) in ours}
+    values = {n: v for n, v in parameters_of(proved).items() if _declared_name(proved, n) in ours}
     reports_by_module: dict[str, list[RecheckedModule]] = {}
     for m in report.modules:
         if m.system != short:
             continue
-        given = {_local_name(n, names): v for n, v in m.parameters.items()}
-        if given != values:
-            differ = sorted(set(given.items()) ^ set(values.items()))
+        checked = {_local_name(n, names): v for n, v in m.parameters.items()}
+        if checked != values:
+            differ = sorted(set(checked.items()) ^ set(values.items()))
             listed = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
             raise _other_certificate(None, f"it is about other values of {listed}")
         reports_by_module.setdefault(m.name.partition(" as ")[0], []).append(m)
@@ -470,12 +474,12 @@ def _local_name(name: str, names: dict[str, str]) -> str:
     return name[: len(name) - len(declared)] + names.get(declared, declared)
 
 
-def _declared_name(there: System, name: str) -> str:
-    param = there.program.param(name)
+def _declared_name(proved: System, name: str) -> str:
+    param = proved.program.param(name)
     return name if param is None else param.name
 
 
 def _other_certificate(folder: Path | None, why: str) -> SoterError:
-    what = f"the certificate `{folder}`" if folder is not None else "the certificate"
+    subject = f"the certificate `{folder}`" if folder is not None else "the certificate"
     hint = "`soter verify FILE --system NAME --cert DIR` of the file that declares what is deployed"
-    return mistake("D020", f"{what} is not about what is deployed: {why}", hint)
+    return mistake("D020", f"{subject} is not about what is deployed: {why}", hint)

@@ -47,16 +47,16 @@ def chosen(
     if not unknown:
         help_ = "write one: `test Name { system S; horizon 1s; always ...; }`"
         raise mistake("U010", f"`{path}` has no `test`", help_)
-    there = ", ".join(f"`{n}`" for n in tests) or "none"
-    raise mistake("U010", f"there is no test `{unknown[0]}`", notes=(f"there are: {there}",))
+    shown = ", ".join(f"`{n}`" for n in tests) or "none"
+    raise mistake("U010", f"there is no test `{unknown[0]}`", notes=(f"there are: {shown}",))
 
 
 def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
     """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
     plan = test_plan(system)
-    for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
-        if given is not None and not least <= given <= TIME_MAX:
-            raise mistake("U001", f"the {what} cannot be {show_ns(given)}")
+    for word, ns, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
+        if ns is not None and not least <= ns <= TIME_MAX:
+            raise mistake("U001", f"the {word} cannot be {show_ns(ns)}")
     skew = plan.skew_ns if skew_ns is None else skew_ns
     horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
     _require_few_steps(system, horizon)
@@ -83,12 +83,12 @@ def _require_few_steps(system: System, horizon: int) -> None:
         raise mistake("E008", message, notes=(note,))
 
 
-def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> ExploreReport:
+def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> ExploreReport:
     """Explores every test of a sound program, or some, as `Program.explore` says.
 
     After an interrupt it returns what was covered with `partial`, else raises KeyboardInterrupt.
     """
-    options = made(SearchOptions, given)
+    options = made(SearchOptions, choices)
     if options.html:
         from soter.report.html import require_report_package  # noqa: PLC0415 - an extra
 
@@ -98,12 +98,12 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
     tests = chosen(checked.tests, path, options.test)
     values = values_of(program, options.params)
     systems = _flat_tests(checked, [t.name for t in tests], values, options)
-    told = params_as_json(program, values)
+    params = params_as_json(program, values)
     results: list[TestResult] = []
     listener = stop_request()
     with receiving_signals(listener), _keeping_results(results, tests):
         for symbol, system in zip(tests, systems, strict=True):
-            about = TraceHeader(path, told, replacements_in_test(symbol))
+            about = TraceHeader(path, params, replacements_in_test(symbol))
             result = explore_test(system, options, about, options.progress, listener)
             results.append(result)
             output = options.output
@@ -134,10 +134,7 @@ def _keeping_results(results: Sequence[object], tests: Sequence[object]) -> Iter
 
 
 def _flat_tests(
-    checked: CheckResult,
-    names: Sequence[str],
-    values: Mapping[str, Value],
-    options: SearchOptions,
+    checked: CheckResult, names: Sequence[str], values: Mapping[str, Value], options: SearchOptions
 ) -> list[System]:
     """The flat systems of tests, predicates computed; SoterError with all their diagnostics."""
     diagnostics = Diagnostics()

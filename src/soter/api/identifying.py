@@ -86,19 +86,19 @@ def identify(
     SoterError U001, U004 for what cannot be fitted, D007 without SciPy.
     """
     require_utf8(mapping, *logs)
-    given = params or {}
+    fixed = params or {}
     if mapping is not None and system is None:
         content = read_mapping(Path(mapping)) if isinstance(mapping, (str, Path)) else mapping
         system = named_system(content)
 
     def pose(values: Mapping[str, float]) -> Posed:
-        flat = program.declared(system, {**given, **values})
+        flat = program.declared(system, {**fixed, **values})
         return [(flat, m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
 
-    flat = program.declared(system, given)
-    declared = _parameters(flat, opened, given)
+    flat = program.declared(system, fixed)
+    declared = _parameters(flat, opened, fixed)
     parameters = open_parameters(pose, declared, named=bool(opened))
-    how: dict[str, Any] = {"module": module, "system": system, "params": given}
+    how: dict[str, Any] = {"module": module, "system": system, "params": fixed}
     records = [
         read_log(Path(log), flat) if mapping is None else _mapped(program, log, mapping, how)
         for log in logs
@@ -129,10 +129,7 @@ def identify(
 
 
 def _mapped(
-    program: Program,
-    log: str | Path,
-    mapping: str | Path | Mapping[str, Any],
-    how: dict[str, Any],
+    program: Program, log: str | Path, mapping: str | Path | Mapping[str, Any], how: dict[str, Any]
 ) -> RecordedRun:
     found = mapped_record(program.declared, log, mapping, **how)
     for m, p in found.problems:
@@ -143,17 +140,17 @@ def _mapped(
 
 
 def _parameters(
-    flat: System, opened: Sequence[str], given: Mapping[str, object]
+    flat: System, opened: Sequence[str], fixed: Mapping[str, object]
 ) -> list[OpenParameter]:
     """The parameters that are asked for, or every float of the main file that nobody has set."""
     declared = flat.program.params
-    own = [n for n, p in declared.items() if "." not in n and isinstance(p.type, FloatType)]
+    floats = [n for n, p in declared.items() if "." not in n and isinstance(p.type, FloatType)]
     values_of(flat.program, {n: flat.params.get(n, 0.0) for n in opened})  # U004
-    wrong = next((n for n in opened if n not in own), None)
+    wrong = next((n for n in opened if n not in floats), None)
     if wrong is not None:
         raise mistake("U001", f"`{wrong}` is no parameter of type float of the main file")
     found = []
-    for name in opened or [n for n in own if n not in given]:
+    for name in opened or [n for n in floats if n not in fixed]:
         low, high = declared[name].low, declared[name].high
         ends = [float(e.value) for e in (low, high) if isinstance(e, Literal)]
         least, most = ends if len(ends) == 2 else (-inf, inf)
@@ -240,13 +237,13 @@ def headline(found: Identification) -> str:
 def sections(found: Identification, name: str) -> list[PageSection]:
     """What is told of the fit, for a page or a terminal; `name`: the path of `data`."""
     explained = found.alarm is None
-    told = [ALIKE] + [TOGETHER] * (found.cut_s is not None) if explained else [NOT_EXPLAINED]
+    texts = [ALIKE] + [TOGETHER] * (found.cut_s is not None) if explained else [NOT_EXPLAINED]
     if found.never_excited:
-        told.append(f"never excited: {', '.join(found.never_excited)}")
+        texts.append(f"never excited: {', '.join(found.never_excited)}")
     if found.kept and explained:
-        told.append(f"not shown by these logs, so they stay as declared: {', '.join(found.kept)}")
+        texts.append(f"not shown by these logs, so they stay as declared: {', '.join(found.kept)}")
     if found.judged_share < 1:
-        told.append(f"of one episode only {found.judged_share:.1%} of the time is judged")
+        texts.append(f"of one episode only {found.judged_share:.1%} of the time is judged")
     values = {n: f"{v:.6g}" for n, v in found.values.items()}
     kinds = {n: "bound" if n in found.bounds else "model" for n in found.declared}
     rows = [
@@ -258,7 +255,7 @@ def sections(found: Identification, name: str) -> list[PageSection]:
     lines = [f"type Fit = {{ {fields} }};", f'const FIT: Fit = data "{name}";']
     lines += [f"param {n}: float = FIT.{n}{_range(found, n)};  // {v}" for n, v in values.items()]
     return [
-        PageSection("Values", tuple(told), ("parameter", "", "declared", "fitted"), tuple(rows)),
+        PageSection("Values", tuple(texts), ("parameter", "", "declared", "fitted"), tuple(rows)),
         PageSection("Inputs", (), ("input", "share of its set that was seen"), tuple(inputs)),
         PageSection("Lines for the program", tuple(lines) if explained else ()),
     ]

@@ -116,8 +116,8 @@ def measure_on_board(
     steps = []
     for c in timed_components(flat):
         counted = counts[c.name]
-        told = step_times(flat, c, np.array([counted.most * instruction_ns]), margin=margin)
-        steps.append(replace(told, samples=counted.number, percentiles=()))
+        times = step_times(flat, c, np.array([counted.most * instruction_ns]), margin=margin)
+        steps.append(replace(times, samples=counted.number, percentiles=()))
     assumed = (
         f"an instruction takes {instruction_ns} ns at most on {place.name}: stated, not measured"
     )

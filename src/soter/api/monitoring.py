@@ -16,11 +16,7 @@ from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.step_times import is_measured
 from soter.language.evaluate.arithmetic import StepFault
-from soter.mapping.read_mapping import (
-    make_log_map,
-    named_system,
-    read_mapping,
-)
+from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
 from soter.monitor.decidable_modules import decidable, doubts
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, units_taken
@@ -62,16 +58,19 @@ def judged(
 
 def _of_another_flight(log: Path, flat: System) -> tuple[str, ...]:
     """A note where a log says that another program, system or values of parameters flew."""
-    own = {f"param {name}": text for name, (text, _) in changed_parameters(flat).items()}
-    own |= {"system": flat.name, "program_sha256": flat.program.sha256}
-    said = {k: v for k, v in metadata(log).items() if k in own or k.startswith("param ")}
-    pairs = [(k, said.get(k, "the default"), own.get(k, "the default")) for k in said | own]
-    told = [
-        f"{k} is {there:.12} in the log, {here:.12} here"
-        for k, there, here in pairs
-        if there != here
+    here_by_key = {f"param {name}": text for name, (text, _) in changed_parameters(flat).items()}
+    here_by_key |= {"system": flat.name, "program_sha256": flat.program.sha256}
+    in_log = {k: v for k, v in metadata(log).items() if k in here_by_key or k.startswith("param ")}
+    pairs = [
+        (k, in_log.get(k, "the default"), here_by_key.get(k, "the default"))
+        for k in in_log | here_by_key
     ]
-    return ("what is judged is not what flew: " + "; ".join(told),) if said and told else ()
+    texts = [
+        f"{k} is {of_log:.12} in the log, {here:.12} here"
+        for k, of_log, here in pairs
+        if of_log != here
+    ]
+    return ("what is judged is not what flew: " + "; ".join(texts),) if in_log and texts else ()
 
 
 def log_judged(
@@ -116,10 +115,10 @@ OWN_TOPIC = (
 )
 
 
-def _require_given(flat: System, problems: list[tuple[Module, Problem]], given: set[str]) -> None:
+def _require_given(flat: System, problems: list[tuple[Module, Problem]], mapped: set[str]) -> None:
     wrong = []
     for m, problem in problems:
-        if missing := [n for n in needed_topics(flat, m, problem) if n not in given]:
+        if missing := [n for n in needed_topics(flat, m, problem) if n not in mapped]:
             notes = tuple(f"missing: {name}" for name in missing)
             text = f"the log does not say whether the plants of `{m.name}` explain it"
             wrong.append(Diagnostic("D017", text, notes=notes, helps=(OWN_TOPIC,)))
@@ -144,8 +143,8 @@ def log_explained(
     for j, (m, p) in zip(made, found.problems, strict=True):
         for name, at_s in found.commands_outside(m, p):
             note_alarm(j, at_s, [f"{name}, outside of its set"])
-    told, (begin, end) = found.told, found.log_ns
-    return [replace(j, length_ns=end - begin, notes=told, damage=found.damage) for j in made]
+    notes, (begin, end) = found.told, found.log_ns
+    return [replace(j, length_ns=end - begin, notes=notes, damage=found.damage) for j in made]
 
 
 @dataclass(frozen=True)
@@ -180,23 +179,23 @@ def mapped_record(
 ) -> MappedRecord:
     """Reads a log for `log_explained`, which has its arguments and errors."""
     paths, flat, declared = _declared(flat_of, log, mapping, system, params, where)
-    given = {t.topic.name for t in declared.topics}
+    mapped = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
-    _require_given(flat, problems, given)
+    _require_given(flat, problems, mapped)
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)
     record, outside = _record_of_samples(flat, samples)
-    told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
+    notes = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     for name, found in outside.items():
         first = "the first: {:.3f} s: {}; the model has no such, unless `clip = true`".format(
             *found[0]
         )
-        told.append(f"outside of its set: {len(found):,} samples of {name}, {first}")
-    told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
-    told += units_taken([x for s in samples for x in s.assumed_units])
+        notes.append(f"outside of its set: {len(found):,} samples of {name}, {first}")
+    notes += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
+    notes += units_taken([x for s in samples for x in s.assumed_units])
     damage = next((c.damage for c in columns.values() if c.damage), None)
     begin, end = samples[0].log_ns
-    return MappedRecord(flat, problems, record, outside, (begin, end), tuple(told), damage)
+    return MappedRecord(flat, problems, record, outside, (begin, end), tuple(notes), damage)
 
 
 def _record_of_samples(
@@ -247,9 +246,9 @@ def _declared(
     paths = [Path(log)] if isinstance(log, (str, Path)) else [Path(one) for one in log]
     require_utf8(*paths, mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
-    given = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
-    flat = flat_of(system or named_system(given), params)
-    return paths, flat, make_log_map(given, flat, where, file)
+    table = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
+    flat = flat_of(system or named_system(table), params)
+    return paths, flat, make_log_map(table, flat, where, file)
 
 
 def lost(module: str, missing: Sequence[object]) -> Diagnostic:

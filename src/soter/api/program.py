@@ -381,8 +381,8 @@ class Program:
         from soter.verify.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
-        own = Path(self.path)
-        target = own.with_name(f"{own.stem}_sc.soter") if output is None else Path(output)
+        path = Path(self.path)
+        target = path.with_name(f"{path.stem}_sc.soter") if output is None else Path(output)
         how: Any = {"module": module, "system": system, "params": self._values(params)}
         return tuple(synthesize(self._checked, target, **how))
 

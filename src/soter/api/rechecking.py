@@ -79,8 +79,8 @@ def require_flint() -> None:
 
 def no_certificate(error: Exception) -> SoterError:
     """The error D009 for a folder that has no certificate."""
-    what = f"this is no certificate: {error}"
-    return mistake("D009", what, "`soter verify --cert DIR` makes one")
+    message = f"this is no certificate: {error}"
+    return mistake("D009", message, "`soter verify --cert DIR` makes one")
 
 
 TIME = "time (s)"
@@ -149,7 +149,7 @@ def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> Report
 
     same, head, rows = table_of(run)
     words, says = f"{report.outcome}.", (ROWS, same) if same else (ROWS,)
-    told = pages.Told(
+    page_words = pages.Told(
         title=report.program,
         headline=words,
         subtitle="",
@@ -166,7 +166,7 @@ def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> Report
         svg=picture(run.system),
     )
     instants = [pages.Instant(*(x[n] for n in pages.Instant._fields)) for x in run.steps]
-    return pages.counterexample_page(run.system, told, instants, run.time_ns / 1e9)
+    return pages.counterexample_page(run.system, page_words, instants, run.time_ns / 1e9)
 
 
 def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -176,9 +176,9 @@ def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[
         n: tuple(r.get(n, "") for r in rows) for n in dict.fromkeys(n for r in rows for n in r)
     }
     same = [f"{n} = {x[0]}" for n, x in columns.items() if n != TIME and len({*x}) == 1]
-    told = {n: x for n, x in columns.items() if n == TIME or len({*x}) > 1}
-    table = tuple(zip(*told.values(), strict=True))
-    return f"always: {', '.join(same)}" if same else "", tuple(told), table
+    varying = {n: x for n, x in columns.items() if n == TIME or len({*x}) > 1}
+    table = tuple(zip(*varying.values(), strict=True))
+    return f"always: {', '.join(same)}" if same else "", tuple(varying), table
 
 
 def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:

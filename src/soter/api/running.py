@@ -86,7 +86,7 @@ class PreparedSystems:
         checked: CheckResult,
         name: str | None,
         values: Mapping[str, Value],
-        given: Mapping[str, object],
+        targets: Mapping[str, object],
     ) -> PreparedSystem:
         """The system `name` with these parameters and bindings, kept or prepared now.
 
@@ -95,16 +95,16 @@ class PreparedSystems:
         and `bind`; after an error nothing is kept.
         """
         default = checked.default_system() if name is None else None
-        texts = [(n, t if isinstance(t, str) else None) for n, t in given.items()]
+        texts = [(n, t if isinstance(t, str) else None) for n, t in targets.items()]
         chosen = name if default is None else default.name
         key = (chosen, repr(sorted(values.items())), tuple(texts))
         with self._lock:
             preparation = self._kept.get(key)
             if preparation is None:
                 system = system_of(checked, name, values)
-                computed = tuple(complete(system, bound=given))
+                computed = tuple(complete(system, bound=targets))
                 preparation = self._kept[key] = PreparedSystem(
-                    system, computed, bind(system, given)
+                    system, computed, bind(system, targets)
                 )
                 if len(self._kept) > KEPT_MAX:
                     self._kept.popitem(last=False)
@@ -139,17 +139,17 @@ class PreparedSystems:
 def simulate(
     preparations: PreparedSystems,
     prepared: PreparedSystem,
-    given: Mapping[str, object],
+    targets: Mapping[str, object],
     options: RunOptions,
     *,
     until_ns: int,
     writer: RunLog | None,
 ) -> Run:
-    """Runs a system as `Program.simulate` says; `given`: what externs are bound to.
+    """Runs a system as `Program.simulate` says; `targets`: what externs are bound to.
 
     `KeyboardInterrupt` if it is stopped, unless `partial`.
     """
-    stop, bindings = stop_request(), bind_again(prepared.bindings, given)
+    stop, bindings = stop_request(), bind_again(prepared.bindings, targets)
     paced = ""
     if options.real_time:
         from soter.simulate.real_time import why_not  # noqa: PLC0415 - only then

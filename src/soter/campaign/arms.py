@@ -218,9 +218,9 @@ def _require_busy(busy: list[subprocess.Popen[bytes]], alive: list[bytes]) -> No
     """Raises SoterError D006 if one of the processes that keep the machine busy has ended."""
     ended = alive.count(b"")
     if ended:
-        what = "how late releases are beside busy processes cannot be measured"
+        message = "how late releases are beside busy processes cannot be measured"
         note = f"{ended} of the {len(busy)} processes that are to keep the machine busy have ended"
-        raise SoterError((Diagnostic("D006", what, notes=(note,)),))
+        raise SoterError((Diagnostic("D006", message, notes=(note,)),))
 
 
 class _Timespec(ctypes.Structure):
@@ -242,8 +242,8 @@ def _measure_releases(seconds: float, period_ns: int) -> list[int]:
 def _read_measurement(path: Path) -> Lateness:
     """The measurement in a file; SoterError D006 where it is not as `kept` writes it."""
     try:
-        said = json.loads(read_bytes(path))
-        made = Lateness(**{**said, "quantiles_ns": tuple(said["quantiles_ns"])})
+        fields = json.loads(read_bytes(path))
+        made = Lateness(**{**fields, "quantiles_ns": tuple(fields["quantiles_ns"])})
         numbers = (*made.quantiles_ns, *astuple(made)[1:])
         if len(made.quantiles_ns) > 1 and all(type(n) is int and 0 <= n < 2**63 for n in numbers):
             return made

@@ -122,12 +122,12 @@ class Flyer:
             records, at = got.states.view(self.dtype), 0
             for k in range(done):
                 flight = got.flights[k]
-                own = got.events[at : at + flight.events]
+                events = got.events[at : at + flight.events]
                 at += flight.events
                 digests = [
                     self.ffi.string(h).decode("ascii") for h in (flight.digest, flight.trajectory)
                 ]
-                flown = self._flight(left[k], flight.seed, own, records[k][0], digests)
+                flown = self._flight(left[k], flight.seed, events, records[k][0], digests)
                 batch.append(replace(flown, **got.more(k)))
             if done < len(left):
                 room *= 4
@@ -136,13 +136,13 @@ class Flyer:
 
     def _flown(self, got: _BatchOutput, numbers: Sequence[int]) -> int:
         """Fly, and return how many flights fit; SoterError X011, X012 for what C did to them."""
-        given = (self._program, got.flights, len(numbers), got.order)
+        call = (self._program, got.flights, len(numbers), got.order)
         if not self.recipe.keeps:
-            flown = int(self.lib.soter_batch(*given, self.ffi.new("size_t *")))
+            flown = int(self.lib.soter_batch(*call, self.ffi.new("size_t *")))
             require_plain()
             return flown
         done = shared_zeros((1,), np.int64)
-        status = self.lib.soter_batch_apart(*given, self.ffi.cast("int64_t *", done.ctypes.data))
+        status = self.lib.soter_batch_apart(*call, self.ffi.cast("int64_t *", done.ctypes.data))
         if done[0] == UNLOADED:
             opened(self.ffi, self.path)
         if done[0] < 0:
@@ -207,7 +207,7 @@ class Fleet(Flyer):
         `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
         """
         core = core or lower(system)
-        _without_externs(system, core)
+        _require_externs_in_c(system, core)
         if horizon_ns and len(system.modules) > MODULES_MAX:
             many = f"saves of {len(system.modules)} modules cannot be counted"
             raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
@@ -272,11 +272,11 @@ def _gone(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
             else "none could be started"
         )
     )
-    what = f"flight {number}, seed {seed}: "
+    message = f"flight {number}, seed {seed}: "
     if changed:
-        what += "linked C changed how the processor rounds: what it flew is not what is meant"
-        return SoterError((Diagnostic("X012", what),))
-    return SoterError((Diagnostic("X011", f"{what}its process is gone", notes=(how,)),))
+        message += "linked C changed how the processor rounds: what it flew is not what is meant"
+        return SoterError((Diagnostic("X012", message),))
+    return SoterError((Diagnostic("X011", f"{message}its process is gone", notes=(how,)),))
 
 
 class _BatchOutput:
@@ -356,7 +356,7 @@ def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, 
     )
 
 
-def _without_externs(system: System, core: CoreSystem) -> None:
+def _require_externs_in_c(system: System, core: CoreSystem) -> None:
     """SoterError U003 where a node or function is answered in Python alone, or by nobody."""
 
     def in_c(binding: str | None) -> bool:
@@ -421,8 +421,8 @@ def _length(spans: Iterable[tuple[int, int]]) -> float:
 
 def _episodes(events: npt.NDArray[Any], module: int) -> int:
     """The number of disengagements in events (n,); those close to each other count as one."""
-    own = _events_of_module(events, module)
-    times = own[own["kind"] == TO_SC]["time"]
+    module_events = _events_of_module(events, module)
+    times = module_events[module_events["kind"] == TO_SC]["time"]
     if not len(times):
         return 0
     return 1 + int((np.diff(times) > EPISODE_NS).sum())

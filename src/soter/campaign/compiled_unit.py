@@ -65,12 +65,7 @@ class Recipe:
 
 
 def make_recipe(
-    system: System,
-    core: CoreSystem,
-    until_ns: int,
-    *,
-    horizon_ns: int = 0,
-    optimise: str = "-O3",
+    system: System, core: CoreSystem, until_ns: int, *, horizon_ns: int = 0, optimise: str = "-O3"
 ) -> Recipe:
     """The recipe of a system; SoterError X003 where the C of an extern cannot be read."""
     unit = generate_measured(system, core)
@@ -100,10 +95,10 @@ def _require_stateless_c(system: System, core: CoreSystem) -> None:
     for measure, value in zip(system.measures, core.measures, strict=True):
         called = {x.function for x in walk((*value.body, value.value)) if isinstance(x, Call)}
         if called & extern:
-            what = f"measure `{measure.name}` calls C that may keep something"
+            message = f"measure `{measure.name}` calls C that may keep something"
             note = "a run does not look at measures, so a flight would be another one"
             helps = ("let the function keep nothing, or measure what is in the state",)
-            raise SoterError((Diagnostic("U003", what, notes=(note,), helps=helps),))
+            raise SoterError((Diagnostic("U003", message, notes=(note,), helps=helps),))
 
 
 def unpack_recipe(recipe: Recipe) -> Recipe:
@@ -170,8 +165,8 @@ class UnitCache(UnitBuilder):
             one = c.Unary("!", new)
             old = one if old is None else c.Binary("&&", old, one)
         assert old is not None
-        own = c.IndexExpr(c.Arrow(S, "properties"), c.Number(str(p.index)))
-        active = c.Binary("!=", c.Member(own, "active"), c.Number("0U"))
+        property_state = c.IndexExpr(c.Arrow(S, "properties"), c.Number(str(p.index)))
+        active = c.Binary("!=", c.Member(property_state, "active"), c.Number("0U"))
         first, *rest = made.body
         return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
 
@@ -259,7 +254,7 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     Arguments are compared as bytes: structs have no holes. Large ones go by address (decision 109).
     """
     kept, last = f"{made.name}_kept", c.Name("last")
-    given = [
+    remembered = [
         (t.removeprefix("const ").removesuffix(" *"), c.Unary("*", c.Name(n)))
         if t.startswith("const ")
         else (t, c.Name(n))
@@ -269,21 +264,21 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     names = {n for _, n in made.parameters}
     faults, large = "fault" in names, "made" in names
     members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
-    members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
+    members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(remembered)]
     members.append(c.StructMember(result, "result"))
     status, answer = c.Member(last, "status"), c.Member(last, "result")
     known: c.CExpr = c.Member(last, "known")
-    for k, (_, value) in enumerate(given):
-        there = c.Unary("&", c.Member(last, f"given_{k}"))
+    for k, (_, value) in enumerate(remembered):
+        kept_value = c.Unary("&", c.Member(last, f"given_{k}"))
         size = c.CallExpr("sizeof", (value,))
-        same = c.CallExpr("memcmp", (there, c.address(value), size))
+        same = c.CallExpr("memcmp", (kept_value, c.address(value), size))
         known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
     arguments: list[c.CExpr] = [c.Name(n) for _, n in made.parameters if n not in {"fault", "made"}]
     arguments += [c.Unary("&", answer)] if large else []
     arguments += [c.Unary("&", status)] if faults else []
     call = c.CallExpr(anew, tuple(arguments))
     compute = (
-        *(c.Assign(c.Member(last, f"given_{k}"), value) for k, (_, value) in enumerate(given)),
+        *(c.Assign(c.Member(last, f"given_{k}"), value) for k, (_, value) in enumerate(remembered)),
         c.Assign(status, c.Name("SOTER_OK")),
         c.Do(call) if large else c.Assign(answer, call),
         c.Assign(c.Member(last, "known"), c.Name("true")),

@@ -177,16 +177,16 @@ class _Batch:
         last = ""
         for _ in range(TRIES):
             try:
-                told: WorkerReply = self.ray.get(self.asked)
+                reply: WorkerReply = self.ray.get(self.asked)
             except wrong.RayTaskError as error:
                 raise _trouble("a worker cannot fly", _last_line(error), ONE_SOTER) from error
             except wrong.RayError as error:  # it died, its machine did, the network did
                 last = _first_line(error)
                 self.asked = self.ask()
             else:
-                if told.wrong:
-                    raise SoterError(told.wrong)
-                return told.flights
+                if reply.wrong:
+                    raise SoterError(reply.wrong)
+                return reply.flights
         self.cancel()
         which = f"flights {self.numbers[0]} to {self.numbers[-1]}"
         raise _trouble(f"{TRIES} workers died over {which}; those before are kept", last)
@@ -223,8 +223,8 @@ def own_digest() -> str:
     return digest([x for p in files for x in (p.name, p.read_text(encoding="utf-8"))])
 
 
-def _trouble(what: str, why: str, *helps: str) -> SoterError:
-    return SoterError((Diagnostic("D018", what, notes=(why,) if why else (), helps=helps),))
+def _trouble(message: str, why: str, *helps: str) -> SoterError:
+    return SoterError((Diagnostic("D018", message, notes=(why,) if why else (), helps=helps),))
 
 
 def _first_line(error: Exception) -> str:

@@ -41,7 +41,7 @@ ORDER = "order any"
 
 @dataclass(frozen=True)
 class FaultAttribution:
-    """Which faults outside of what proofs assume explain a violated flight ("faults outside").
+    """The faults outside of what proofs assume that explain a violated flight ("faults outside").
 
     `met`: those that occurred before its first violation, as they were written. `clean_without`:
     whether the same flight without any of them violates nothing; None: it met none, and was not
@@ -145,10 +145,10 @@ def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
         seen = times <= until_ns
         times = np.maximum(times, 0)
         at = (times + offsets[:, None]) // f.slot_ns if f.slot_ns else times // c.period_ns
-        there = _drawn(f, some, at)
+        begins = _drawn(f, some, at)
         if f.apart:
-            there &= ~_drawn(f, some, at - 1)
-        total += int((there & seen).sum())
+            begins &= ~_drawn(f, some, at - 1)
+        total += int((begins & seen).sum())
     return total
 
 
@@ -324,7 +324,7 @@ def make_result(
     `blames`: of each violated flight, by its number.
     """
     hours = sum(f.seconds for f in flights) / 3600.0
-    told = Counter(what for f in flights for what in f.broken)
+    counts_by_violation = Counter(violation for f in flights for violation in f.broken)
     bad = [f for f in flights if f.violations]
     of_bad = [blames[f.number] for f in bad]
     kinds = [f.trajectory for f in flights]
@@ -348,7 +348,7 @@ def make_result(
         per_flight=per_flight,
         ac_share=sum(f.all_ac_s for f in flights) / max(3600.0 * hours, 1e-9),
         modules=tuple(_modules(flights, system, exposed, kinds)),
-        broken=tuple(told.most_common()),
+        broken=tuple(counts_by_violation.most_common()),
         worst=tuple(bad[:10]),
         blames=tuple(of_bad[:10]),
         digest=campaign_digest(flights),

@@ -85,18 +85,18 @@ def rate_interval(
     if kinds is None or len(set(kinds)) == len(kinds):
         return interval
     first = {kind: k for k, kind in reversed(list(enumerate(kinds)))}.values()
-    own = _interval([counts[k] for k in first], [hours[k] for k in first], most)
-    basis = POISSON if interval.basis == own.basis == POISSON else FLIGHTS
-    return RateInterval(min(interval.low, own.low), max(interval.high, own.high), basis)
+    lone = _interval([counts[k] for k in first], [hours[k] for k in first], most)
+    basis = POISSON if interval.basis == lone.basis == POISSON else FLIGHTS
+    return RateInterval(min(interval.low, lone.low), max(interval.high, lone.high), basis)
 
 
 def share_interval(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
     """The interval of the share of `bad` flights; copies as in `rate_interval`."""
     low, high = share(sum(bad), len(bad))
-    own = dict(zip(kinds, bad, strict=True))
-    if len(own) == len(bad):
+    bad_by_kind = dict(zip(kinds, bad, strict=True))
+    if len(bad_by_kind) == len(bad):
         return low, high
-    other = share(sum(own.values()), len(own))
+    other = share(sum(bad_by_kind.values()), len(bad_by_kind))
     return min(low, other[0]), max(high, other[1])
 
 
@@ -189,7 +189,7 @@ def _gamma_below(a: float, x: float) -> float:
 
 
 def _gamma_quantile(a: float, p: float) -> float:
-    """Where P(a, x) is p; it begins at Wilson and Hilferty's guess."""
+    """The x at which P(a, x) is p; the search begins at Wilson and Hilferty's guess."""
     z = NormalDist().inv_cdf(p)
     guess = a * max(1.0 - 1.0 / (9.0 * a) + z / (3.0 * sqrt(a)), 1e-3) ** 3
     return _solve_rising(
@@ -229,7 +229,7 @@ def _log_beta_density(a: float, b: float, x: float) -> float:
 
 
 def _beta_quantile(a: float, b: float, p: float) -> float:
-    """Where I_x(a, b) is p."""
+    """The x at which I_x(a, b) is p."""
     return _solve_rising(
         lambda x: _beta_below(a, b, x) - p,
         lambda x: exp(_log_beta_density(a, b, x)),

@@ -143,34 +143,32 @@ class CampaignStore:
             raise _trouble(folder, reason(error)) from error
 
     def _open(self) -> None:
-        said = self.folder / ABOUT
-        own = json.dumps(asdict(self.about), indent=2, sort_keys=True)
-        if said.exists():
-            self._compare(_read_lines(said), json.loads(own))
-            self._alone()
+        about_file = self.folder / ABOUT
+        about = json.dumps(asdict(self.about), indent=2, sort_keys=True)
+        if about_file.exists():
+            self._compare(_read_lines(about_file), json.loads(about))
+            self._lock_folder()
             self.flights = self._whole_flights()
             self._require_known()
         elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
         else:
-            _whole(said, own + "\n")
-            self._alone()
+            _write_at_once(about_file, about + "\n")
+            self._lock_folder()
         if not self.flights:
-            _whole(self.folder / FLIGHTS, ",".join(self._head()) + "\n")
+            _write_at_once(self.folder / FLIGHTS, ",".join(self._head()) + "\n")
 
-    def _compare(self, there: object, own: dict[str, object]) -> None:
+    def _compare(self, stored: object, expected: dict[str, object]) -> None:
         """D006 where another campaign stands there, with what is different."""
-        if there == own:
+        if stored == expected:
             return
-        before = there if isinstance(there, dict) else {}
+        before = stored if isinstance(stored, dict) else {}
         if other := other_format(before.get("schema"), SCHEMA):
             raise _trouble(self.folder, other, ANOTHER)
-        names = [n for n in own if before.get(n) != own[n]]
-        what = ", ".join(f"`{WORDS.get(n, n)}`" for n in names) or "what it was about"
+        names = [n for n in expected if before.get(n) != expected[n]]
+        difference = ", ".join(f"`{WORDS.get(n, n)}`" for n in names) or "what it was about"
         raise _trouble(
-            self.folder,
-            f"the folder holds another campaign: {what} is another",
-            ANOTHER,
+            self.folder, f"the folder holds another campaign: {difference} is another", ANOTHER
         )
 
     def _require_known(self) -> None:
@@ -183,7 +181,7 @@ class CampaignStore:
                 ANOTHER,
             )
 
-    def _alone(self) -> None:
+    def _lock_folder(self) -> None:
         """D006 where somebody else flies into this folder now; gone with the process."""
         try:
             from fcntl import LOCK_EX, LOCK_NB, flock  # noqa: PLC0415 - not everywhere
@@ -264,10 +262,10 @@ class CampaignStore:
         except (KeyError, ValueError, TypeError):
             return None
 
-    def _saved_numbers(self, row: dict[str, str], what: str) -> tuple[int, ...]:
+    def _saved_numbers(self, row: dict[str, str], column: str) -> tuple[int, ...]:
         if not self.about.horizon_ns:
             return ()
-        return tuple(int(row[f"{m}.{what}"]) for m in self.about.modules)
+        return tuple(int(row[f"{m}.{column}"]) for m in self.about.modules)
 
     def add(self, flights: Sequence[FlightOutcome]) -> None:
         """Keep flights, which follow those that are there. SoterError D006 where it cannot."""
@@ -278,8 +276,8 @@ class CampaignStore:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            what = f"{reason(error)}; {len(self.flights)} flights are kept"
-            raise _trouble(self.folder, what) from error
+            message = f"{reason(error)}; {len(self.flights)} flights are kept"
+            raise _trouble(self.folder, message) from error
         self.flights += flights
 
 
@@ -317,11 +315,11 @@ def _row(f: FlightOutcome) -> list[object]:
     by_module = zip(*counted, *((f.saves, f.precautions) if f.saves else ()), strict=True)
     first = "" if f.first_s is None else repr(f.first_s)
     fixed = [f.number, f.seed, repr(f.seconds), f.violations, first, repr(f.all_ac_s)]
-    told = [repr(x) if isinstance(x, float) else x for m in by_module for x in m]
+    numbers = [repr(x) if isinstance(x, float) else x for m in by_module for x in m]
     for look in f.looks:
-        told += [look.count, repr(look.sum), repr(look.least), repr(look.most)]
-        told.append(" ".join(map(str, look.bins)))
-    cells = [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest, f.trajectory]
+        numbers += [look.count, repr(look.sum), repr(look.least), repr(look.most)]
+        numbers.append(" ".join(map(str, look.bins)))
+    cells = [*fixed, *numbers, json.dumps(f.broken) if f.broken else "", f.digest, f.trajectory]
     return [*cells, _line_checksum(map(str, cells))]
 
 
@@ -351,14 +349,14 @@ def _read_lines(path: Path) -> object:
         return None
 
 
-def _whole(path: Path, text: str) -> None:
+def _write_at_once(path: Path, text: str) -> None:
     beside = path.with_suffix(".part")
     beside.write_text(text, encoding="utf-8")
     beside.replace(path)
 
 
-def _trouble(folder: Path, what: str, *helps: str) -> SoterError:
-    return SoterError((Diagnostic("D006", f"`{folder}`: {what}", helps=helps),))
+def _trouble(folder: Path, message: str, *helps: str) -> SoterError:
+    return SoterError((Diagnostic("D006", f"`{folder}`: {message}", helps=helps),))
 
 
 NAME = "flights.parquet"
@@ -383,6 +381,6 @@ def write_parquet(folder: Path) -> Path:
         parquet.write_table(csv.read_csv(folder / FLIGHTS), beside)
         beside.replace(target)
     except OSError as error:
-        what = f"`{target}`: {reason(error)}"
-        raise SoterError((Diagnostic("D006", what),)) from error
+        message = f"`{target}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", message),)) from error
     return target

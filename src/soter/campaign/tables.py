@@ -71,7 +71,7 @@ def faults_explain(r: Result) -> str:
 
 def violations_table(campaign: Campaign) -> Table:
     """The table of what was violated, and how often."""
-    return ("times", "violated"), tuple((f"{n:,}", what) for what, n in campaign.result.broken)
+    return ("times", "violated"), tuple((f"{n:,}", text) for text, n in campaign.result.broken)
 
 
 def worst_flights_table(campaign: Campaign) -> Table:

@@ -160,8 +160,8 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
 def _rests(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """Finds and tells, for `--rest`, a clause `rest` of each module that it proves."""
     with ProgressBar(console) as progress:
-        what = {"module": args.module, "system": args.system, "params": dict(args.params)}
-        searches = program.rest_clauses(**what, progress=progress)
+        choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
+        searches = program.rest_clauses(**choices, progress=progress)
     printed = Printout()
     for search in searches:
         printed.say(f"\n{printed.paint('bold', search.module)}")
@@ -189,8 +189,8 @@ def _buffers(args: argparse.Namespace, console: Console, program: Program) -> Co
     from soter.api.advising import buffers  # noqa: PLC0415 - needs a compiler
 
     with ProgressBar(console) as progress:
-        what = {"module": args.module, "system": args.system, "params": dict(args.params)}
-        found = buffers(program, named, progress=progress, **what)
+        choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
+        found = buffers(program, named, progress=progress, **choices)
     for b in found:
         console.say(f"\n{console.paint('bold', b.module)}  {b.position} to {b.fence:.6g}\n")
         widest = max((r.room for r in b.rows), default=1.0)
@@ -213,8 +213,8 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        what = f"{option} takes numbers with commas between, not `{text}`"
-        raise UsageError(what) from None
+        message = f"{option} takes numbers with commas between, not `{text}`"
+        raise UsageError(message) from None
     if not all(least <= x <= LARGEST for x in numbers):
         raise UsageError(f"{option} takes numbers from {least:g} to {LARGEST:g}, not `{text}`")
     return numbers
@@ -228,9 +228,9 @@ def _say(advice: Advice, console: Console) -> None:
     rows: list[list[Entry]] = []
     for row, cells in zip(advice.rows, table, strict=True):
         verifies = row.verifies(advice.levels)
-        said = LONGEST if verifies and row.delta_ns == best else cells[mark]
+        cell = LONGEST if verifies and row.delta_ns == best else cells[mark]
         tone: Tone = "good" if verifies else "muted"
-        rows.append([Styled(said if k == mark else t, tone) for k, t in enumerate(cells)])
+        rows.append([Styled(cell if k == mark else t, tone) for k, t in enumerate(cells)])
     console.say(f"\n{console.paint('bold', advice.module)}\n")
     console.say(console.table(head, rows))
     console.say(console.paint("muted", "* as the program says"))

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from soter.api.deploying import image_of, stack_bound
-from soter.cli.terminal.child_process import in_child_process
+from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
     SET,
@@ -68,9 +68,7 @@ class Options:
         "of a system that `deploys` another: the certificate of that one; checked again",
     )
     board: str | None = option(
-        "--board B",
-        None,
-        f"of {_names(boarded=True)}: a board, or its file (docs/bare-metal.md)",
+        "--board B", None, f"of {_names(boarded=True)}: a board, or its file (docs/bare-metal.md)"
     )
     map: str | None = option(
         "--map FILE",
@@ -84,7 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Writes the package and tells it; an image for a board is built, too."""
     program = warned_of_files(loaded(args, console), console)
     if program.externs and args.board is not None:  # they answer in the run that an image repeats
-        in_child_process(console, lambda _: ())
+        fork_into_child(console, lambda _: ())
     with ProgressBar(console) as progress:
         package = program.build(
             args.target,
@@ -115,8 +113,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _say(package: Package, stack: StackBound, image: Image | None, console: Console) -> None:
-    what = f"{len(package.written)} files, target {package.target}"
-    console.say(f"{console.paint('green', 'built')}  {package.folder}  {what}")
+    text = f"{len(package.written)} files, target {package.target}"
+    console.say(f"{console.paint('green', 'built')}  {package.folder}  {text}")
     for name in package.kept:
         console.say(f"kept   {package.folder / name}, which is yours")
     for line in package.inherits:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, TypeAlias
 
-from soter.cli.terminal.child_process import in_child_process
+from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_line import (
     CAMPAIGN_FOLDER,
     FINE,
@@ -117,7 +117,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
     program = loaded(args, console)
     if program.externs or args.workers == "ray":  # linked C may crash; Ray may end its process
-        in_child_process(console, lambda _: (RAY_KEPT if args.workers == "ray" else KEPT,))
+        fork_into_child(console, lambda _: (RAY_KEPT if args.workers == "ray" else KEPT,))
     try:
         if args.parquet:
             require_parquet()
@@ -146,8 +146,8 @@ def _say(campaign: Campaign, console: Console) -> None:
     console.say("\n" + painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and campaign.faults:
         console.say(tables.faults_explain(r))
-    for what, count in r.broken:
-        console.say(f"  {count} x {what}")
+    for text, count in r.broken:
+        console.say(f"  {count} x {text}")
     for f in r.worst:
         console.say(f"  flight {f.number}, seed {f.seed}: first at {f.first_s:.3f} s")
     for heads, rows in (

@@ -74,8 +74,7 @@ TIMING = JsonObject(
     "assumed",
     verdict=one_of(*_WORDS),
     thread=JsonObject(
-        ThreadRow,
-        "name period_ns wcet_ns jitter_ns start_ns response_ns deadline_ns slack_ns",
+        ThreadRow, "name period_ns wcet_ns jitter_ns start_ns response_ns deadline_ns slack_ns"
     ),
     switches=JsonObject(
         SwitchReport,
@@ -175,10 +174,10 @@ def _steps(report: CheckReport) -> list[str]:
     ordered = sorted(report.steps, key=lambda s: -s.operations)
     lines = []
     for s in ordered[:STEPS_SHOWN]:
-        what = "a step" if s.kind == "node" else "a decision"
+        kind = "a step" if s.kind == "node" else "a decision"
         beside = f", beside {', '.join(s.externs)}" if s.externs else ""
         size = f"{s.operations:,} operations and {s.stack_bytes:,} bytes of locals"
-        lines.append(f"{s.name}: {what} takes at most {size}{beside}")
+        lines.append(f"{s.name}: {kind} takes at most {size}{beside}")
     if len(ordered) > STEPS_SHOWN:
         lines.append(f"and {len(ordered) - STEPS_SHOWN} cheaper ones: `--json` has them all")
     return lines

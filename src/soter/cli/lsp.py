@@ -47,8 +47,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
             raise
-        what = "the language server speaks with pygls, which is not installed"
-        raise mistake("D007", what, f"install it: {pip_install('editor')}") from error
+        message = "the language server speaks with pygls, which is not installed"
+        raise mistake("D007", message, f"install it: {pip_install('editor')}") from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
     from soter.verify.proof_cache import stored_verdicts_of_file  # noqa: PLC0415 - only then

@@ -100,17 +100,17 @@ def _run_and_print(
     if "--json" in arguments:
         format_ = None  # `_run` refuses both, and `--json` decides how that is told
     outcome = _outcome_of(name, arguments, console)
-    console.diagnostics(outcome.diagnostics)
+    console.write_diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
         from soter.cli.terminal.ci_formats import written  # noqa: PLC0415 - only then
 
         if text := written(format_, name, outcome):
-            console.document(text)
+            console.write_document(text)
     elif console.json:
         import json  # noqa: PLC0415 - only with --json
 
         document = outcome.document(name if name in COMMANDS else None)
-        console.document(json.dumps(document, indent=2, allow_nan=False))
+        console.write_document(json.dumps(document, indent=2, allow_nan=False))
     return outcome.exit
 
 

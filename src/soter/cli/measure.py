@@ -11,15 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_line import (
-    SET,
-    SYSTEM,
-    CommandOutcome,
-    Pairs,
-    file_option,
-    loaded,
-)
+from soter.cli.terminal.child_process import fork_into_child
+from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, Pairs, file_option, loaded
 from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import Kind, option, read_by
 from soter.language.model.types import show_ns
@@ -74,11 +67,7 @@ class Options:
     )
     params: Pairs = option(*SET)
     output: str | None = option("-o FILE", None, "the file (.soter/...-times.json)")
-    NEEDS = (
-        ("!board", "until seed samples"),
-        ("board", "instruction"),
-        ("instruction", "board"),
-    )
+    NEEDS = (("!board", "until seed samples"), ("board", "instruction"), ("instruction", "board"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -87,16 +76,16 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
     program = loaded(args, console)
     if program.externs:
-        in_child_process(console, lambda _: ())
+        fork_into_child(console, lambda _: ())
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
-    what: dict[str, Any] = {"system": args.system, "params": dict(args.params)}
-    what["margin"] = args.margin
+    choices: dict[str, Any] = {"system": args.system, "params": dict(args.params)}
+    choices["margin"] = args.margin
     with ProgressBar(console) as progress:
         if args.board is not None:
-            measurement = measure_on_board(program, args.board, args.instruction, **what)
+            measurement = measure_on_board(program, args.board, args.instruction, **choices)
         else:
-            what |= {"until": args.until, "samples": args.samples, "seed": args.seed}
-            measurement = measure(program, progress=progress, **what)
+            choices |= {"until": args.until, "samples": args.samples, "seed": args.seed}
+            measurement = measure(program, progress=progress, **choices)
     written(measurement, path)
     _say(measurement, path, console)
     return CommandOutcome(fields={"times": str(path), **DOCUMENT.of(measurement)})

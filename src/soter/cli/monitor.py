@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api.arguments import write_sections
-from soter.cli.terminal.child_process import in_child_process
+from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_line import (
     FINE,
     FORMAT,
@@ -217,15 +217,15 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         raise mistake("U001", "several logs are one where `--map` describes them")
     program = opened(args, console)
     if program.externs and args.log is None and args.emit is None:
-        in_child_process(console, lambda _: ())
+        fork_into_child(console, lambda _: ())
     bound(program, args)
-    what = {"system": args.system, "params": dict(args.params)}
+    choices = {"system": args.system, "params": dict(args.params)}
     if args.emit is not None:
-        program.emit_monitor(args.emit, args.module, alarm=args.alarm, **what)
+        program.emit_monitor(args.emit, args.module, alarm=args.alarm, **choices)
         console.say(f"wrote {args.emit}")
         return CommandOutcome(fields=DOCUMENT.of(Monitored(args.emit)))
-    what |= {"until": args.until, "estimates": args.estimates}
-    by_seed = [program.monitor(args.log, args.module, seed=one, **what) for one in args.seed]
+    choices |= {"until": args.until, "estimates": args.estimates}
+    by_seed = [program.monitor(args.log, args.module, seed=one, **choices) for one in args.seed]
     if len(args.seed) > 1:
         return _say_runs(args.seed, by_seed, args, console, program)
     return _tell_judgements(by_seed[0], args, console, program)
@@ -265,10 +265,7 @@ def _combine_runs(of: Sequence[Judgement]) -> Judgement:
 
 
 def _tell_judgements(
-    judged: list[Judgement],
-    args: argparse.Namespace,
-    console: Console,
-    program: Program,
+    judged: list[Judgement], args: argparse.Namespace, console: Console, program: Program
 ) -> CommandOutcome:
     """Tells the judgements of one run or log."""
     return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, program)
@@ -317,13 +314,13 @@ def _outcome(
     console.say(console.table(head, rows))
     for text in dict.fromkeys(notes):
         console.say(f"\n{text}")
-    told = [
+    sections_ = [
         PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
         *_drawn(judged, args),
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
-    fields |= _report(args, headline, _headline_tone(code, part), told, console)
+    fields |= _report(args, headline, _headline_tone(code, part), sections_, console)
     return CommandOutcome(code, (), fields, found)
 
 
@@ -331,8 +328,8 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
     """The verdict in one line, for the page and, of a damaged log, for the terminal."""
     if damage is not None:
         return f"{damage}: {alarms:,} alarms there"
-    said = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
-    return said.get(code, f"the model explains every step{of_the_log(part)}")
+    headlines = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
+    return headlines.get(code, f"the model explains every step{of_the_log(part)}")
 
 
 def _judge_foreign_log(
@@ -343,33 +340,29 @@ def _judge_foreign_log(
     if wrong is not None:
         raise mistake("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
     program = loaded(args, console)
-    what = {"module": args.module, "system": args.system, "params": dict(args.params)}
-    what |= {"where": dict(pair.split("=", 1) for pair in args.where), "partial": args.partial}
+    choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
+    choices |= {"where": dict(pair.split("=", 1) for pair in args.where), "partial": args.partial}
     if args.estimates:
         from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
 
-        explained = log_explained(program.flat, logs, args.map, **what)
+        explained = log_explained(program.flat, logs, args.map, **choices)
         return _tell_judgements(explained, args, console, program)
     with ProgressBar(console) as progress:
-        judged = program.judge_log(logs, args.map, progress=progress, **what)
+        judged = program.judge_log(logs, args.map, progress=progress, **choices)
     console.say("\n".join(lines(judged, console)))
     items = tuple(undecided(m) for m in judged.modules if not m.decided)
     found = of_log(judged)
     code = exit_of_kinds(f.kind for f in found)
     fields = DOCUMENT.of(Monitored(log=judged))
     headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
-    told = [*sections(judged), PageSection("Provenance", _provenance(program))]
+    page = [*sections(judged), PageSection("Provenance", _provenance(program))]
     part = min((m.judged_share for m in judged.modules), default=0.0)
-    fields |= _report(args, headline, _headline_tone(code, part), told, console)
+    fields |= _report(args, headline, _headline_tone(code, part), page, console)
     return CommandOutcome(code, items, fields, found)
 
 
 def _report(
-    args: argparse.Namespace,
-    headline: str,
-    colour: str,
-    of: list[PageSection],
-    console: Console,
+    args: argparse.Namespace, headline: str, colour: str, of: list[PageSection], console: Console
 ) -> dict[str, object]:
     """Writes the page if `--report` asks for it; SoterError D006 if it cannot be written."""
     if args.report is None:

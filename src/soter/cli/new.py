@@ -109,8 +109,8 @@ def _require_sound(program: str, texts: Mapping[str, str]) -> None:
         first = next(d for d in loaded.diagnostics if d.severity is Severity.ERROR)
         place = first.primary
         line = "" if place is None else place.span.source.line(place.span.line).strip()
-        what = f"no robot of this kind has these figures: {first.message}"
-        raise mistake("U001", what, notes=(f"in `{line}` of {program}",))
+        message = f"no robot of this kind has these figures: {first.message}"
+        raise mistake("U001", message, notes=(f"in `{line}` of {program}",))
 
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
@@ -131,19 +131,19 @@ def _survey(args: argparse.Namespace) -> Any:  # noqa: ANN401 - of an add-on
 
 
 def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple[str, str]]:
-    program, given = folder / f"{name}.soter", " ".join(map(shlex.quote, logs))
+    program, files = folder / f"{name}.soter", " ".join(map(shlex.quote, logs))
     return [
         (f"soter check {program}", "types and topics; write a module over those that it reads"),
-        (f"soter monitor {program} {given} --map {folder / name}.toml", "then judge the log"),
+        (f"soter monitor {program} {files} --map {folder / name}.toml", "then judge the log"),
     ]
 
 
-def _checked_name(folder: Path, given: str) -> str:
+def _checked_name(folder: Path, text: str) -> str:
     """The robot's name, the last part of the path; SoterError U001, D008, D001."""
     name = folder.name
     if not NAME.fullmatch(name):
         rule = "letters, digits, - and _, a letter first, 64 characters at most"
-        raise mistake("U001", f"`{safe(given)[:60]}` cannot be the name of a robot", rule)
+        raise mistake("U001", f"`{safe(text)[:60]}` cannot be the name of a robot", rule)
     if os.path.lexists(folder):
         raise mistake("D008", f"`{folder}` exists already", "choose another name")
     if not folder.absolute().parent.is_dir():

@@ -85,11 +85,11 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     policy = _read(Path(args.file), args.statistics)
     box = _box(policy, args.within)
     bound = None if box is None else float(error_bound(policy.network, *box).max())
-    told = {**policy.facts, "layers": _layers(policy), "float64": _bound_told(policy, box, bound)}
-    for name, text in [*told.items(), *(("assumed", text) for text in policy.assumed)]:
+    facts = {**policy.facts, "layers": _layers(policy), "float64": _bound_told(policy, box, bound)}
+    for name, text in [*facts.items(), *(("assumed", text) for text in policy.assumed)]:
         console.say(f"{console.paint('muted', name.ljust(WIDTH))}  {text}")
     fields: dict[str, object] = {
-        "facts": told,
+        "facts": facts,
         "assumed": list(policy.assumed),
         "inputs": policy.network.inputs,
         "outputs": policy.network.answers,
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if args.node is not None:
             fields["bind"] = _write_c(Path(args.output), policy, args.node)
         else:
-            _write(Path(args.output), policy, args.file, told)
+            _write(Path(args.output), policy, args.file, facts)
         console.say(f"\nwritten  {args.output}")
         if args.node is not None:
             console.say(f"bind it  --bind {fields['bind']}")
@@ -156,11 +156,11 @@ def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: floa
     inside = ends[0] if len(set(ends)) == 1 else ", ".join(ends[:8] + ["..."] * (len(ends) > 8))
     above = Decimal(bound).normalize(Context(prec=3, rounding=ROUND_CEILING))
     has_tanh = any(isinstance(layer, Tanh) for layer in policy.network.layers)
-    given = " whose tanh is within 2^-21" if has_tanh else ""
-    return f"within {float(above):.3g} of float32{given}, for observations in {inside}"
+    caveat = " whose tanh is within 2^-21" if has_tanh else ""
+    return f"within {float(above):.3g} of float32{caveat}, for observations in {inside}"
 
 
-def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
+def _write(path: Path, policy: Policy, file: str, facts: dict[str, str]) -> None:
     from soter.policy.policy_errors import read_policy_bytes  # noqa: PLC0415 - as above
     from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
 
@@ -168,7 +168,7 @@ def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
         f"{Path(file).name} as a function, written by `soter policy`: do not edit.",
         f"sha256 {hashlib.sha256(read_policy_bytes(Path(policy.path))).hexdigest()}",
         "",
-        *(f"{name}: {text}" for name, text in told.items()),
+        *(f"{name}: {text}" for name, text in facts.items()),
         *(f"assumed: {text}" for text in policy.assumed),
         "",
     ]
@@ -198,9 +198,9 @@ def _write_c(path: Path, policy: Policy, node: str) -> str:
             if policy.keys:
                 reads = list(reads_by_name(Path(policy.path), policy.keys, policy.shapes, reads))
             unit = generate(system)
-            own = unit.names[x.index]
+            node_name = unit.names[x.index]
             function = f"{name.rpartition('.')[2]}_step"
-            text = c_source(policy, function, own, f"{unit.prefix}.h", reads, x.node.answers)
+            text = c_source(policy, function, node_name, f"{unit.prefix}.h", reads, x.node.answers)
             with atomic_write(path) as stream:
                 stream.write(text.encode())
             return f"{name}=c:{path}:{function}"

@@ -131,9 +131,9 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _exit(report: Report) -> int:
     if any(f.interrupted for f in report.flights):
         return INTERRUPTED
-    said = {report.verdict, *(f.verdict for f in report.flights)}
-    if said != {ACCEPTED}:
-        return VIOLATED if REJECTED in said else NOT_RECHECKED
+    verdicts = {report.verdict, *(f.verdict for f in report.flights)}
+    if verdicts != {ACCEPTED}:
+        return VIOLATED if REJECTED in verdicts else NOT_RECHECKED
     returns = all(m.returns or m.stays or m.decided for m in report.modules)
     asked = all(f.verdicts or f.others for f in report.flights)
     complete = report.decided and returns and asked and not report.contradicted
@@ -176,14 +176,14 @@ def _sections(report: Report) -> Iterator[PageSection]:
     """Yields the sections of the page: modules, program, flights, assumptions, gaps."""
     yield from (_module_section(m, report) for m in report.modules)
     program = f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."
-    own = (program, f"Rechecked by soter {VERSION} in {report.seconds:.1f} s.")
+    program_lines = (program, f"Rechecked by soter {VERSION} in {report.seconds:.1f} s.")
     reason = (visible(report.reason),) if report.reason else ()
-    yield PageSection("What was checked", own + reason)
+    yield PageSection("What was checked", program_lines + reason)
     for flight in report.flights:
         yield PageSection(visible(f"Flight {flight.log}"), tuple(_flight_lines(flight)))
     texts = tuple(map(visible, report.assumptions))
     yield PageSection("Under these assumptions, derived from the program", texts)
-    yield PageSection("Not covered", tuple(visible(said.text) for said in report.not_covered))
+    yield PageSection("Not covered", tuple(visible(remark.text) for remark in report.not_covered))
 
 
 def _module_section(m: RecheckedModule, report: Report) -> PageSection:
@@ -202,7 +202,7 @@ def _module_section(m: RecheckedModule, report: Report) -> PageSection:
     says += [f"Not claimed: {NO_LAW}."] if m.law_untold else []
     says += [f"Vacuous: {m.vacuous}."] if m.vacuous else []
     says += [f"Not looked at: whether AC ever has control ({m.unseen})."] if m.unseen else []
-    says += [f"Confirmed: {said.text}" for said in m.shown]
+    says += [f"Confirmed: {claim.text}" for claim in m.shown]
     return PageSection(title, tuple(map(visible, says)))
 
 
@@ -265,8 +265,8 @@ def _say(report: Report, folder: str, console: Console) -> None:
     for text in report.assumptions:
         console.say(console.paint("muted", f"  {visible(text)}"))
     console.say("\nnot covered")
-    for said in report.not_covered:
-        console.say(console.paint("muted", f"  {visible(said.text)}"))
+    for remark in report.not_covered:
+        console.say(console.paint("muted", f"  {visible(remark.text)}"))
 
 
 def _size_of_sets(module: RecheckedModule) -> str:
@@ -287,14 +287,14 @@ def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
         yield "yellow", f"vacuous: {module.vacuous}"
     if module.unseen:
         yield "muted", f"not looked at: whether AC ever has control ({module.unseen})"
-    yield from (("muted", f"confirmed: {said.text}") for said in module.shown)
+    yield from (("muted", f"confirmed: {claim.text}") for claim in module.shown)
 
 
 def _parameter_text(module: RecheckedModule, name: str) -> str:
     """A parameter with the value that was checked, and the program's own if they differ."""
-    own = module.otherwise.get(name)
-    said = "" if own is None else f" ({own} by the program)"
-    return f"{name} = {module.parameters[name]}{said}"
+    default = module.otherwise.get(name)
+    note = "" if default is None else f" ({default} by the program)"
+    return f"{name} = {module.parameters[name]}{note}"
 
 
 def _module_name(module: RecheckedModule, report: Report) -> str:

@@ -93,10 +93,10 @@ def _say(report: ReplayReport, console: Console) -> None:
         return
     from soter.report.wording import visible  # noqa: PLC0415 - only then
 
-    what = f"{report.program}  {report.program_sha256[:12]}"
+    title = f"{report.program}  {report.program_sha256[:12]}"
     if report.trace is not None:
-        what += f"  {report.trace.trace.system}, test {report.trace.trace.test}"
-    console.say(console.paint("muted", visible(what)))
+        title += f"  {report.trace.trace.system}, test {report.trace.trace.test}"
+    console.say(console.paint("muted", visible(title)))
     word = ("green", "REPRODUCED") if report.reproduced else ("red", "NOT REPRODUCED")
     console.say(f"{console.paint(*word)}  {visible(report.outcome)}")
     console.say("\n".join(("", *_steps(report, console))))
@@ -147,8 +147,8 @@ DOCUMENT = JsonObject(
 
 
 def _fields(report: ReplayReport) -> dict[str, object]:
-    told = DOCUMENT.of(report)
+    fields = DOCUMENT.of(report)
     if report.trace is not None:
-        return told | STEPS.of(report.trace)
+        return fields | STEPS.of(report.trace)
     run = report.counterexample
-    return told if run is None else told | {"steps": list(run.steps)}
+    return fields if run is None else fields | {"steps": list(run.steps)}

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, cast
 from soter import __version__
 from soter.addons import by_name
 from soter.api import Program, require_writers
-from soter.cli.terminal.child_process import in_child_process
+from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_line import (
     CAMPAIGN_FOLDER,
     DIAGNOSTICS,
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Runs the system and tells it."""
     program = opened(args, console)
     if program.externs:
-        in_child_process(console, lambda process: _mend_logs(args, process))
+        fork_into_child(console, lambda process: _mend_logs(args, process))
     first_seed = args.seed
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
@@ -110,11 +110,7 @@ def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Pa
 
 
 def _finish(
-    program: Program,
-    result: Run,
-    args: argparse.Namespace,
-    console: Console,
-    log: RunLog | None,
+    program: Program, result: Run, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> CommandOutcome:
     """Prints the summary, then writes files, so that a failure there does not hide the result."""
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
@@ -159,10 +155,10 @@ def _own_name(args: argparse.Namespace, system: System) -> str:
 
 def _path(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
     """The path of the log or report (`kind`): as given, else `_own_name` in the output folder."""
-    given: str = getattr(args, kind)
-    if given == OWN_PLACE:
+    path: str = getattr(args, kind)
+    if path == OWN_PLACE:
         return str(Path(args.output) / f"{_own_name(args, system)}{ending}")
-    return given
+    return path
 
 
 def _log(args: argparse.Namespace) -> RunLog | None:
@@ -192,11 +188,7 @@ def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
 
 
 def _files(
-    program: Program,
-    result: Run,
-    args: argparse.Namespace,
-    log: RunLog | None,
-    console: Console,
+    program: Program, result: Run, args: argparse.Namespace, log: RunLog | None, console: Console
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
     """Kind -> path of each file written, and diagnostics of files that could not be."""
     written: dict[str, str] = {}

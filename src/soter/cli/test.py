@@ -74,7 +74,7 @@ def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
     return tuple(findings)
 
 
-def problems_as_junit(
+def write_problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
     """Writes as JUnit's XML why no test was explored; `SoterError` with D006 if it cannot."""
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             )
     except SoterError as error:
         if args.junit is not None:
-            problems_as_junit(args.file, error, args.junit, console.of_program)
+            write_problems_as_junit(args.file, error, args.junit, console.of_program)
         raise
     _say(report, console)
     if args.junit is not None:
@@ -206,27 +206,27 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     if test.options.all_properties and test.replayed is not None:
         lines += ["", console.paint("muted", _rest(test))]
     lines += ["", "rests on"]
-    said = {v.text for v in test.vacuous}
-    lines += [console.paint(muted, f"  {text}") for text in test.assumptions if text not in said]
+    vacuous = {v.text for v in test.vacuous}
+    lines += [console.paint(muted, f"  {text}") for text in test.assumptions if text not in vacuous]
     return lines
 
 
 def _headline(test: TestResult, console: Console) -> str:
-    word, colour, said = _verdict(test)
+    word, colour, text = _verdict(test)
     if test.verdict == "exhausted":
-        said = f"every execution was covered, none violates a property{test.for_ever}"
+        text = f"every execution was covered, none violates a property{test.for_ever}"
         cannot = sum(v.cannot_fail for v in test.vacuous)
         none = cannot >= test.coverage.properties.reached
         words = "none of its properties can" if none else f"{cannot} of its properties cannot"
-        said += f"; {words} fail" if cannot else ""
+        text += f"; {words} fail" if cannot else ""
     elif test.unshown:
-        said = f"{said}\n{test.not_shown}"
+        text = f"{text}\n{test.not_shown}"
     elif test.verdict == "bound":
         why = "not everything was covered" if test.interrupted else test.why
-        said = f"no violation was found; {why}"
+        text = f"no violation was found; {why}"
         if test.covered:
-            said += f"\n{test.covered}"
-    return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {said}"
+            text += f"\n{test.covered}"
+    return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {text}"
 
 
 def _figures(test: TestResult) -> str:
@@ -270,8 +270,8 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
 
 def _other_violation(test: TestResult, console: Console) -> list[str]:
     """Lines about another property that can be violated, with its trace."""
-    word, colour, said = _verdict(test)
-    head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {said}"
+    word, colour, text = _verdict(test)
+    head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {text}"
     return [head, "", *_trace(test, console)] if test.replayed is not None else [head]
 
 

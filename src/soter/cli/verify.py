@@ -113,8 +113,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Proves the modules and tells the verdicts, or tells those of the cache again."""
     console.listen()
     words = _cache_key(args, console)
-    if (told := _tell_stored(args, words, console)) is not None:
-        return told
+    if (stored := _tell_stored(args, words, console)) is not None:
+        return stored
     if args.report is not None:
         args.report = str(report_path(args.report, args.file, ENDING))
     if args.write and not args.synthesize:
@@ -144,16 +144,16 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
     """Proves; returns the verdicts, and the files of controllers synthesized before."""
     program = warned_of_files(loaded(args, console), console)
-    what: Any = {"module": args.module, "system": args.system, "params": dict(args.params)}
+    choices: Any = {"module": args.module, "system": args.system, "params": dict(args.params)}
     written: tuple[Path, ...] = ()
     with ProgressBar(console, timed=False) as progress:
         if args.synthesize:
-            written = program.synthesize(args.output, **what)
+            written = program.synthesize(args.output, **choices)
             if not written:
                 raise mistake("U001", "`--synthesize` does nothing: no `sc synthesized` is open")
             program = load(written[0])
         report = program.verify(
-            **what,
+            **choices,
             cert=args.cert,
             refute=not args.no_refute,
             explain=True,
@@ -227,7 +227,7 @@ def _printout(report: VerifyReport) -> Printout:
         print_search(search, report.command, printed)
     for module in report.modules:
         printed.say(f"\n{_headline(module, printed)}\n")
-        _table(module, printed)
+        _print_table(module, printed)
         printed.say("\n".join((*_detail_lines(module, printed), "", "under these assumptions")))
         for text in (a.text for a in module.assumptions):
             printed.say(printed.paint("muted", f"  {text}"))
@@ -285,7 +285,7 @@ def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
     says = says if report.together in HOLDING else []
     head = f"all of them together (Theorem 4.1)  {verdict}{_open_clauses(report, taken)}"
     printed.say("\n".join(("", head, *says, "")))
-    printed.table(("module", "takes for granted", "because"), rows)
+    printed.add_table(("module", "takes for granted", "because"), rows)
 
 
 def _open_clauses(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
@@ -321,8 +321,8 @@ def _certificate_lines(report: VerifyReport) -> list[str]:
                 f"{module.name}: claims safety while the trusted part runs, not of the law"
             )
         elif open_:
-            said = " ".join(claimed) or "nothing"
-            lines.append(f"{module.name}: claims only {said}: not a proof of safety")
+            claims = " ".join(claimed) or "nothing"
+            lines.append(f"{module.name}: claims only {claims}: not a proof of safety")
     return lines
 
 
@@ -356,15 +356,15 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
     return f"{printed.paint('bold', module.name)}  {verdict}{under}  {seconds_text(module.seconds)}"
 
 
-def _table(module: ModuleResult, printed: Printout) -> None:
+def _print_table(module: ModuleResult, printed: Printout) -> None:
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
 
-    rows, said = [], dict[str, str]()
+    rows, first_with = [], dict[str, str]()
     for name, f in module.findings.items():
-        again = len(f.text) >= LONG and said.setdefault(f.text, name) != name
-        text = f"for the same reason as `{said[f.text]}`" if again else f.text
+        again = len(f.text) >= LONG and first_with.setdefault(f.text, name) != name
+        text = f"for the same reason as `{first_with[f.text]}`" if again else f.text
         rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds_text(f.seconds), text))
-    printed.table(("property", "verdict", "time", "how"), rows)
+    printed.add_table(("property", "verdict", "time", "how"), rows)
 
 
 def _detail_lines(module: ModuleResult, printed: Printout) -> list[str]:
@@ -380,11 +380,11 @@ def _detail_lines(module: ModuleResult, printed: Printout) -> list[str]:
         lines.append(f"{share}; not ttf: the states that one of these may be of")
     lines += [module.at_the_start] if module.at_the_start else []
     lines += ["", *module.notes] if module.notes else []
-    told: list[str] = []
+    texts: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):
         finding = module.findings[name]
-        if not finding.holds and finding.text not in (NO_CORE, *told):
-            told.append(finding.text)  # P3 fails like one of `ttf` and `safer`
+        if not finding.holds and finding.text not in (NO_CORE, *texts):
+            texts.append(finding.text)  # P3 fails like one of `ttf` and `safer`
             lines += _failure_lines(name, finding, printed)
     return lines
 

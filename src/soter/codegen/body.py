@@ -327,8 +327,8 @@ class Body(Places):
             return [*statements, *self._marked(made, s.name, used)]
         if self.is_own(s.name):
             statements.append(c.Declare(self.types.stored(s.type), self.local(s.name), None))
-        there = c.address(self.place(s.name))
-        return [*statements, c.Do(c.CallExpr(name, (*arguments, there, *end)))]
+        target = c.address(self.place(s.name))
+        return [*statements, c.Do(c.CallExpr(name, (*arguments, target, *end)))]
 
     def _set(self, s: core.Set) -> list[c.CStmt]:
         if s.name == self._leave:

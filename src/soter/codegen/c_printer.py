@@ -110,7 +110,7 @@ def wrap(e: c.CExpr, minimum: int) -> str:
 
 
 def _binary(e: c.Binary) -> str:
-    own = PRECEDENCE[e.op]
+    level = PRECEDENCE[e.op]
 
     def side(x: c.CExpr, minimum: int) -> str:
         text = expr(x)
@@ -124,7 +124,7 @@ def _binary(e: c.Binary) -> str:
             loose = loose or e.op in COMPARISONS
         return f"({text})" if loose else text
 
-    return f"{side(e.left, own)} {e.op} {side(e.right, own + 1)}"
+    return f"{side(e.left, level)} {e.op} {side(e.right, level + 1)}"
 
 
 def escape(text: str) -> str:
@@ -211,7 +211,7 @@ def broken(line: str, depth: int) -> Iterator[str]:
 
 
 def _break_in(begin: str, line: str, at: int) -> int:
-    """Where in `line` to break the text `begin` + `line[at:]`; -1 for nowhere."""
+    """The place in `line` to break the text `begin` + `line[at:]`; -1 if there is none."""
     size = 2 * WIDTH
     while True:
         cut, sure = _break_at(begin + line[at : at + size])

@@ -392,8 +392,8 @@ class _MaskRewriter:
         on = Name(f"given_mask_{self._count}")
         off = Unary("~", on)
         yield Declare(WHOLE, on.text, Unary("-", Cast(WHOLE, s.condition)), const=True)
-        for side, there, elsewhere in ((then, on, off), (otherwise, off, on)):
-            taken, left = Binary("&", side.value, there), Binary("&", side.target, elsewhere)
+        for side, chosen_here, elsewhere in ((then, on, off), (otherwise, off, on)):
+            taken, left = Binary("&", side.value, chosen_here), Binary("&", side.target, elsewhere)
             yield Assign(side.target, Binary("|", taken, left))
 
     def _choice(self, side: tuple[CStmt, ...]) -> Assign | None:

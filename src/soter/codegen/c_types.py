@@ -267,8 +267,8 @@ class TypeTable:
             element = c.IndexExpr(c.Arrow(v, "items"), c.Name("k"))
             inner = self.check(t.element, bounds, element)
             fits = c.CallExpr("soter_check_int", (length, c.Number("0"), most, FAULT))
-            there = c.CallExpr("soter_min_int", (length, most))
-            body += [c.Do(fits), c.For("k", c.Number("0"), there, tuple(inner))]
+            used_length = c.CallExpr("soter_min_int", (length, most))
+            body += [c.Do(fits), c.For("k", c.Number("0"), used_length, tuple(inner))]
         stored = self.stored(t)
         name = self.unique(f"{stored}_check")
         self._checks[key] = name

@@ -113,15 +113,15 @@ def conditions_of(file: c.CFile, text: str) -> list[Condition]:
         begin = at = text.index("\n".join(top(f)))
         counted: dict[str, int] = {}
         for _, decision in _decisions(f):
-            said = expr(decision)
-            place = re.compile(r"\s+".join(map(re.escape, said.split()))).search(text, at)
+            shown = expr(decision)
+            place = re.compile(r"\s+".join(map(re.escape, shown.split()))).search(text, at)
             at = place.start() if place else begin
             line = text.count("\n", 0, at) + 1
             at += 1
-            number = counted[said] = counted.get(said, -1) + 1
+            number = counted[shown] = counted.get(shown, -1) + 1
             for k, condition in enumerate(_atoms(decision)):
-                key = (f.name, f"{number} {said}", k)
-                found.append(Condition(f.name, f.doc, line, said, expr(condition), key))
+                key = (f.name, f"{number} {shown}", k)
+                found.append(Condition(f.name, f.doc, line, shown, expr(condition), key))
     return sorted(found, key=lambda x: x.line)
 
 
@@ -154,8 +154,8 @@ class _Counting:
     def body(self, f: c.FunctionDef) -> c.FunctionDef:
         """The function with its counters, which are its own: it may run in several threads."""
         body = self.rewritten(f.body)
-        own = range(self.first, len(self.made))
-        counters = tuple(c.Declare("uint64_t", _seen(k), c.Number("0U")) for k in own)
+        numbers = range(self.first, len(self.made))
+        counters = tuple(c.Declare("uint64_t", _seen(k), c.Number("0U")) for k in numbers)
         return replace(f, body=(*counters, *body))
 
     def rewritten(self, node: Any) -> Any:  # noqa: ANN401 - any piece of C
@@ -188,8 +188,8 @@ class _Counting:
                 return c.Binary(x.op, counted(x.left), counted(x.right))
             if isinstance(x, c.Unary) and x.op == "!":
                 return c.Unary("!", counted(x.operand))
-            own = c.Number(f"{next(at)}U")
-            return c.CallExpr("soter_condition", (seen, own, self._inside(x)))
+            number_of_condition = c.Number(f"{next(at)}U")
+            return c.CallExpr("soter_condition", (seen, number_of_condition, self._inside(x)))
 
         return c.CallExpr("soter_outcome", (seen, c.Number(f"{number}U"), counted(e)))
 
@@ -232,7 +232,7 @@ def printed(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
     return print_file(c.CFile(items)).replace(include, include + text, 1), tuple(made)
 
 
-def compiled(decisions: tuple[Decision, ...], path: Path) -> None:
+def note_library(decisions: tuple[Decision, ...], path: Path) -> None:
     """Says where the library is in which these are counted; what others showed of it is forgotten.
 
     A process that loads a library twice has one copy of its counters.
@@ -258,11 +258,11 @@ def _shown(
         rows = _vectors(decisions, path)
         counts: dict[tuple[str, str], int] = {}
         for (function, decision), row in zip(decisions, rows, strict=True):
-            said = expr(decision)
-            number = counts[function, said] = counts.get((function, said), -1) + 1
+            text = expr(decision)
+            number = counts[function, text] = counts.get((function, text), -1) + 1
             low = (1 << CONDITIONS_MAX) - 1
             vectors = {(v & low, v >> 31 & low, bool(v >> 62 & 1)) for v in row if v}
-            found.setdefault((function, f"{number} {said}"), set()).update(vectors)
+            found.setdefault((function, f"{number} {text}"), set()).update(vectors)
     return found
 
 

@@ -55,7 +55,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         doc = f"safer of {module.name}"
         made.append(predicate(frame, decision.safer, f"{name}_safer", doc, unsafe=False))
     m = c.Name("m")
-    own = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
+    module_state = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
     set_fact = [
         c.Assign(c.Arrow(m, n), c.Ternary(c.Name(n), c.Number("1U"), c.Number("0U")))
         for n in ("stale", "ttf", "safer")
@@ -67,7 +67,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
     facts = (mode, *(c.Name(n) for n in names))
     body: list[c.CStmt] = [
         frame.state_pointer(),
-        c.Declare("soter_module *const ", "m", c.Unary("&", own)),
+        c.Declare("soter_module *const ", "m", c.Unary("&", module_state)),
         c.Declare("bool", "stale", _stale(frame.system, module), const=True),
         *_predicates(frame, decision, name, module),
         *set_fact,
@@ -230,11 +230,11 @@ def _function(
     p: core.Predicate,
     name: str,
     doc: str,
-    what: tuple[str, c.CExpr],
+    result_and_default: tuple[str, c.CExpr],
     *,
     negate: bool = False,
 ) -> c.FunctionDef:
-    result, otherwise = what
+    result, otherwise = result_and_default
     body: list[c.CStmt] = [frame.state_pointer(const=True), c.Unused("s")]
     parameters = (("const void *", "state"), *((("bool *", "nan_seen"),) if p.maybe_nan else ()))
     faults = p.body and any(

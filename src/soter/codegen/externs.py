@@ -59,8 +59,7 @@ def struct(
     """A C struct with the members of `layout`; `topics`: it is the struct of all topics."""
     members = [
         c.StructMember(
-            frame.types.stored(m.type),
-            frame.topic_field(m.index) if topics else field_name(m.name),
+            frame.types.stored(m.type), frame.topic_field(m.index) if topics else field_name(m.name)
         )
         for m in layout.members
     ]
@@ -186,9 +185,9 @@ def call_linked(
 
     The user chose `symbol`: it may be `answer`, which is also a parameter of steps.
     """
-    given = tuple((t, f"{n}_" if n == symbol else n) for t, n in parameters)
-    call = c.CallExpr(symbol, tuple(c.Name(n) for _, n in given))
-    return c.FunctionDef(result, linked_name(name), given, (c.Return(call),), inline=True)
+    renamed = tuple((t, f"{n}_" if n == symbol else n) for t, n in parameters)
+    call = c.CallExpr(symbol, tuple(c.Name(n) for _, n in renamed))
+    return c.FunctionDef(result, linked_name(name), renamed, (c.Return(call),), inline=True)
 
 
 EXTERN = c.Name("SOTER_EXTERN_FAULT")
@@ -260,8 +259,8 @@ def _to_ends_of(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
             least, most = sorted((end, single))
             from_ = c.Binary(">=", e, float_number(least))
             to = c.Binary("<=", e, float_number(most))
-            own = c.Assign(e, float_number(end))
-            statements.append(c.IfStmt(c.Binary("&&", from_, to), (own,)))
+            at_end = c.Assign(e, float_number(end))
+            statements.append(c.IfStmt(c.Binary("&&", from_, to), (at_end,)))
     return statements
 
 
@@ -293,8 +292,7 @@ def _list(t: ListType, e: c.CExpr, counter: str, depth: int) -> list[c.CStmt]:
     inner = received(t.element, element, depth + 1)
     statements: list[c.CStmt] = [
         c.IfStmt(
-            outside,
-            (c.Do(c.CallExpr("soter_raise", (FAULT, EXTERN))), c.Assign(length, ZERO)),
+            outside, (c.Do(c.CallExpr("soter_raise", (FAULT, EXTERN))), c.Assign(length, ZERO))
         )
     ]
     if inner:

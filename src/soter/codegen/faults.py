@@ -78,8 +78,8 @@ def _is_lateness(f: Fault) -> bool:
     return f.kind == "late" and f.slot_ns == 0
 
 
-def _asked(frame: Frame, number: int, what: str, *more: c.CExpr) -> c.CExpr:
-    return c.CallExpr(what, (HEADER, c.Unary("&", c.Name(_table(frame, number))), *more))
+def _asked(frame: Frame, number: int, function: str, *more: c.CExpr) -> c.CExpr:
+    return c.CallExpr(function, (HEADER, c.Unary("&", c.Name(_table(frame, number))), *more))
 
 
 def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
@@ -105,8 +105,8 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
         if f.on is not None:
             body += _wait(frame.system.components[f.on], names[f.on])
         elif f.kind == "skip":
-            there = _asked(frame, i, "soter_fault_active", nominal, period)
-            body.append(c.IfStmt(there, (lost,)))
+            active = _asked(frame, i, "soter_fault_active", nominal, period)
+            body.append(c.IfStmt(active, (lost,)))
         elif _is_lateness(f):
             times = (c.Name(_times(frame, i)), c.Number(f"{len(f.amount)}U"))
             late = _asked(frame, i, "soter_fault_late", *times, release)
@@ -125,13 +125,13 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
 def _wait(other: Component, name: str) -> list[c.CStmt]:
     """Moves `t` to no earlier than `other`'s last release up to the same nominal time."""
     phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
-    there = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
+    happens = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
     since_then = c.Binary(">=", since, c.Number("0"))
     waited = c.Name("waited")
     later = c.IfStmt(c.Binary(">", waited, TIME), (c.Assign(TIME, waited),))
     return [
         c.Declare("int64_t", "since", c.Binary("-", c.Name("nominal"), phase), const=True),
-        c.IfStmt(since_then, (c.Declare("int64_t", "waited", there, const=True), later)),
+        c.IfStmt(since_then, (c.Declare("int64_t", "waited", happens, const=True), later)),
     ]
 
 
@@ -145,8 +145,8 @@ def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
     for i, f in enumerate(frame.system.faults):
         if f.component == component.index and f.kind == "overrun":
             more = c.Assign(longer, c.Binary("+", longer, int_number(int(f.amount[0]))))
-            there = _asked(frame, i, "soter_fault_active", CT, period)
-            body.append(c.IfStmt(there, (more,)))
+            active = _asked(frame, i, "soter_fault_active", CT, period)
+            body.append(c.IfStmt(active, (more,)))
     body.append(c.Return(longer))
     doc = f"how much longer a step of {component.name} lasts"
     return c.FunctionDef(
@@ -181,12 +181,12 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
         if f.component != component.index or f.topic not in places or f.topic is None:
             continue
         k = places[f.topic]
-        there = _asked(frame, i, "soter_fault_active", CT, period)
+        active = _asked(frame, i, "soter_fault_active", CT, period)
         done: list[c.CStmt]
         if f.kind == "silent":
             done = [c.Assign(frame.body.has(k), c.Name("false"))]
             if component.plant is not None:  # a sensor speaks at its first release
-                there = c.Binary("&&", there, c.Unary("!", c.Name("first")))
+                active = c.Binary("&&", active, c.Unary("!", c.Name("first")))
         else:
             slot = _asked(frame, i, "soter_fault_slot", CT, period)
             done = [c.Declare("int64_t", "slot", slot, const=True), c.Unused("slot")]
@@ -200,8 +200,8 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
                 done.append(c.Assign(target, new))
                 if component.plant is not None and bound is not None and is_float:
                     done.append(c.Assign(target, _within(target, bound)))
-        given = there if k in frame.body.certain else c.Binary("&&", frame.body.has(k), there)
-        statements.append(c.IfStmt(given, tuple(done)))
+        applies = active if k in frame.body.certain else c.Binary("&&", frame.body.has(k), active)
+        statements.append(c.IfStmt(applies, tuple(done)))
     return statements
 
 
@@ -247,8 +247,8 @@ def scaled(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr)
     period = int_number(component.period_ns)
     for i, f in enumerate(frame.system.faults):
         if f.component == component.index and f.disturbance == disturbance:
-            there = _asked(frame, i, "soter_fault_active", CT, period)
-            one = c.Ternary(there, float_number(f.amount[0]), float_number(1.0))
+            active = _asked(frame, i, "soter_fault_active", CT, period)
+            one = c.Ternary(active, float_number(f.amount[0]), float_number(1.0))
             by = one if by is None else c.Binary("*", by, one)
     return drawn if by is None else c.Binary("*", drawn, by)
 

@@ -15,13 +15,7 @@ from soter.codegen.body import stream_key
 from soter.codegen.c_types import int_number
 from soter.codegen.plants_and_inputs import DRAW_PARAMETERS, assemble, in_order, uniform
 from soter.language.model.system import environment_topics
-from soter.language.model.types import (
-    ArrayType,
-    FloatType,
-    RecordType,
-    default_value,
-    leaves,
-)
+from soter.language.model.types import ArrayType, FloatType, RecordType, default_value, leaves
 
 if TYPE_CHECKING:
     from soter.codegen.plants_and_inputs import InputEmitter
@@ -48,8 +42,8 @@ def init(frame: Frame, name: str) -> c.FunctionDef:
                 uniform(".".join((base, *path)), c.Number("0"), *interval)
                 for path, _ in leaves(v.type)
             ]
-            own = f"drawn_{component.index}_{i}"
-            before, values = in_order([("double", e) for e in draws], own)
+            prefix = f"drawn_{component.index}_{i}"
+            before, values = in_order([("double", e) for e in draws], prefix)
             body += [*before, c.Assign(target, assemble(frame.types, v.type, iter(values)))]
     return c.FunctionDef("void", name, DRAW_PARAMETERS, tuple(body), "initial values")
 
@@ -158,10 +152,10 @@ class TableEmitter:
     def _table(self, type_: str, name: str, rows: list[c.CExpr], comment: str) -> c.CExpr:
         if not rows:
             return c.Name("NULL")
-        own = f"{self.frame.prefix}_{name}"
+        full_name = f"{self.frame.prefix}_{name}"
         value = c.Initializer(tuple((None, r) for r in rows))
-        self.found.append(c.VariableDef(type_, own, value, array=True, comment=comment))
-        return c.Name(own)
+        self.found.append(c.VariableDef(type_, full_name, value, array=True, comment=comment))
+        return c.Name(full_name)
 
     def _component(self, x: Component) -> c.CExpr:
         name = self.names[x.index]

@@ -74,10 +74,7 @@ def must_not_lose(frame: Frame, component: Component) -> list[c.CStmt]:
     """Raises a capacity fault if a queue of the node lost a value that it may not lose."""
     return [
         c.Do(
-            c.CallExpr(
-                "soter_guard",
-                (c.Unary("!", _has_lost(q)), c.Name("SOTER_CAPACITY"), FAULT),
-            )
+            c.CallExpr("soter_guard", (c.Unary("!", _has_lost(q)), c.Name("SOTER_CAPACITY"), FAULT))
         )
         for q in queues_of(frame.system, component)
         if frame.system.topics[q].policy == "fault"
@@ -92,10 +89,10 @@ def empty(frame: Frame, queue: int) -> c.CStmt:
 
 def clear_lost_queues(frame: Frame, component: Component) -> list[c.CStmt]:
     """Empties, after a capacity fault, the queues that lost a value, and clears that mark."""
-    told = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
+    overflowed = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
     return [
         c.IfStmt(
-            c.Binary("&&", told, _has_lost(q)),
+            c.Binary("&&", overflowed, _has_lost(q)),
             (empty(frame, q), c.Assign(_stamp(q), c.Name("SOTER_NEVER"))),
         )
         for q in queues_of(frame.system, component)
@@ -130,7 +127,7 @@ def effect(
 ) -> c.FunctionDef:
     """The C function that publishes what is held, if outputs are enabled, and empties `held`."""
     assert component.held is not None
-    own = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
+    component_state = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
     stores = [
         c.IfStmt(
             _is_held(frame, component, k),
@@ -144,7 +141,7 @@ def effect(
     ]
     body = (
         frame.state_pointer(),
-        c.IfStmt(c.Binary("!=", c.Member(own, "oe"), c.Number("0U")), tuple(stores)),
+        c.IfStmt(c.Binary("!=", c.Member(component_state, "oe"), c.Number("0U")), tuple(stores)),
         _empty_held(frame, component),
         c.Assign(_stamp(component.held), c.Name("SOTER_NEVER")),
     )
@@ -178,9 +175,9 @@ def _empty_held(frame: Frame, component: Component) -> c.CStmt:
     return c.Assign(frame.topic(component.held), frame.types.default(t))
 
 
-def _part(frame: Frame, component: Component, what: str, k: int) -> c.CExpr:
+def _part(frame: Frame, component: Component, purpose: str, k: int) -> c.CExpr:
     assert component.held is not None
-    return c.Member(frame.topic(component.held), field_name(f"{what}_{k}"))
+    return c.Member(frame.topic(component.held), field_name(f"{purpose}_{k}"))
 
 
 def _is_held(frame: Frame, component: Component, k: int) -> c.CExpr:
@@ -313,10 +310,7 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
     assert node is not None
     assert component.binding is not None
     in_fields = tuple(
-        (
-            field_name(x.topic.name.rsplit(".", 1)[-1]),
-            frame.topic(component.scope.topics[x.topic]),
-        )
+        (field_name(x.topic.name.rsplit(".", 1)[-1]), frame.topic(component.scope.topics[x.topic]))
         for x in node.subscribes
     )
     inputs = c.Initializer(in_fields or ((None, c.Number("0")),))

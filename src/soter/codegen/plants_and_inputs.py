@@ -72,8 +72,7 @@ def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
     """Builds a value of type `t` from an iterator over the C of its leaves, in order."""
     if isinstance(t, RecordType):
         return c.Initializer(
-            tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields),
-            types.stored(t),
+            tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields), types.stored(t)
         )
     if isinstance(t, ArrayType):
         items = c.Initializer(
@@ -152,12 +151,12 @@ class InputEmitter:
             ]
             before, values = in_order(drawn, "drawn")
             value = assemble(self.types, info.type, iter(values))
-        given = (S, c.Unary("&", VALUE), CT)
+        arguments = (S, c.Unary("&", VALUE), CT)
         body = (
             self.frame.state_pointer(),
             *before,
             c.Declare(self.types.stored(info.type), VALUE.text, value, const=True),
-            c.Do(c.Cast("void", c.CallExpr(self.setter(drive.topic), given))),
+            c.Do(c.Cast("void", c.CallExpr(self.setter(drive.topic), arguments))),
             c.Unused("answer"),
         )
         return c.FunctionDef("void", name, DRAW_PARAMETERS, body, f"environment input {info.name}")
@@ -254,10 +253,10 @@ def _disturbances(
         if name in used:
             chance = [_draw(d, component, c.Name("began")) for d in draws]
             drawn = [scaled(frame, component, number, e) for e in chance]
-            own = frame.body.local(name)
-            before, values = in_order([("double", e) for e in drawn], f"drawn_{own}")
+            c_name = frame.body.local(name)
+            before, values = in_order([("double", e) for e in drawn], f"drawn_{c_name}")
             value = assemble(frame.types, t, iter(values))
-            statements += [*before, c.Declare(frame.types.work(t), own, value, const=True)]
+            statements += [*before, c.Declare(frame.types.work(t), c_name, value, const=True)]
     return statements
 
 

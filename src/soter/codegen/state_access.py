@@ -178,8 +178,8 @@ class Frame:
             for f in self.system.faults
             if f.kind == "silent" and f.component == component.index
         }
-        said = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
-        return frozenset(always_published(code) & said)
+        spoken = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
+        return frozenset(always_published(code) & spoken)
 
     def if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
         """Code that runs if the step published output `k`."""

@@ -37,7 +37,7 @@ Path = tuple[str, ...]
 
 @dataclass(frozen=True)
 class StoragePlan:
-    """Where the large values of one body lie, by names of Core, `RESULT` and `output_name`.
+    """The places of the large values of a body, by names of Core, `RESULT` and `output_name`.
 
     `references`: temporaries that become pointers; `behind`: for each the temporaries that it may
     point into; `same`: for one that points to all of another, that other. `homes`: for a name with
@@ -185,11 +185,7 @@ class _Planner:
         return {name: home for name, home in homes.items() if home[0] != name}
 
     def _join(
-        self,
-        groups: dict[str, dict[str, Path]],
-        walker: _Walker,
-        into: tuple[str, Path],
-        name: str,
+        self, groups: dict[str, dict[str, Path]], walker: _Walker, into: tuple[str, Path], name: str
     ) -> None:
         """Puts `name`'s group at the place `into` of another group, unless they interfere."""
         outer, inner = groups[into[0]], groups[name]

@@ -325,9 +325,9 @@ class UnitBuilder:
             assert f.source is not None
             self.c_sources.append(f.source.split(":")[1])
             arguments = tuple(
-                c.Unary("*", own) if self.types.is_large(p.type) else own
+                c.Unary("*", parameter) if self.types.is_large(p.type) else parameter
                 for p in f.parameters
-                for own in (c.Name(self.body.local(p.name)),)
+                for parameter in (c.Name(self.body.local(p.name)),)
             )
             parameters = (*parameters[:-1], ("soter_fault *", "outer"))
             got, status = (MADE if large else c.Name("got")), c.Name("status")
@@ -366,9 +366,9 @@ class UnitBuilder:
         return topics | set(self.open_topics)
 
     def _steps(self) -> list[c.CTop]:
-        given = self._given_topics()
+        filled_topics = self._given_topics()
         disturbed = faults.definitions(self.frame, self.names)
-        queued = [t for t in self.system.topics if t.queues and t.index in given]
+        queued = [t for t in self.system.topics if t.queues and t.index in filled_topics]
         definitions: list[c.CTop] = [*disturbed, *(nodes.push(self.frame, t) for t in queued)]
         definitions += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
         for x in self.system.components:

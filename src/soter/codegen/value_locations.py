@@ -153,8 +153,8 @@ class Places:
         for k, output in enumerate(self.outputs):
             if name == output_name(k):
                 return c.Name(f"out_{output}")
-        own = c.Name(self.local(name))
-        return c.Unary("*", own) if self.refers(name) else own
+        c_name = c.Name(self.local(name))
+        return c.Unary("*", c_name) if self.refers(name) else c_name
 
     # ------------------------------------------------------------ locals in place
 
@@ -190,13 +190,13 @@ class Places:
     def task(self, f: core.Function, result: core.Expr) -> PlannedBody:
         """The body of a function, as `plan_of` takes it."""
         large = self.types.is_large
-        given = tuple(p.name for p in f.parameters if large(p.type))
-        return PlannedBody(code=f.body, is_large=large, given=given, result=result, leave=f.leave)
+        arrive = tuple(p.name for p in f.parameters if large(p.type))
+        return PlannedBody(code=f.body, is_large=large, given=arrive, result=result, leave=f.leave)
 
     def arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
         """Statements that go before a call, and its C arguments."""
         pairs = [self._argument(e) for e in arguments]
-        return [s for before, _ in pairs for s in before], [given for _, given in pairs]
+        return [s for before, _ in pairs for s in before], [argument for _, argument in pairs]
 
     def _argument(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
         """Statements before the call, and one C argument: the address of a large value."""
@@ -269,15 +269,15 @@ class Places:
 
     def _is_read(self, target: c.CExpr, root: str, e: core.Make) -> bool:
         """Whether a piece of `e`, which is written to `target`, may be read from place `root`."""
-        there: set[str] = set()
+        wholes: set[str] = set()
         others = list(e.elements)
         if isinstance(e.type, RecordType):
             for (name, _), element in zip(e.type.fields, e.elements, strict=True):
                 if self._lies_in(element, c.Member(target, field_name(name))):
                     assert isinstance(element, core.Var)
-                    there.add(self.plan.whole(element.name))
+                    wholes.add(self.plan.whole(element.name))
                     others.remove(element)
-        reads = self.plan.reads(*others) - there
+        reads = self.plan.reads(*others) - wholes
         return any(self.plan.home(x) == self.plan.home(root) for x in reads)
 
     def _in_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:

@@ -440,7 +440,7 @@ class Timed(Shown):
 
 @dataclass(eq=False, repr=False)
 class CoreSystem(Shown):
-    """Everything that is generated for one system."""
+    """The code of one system: all its functions, steps and predicates."""
 
     functions: tuple[Function, ...]
     nodes: dict[int, NodeStep]

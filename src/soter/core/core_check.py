@@ -66,15 +66,15 @@ def broken(system: System, functions: Mapping[str, core.Function], part: Part) -
     """A sentence for every promise that a part breaks; `functions`: those that it may call."""
     body = _Body(system, functions)
     if isinstance(part, core.Function):
-        body.function(part)
+        body.check_function(part)
     elif isinstance(part, core.NodeStep):
-        body.node(part)
+        body.check_node(part)
     elif isinstance(part, core.PlantStep):
-        body.plant(part)
+        body.check_plant(part)
     else:
         body.span = part.span
         body.block(part.body)
-        body.value(part.value, FLOAT if part.value.type == FLOAT else BOOL)
+        body.check_value(part.value, FLOAT if part.value.type == FLOAT else BOOL)
     return body.found
 
 
@@ -123,14 +123,14 @@ class _Body:
 
     # ------------------------------------------------------------ functions, steps, predicates
 
-    def function(self, f: core.Function) -> None:
+    def check_function(self, f: core.Function) -> None:
         """A function: it sees its parameters alone, and has one exit."""
         self.pure, self.span = True, f.span
         for p in f.parameters:
             self.define(p.name, p.type)
         self.block(f.body)
         if f.result is not None:
-            self.value(f.result, f.result_type)
+            self.check_value(f.result, f.result_type)
         self.require(f.result is not None or not f.body, "a body without a result")
         called = [self.functions.get(s.function) for s in walk(f.body) if isinstance(s, core.Call)]
         fault = any(isinstance(s, (core.Checked, core.Guard, core.Push)) for s in walk(f.body))
@@ -139,28 +139,30 @@ class _Body:
         if f.leave is not None:
             self.leaves(f.body, f.leave, left=False)
 
-    def node(self, step: core.NodeStep) -> None:
+    def check_node(self, step: core.NodeStep) -> None:
         """The step of a node: takeover block, body, shield."""
         self.outputs, self.span = step.outputs, step.span
-        self.copies(step.locals, (*step.takeover, *step.body))
-        self.inner(step.takeover)
+        self.define_copies(step.locals, (*step.takeover, *step.body))
+        self.check_inner_block(step.takeover)
         self.block(step.body)
         if step.shield is not None:
             for k, o in enumerate(step.outputs):
                 self.define(core.output_name(k), o.type, mutable=True)
             self.block(step.shield.body)
 
-    def plant(self, step: core.PlantStep) -> None:
+    def check_plant(self, step: core.PlantStep) -> None:
         """One release of a plant."""
         self.outputs, self.span = step.outputs, step.span
-        self.copies(step.states, step.integrate)
+        self.define_copies(step.states, step.integrate)
         for name, t, _ in step.disturbances:
             self.define(name, t)
         self.block(step.choose)
-        self.inner(step.integrate)
+        self.check_inner_block(step.integrate)
         self.block(step.publish)
 
-    def copies(self, copies: tuple[core.LocalCopy, ...], code: tuple[core.Stmt, ...]) -> None:
+    def define_copies(
+        self, copies: tuple[core.LocalCopy, ...], code: tuple[core.Stmt, ...]
+    ) -> None:
         """Cells that are temporaries of a step: those that the code changes are stored."""
         changed = written_names(code)
         for c in copies:
@@ -187,7 +189,7 @@ class _Body:
             else:
                 self.require(False, f"{type(s).__name__} is no statement")
 
-    def inner(self, statements: tuple[core.Stmt, ...], *facts: core.Expr) -> None:
+    def check_inner_block(self, statements: tuple[core.Stmt, ...], *facts: core.Expr) -> None:
         """A block whose temporaries end with it, and where some facts hold."""
         scope, before = dict(self.scope), set(self.facts)
         self.facts |= set(facts)
@@ -204,19 +206,19 @@ class _Body:
         }
 
     def _let(self, s: core.Let) -> None:
-        self.expr(s.value)
+        self.check_expr(s.value)
         self.define(s.name, s.value.type, mutable=s.mutable)
 
     def _checked(self, s: core.Checked) -> None:
         operands, result = CHECKED.get(s.op, ((), None))
         self.require(len(operands) == len(s.operands), f"`{s.op}` of {len(s.operands)} operands")
         for e, t in zip(s.operands, operands, strict=False):
-            self.value(e, t)
+            self.check_value(e, t)
         self.require(fits(s.type, result), f"`{s.op}` gives no {s.type}")
         self.require((s.op == "index") == (s.limit is not None), f"the limit of `{s.op}`")
         self.define(s.name, s.type)
         if s.limit is not None:
-            self.value(s.limit, INT)
+            self.check_value(s.limit, INT)
             index = core.Var(s.type, s.name)
             self.facts |= {_fact(index, "<", s.limit), _fact(index, ">=", ZERO)}
 
@@ -224,11 +226,11 @@ class _Body:
         known = isinstance(s.type, (BoolType, EnumType, IntType)) and s.count > 0
         self.require(known and not self.pure, f"a choice among {s.count} of {s.type}")
         if s.ages is not None:
-            self.changed(s.ages)
+            self.check_change(s.ages)
         self.define(s.name, s.type)
 
     def _guard(self, s: core.Guard) -> None:
-        self.value(s.condition, BOOL)
+        self.check_value(s.condition, BOOL)
         self.facts.add(s.condition)
 
     def _call(self, s: core.Call) -> None:
@@ -239,26 +241,26 @@ class _Body:
             types = [p.type for p in f.parameters]
             self.require(len(types) == len(s.arguments), f"arguments of `{f.name}`")
             for e, t in zip(s.arguments, types, strict=False):
-                self.value(e, t)
+                self.check_value(e, t)
             self.require(s.type == f.result_type, f"`{f.name}` gives no {s.type}")
         self.define(s.name, s.type)
 
     def _set(self, s: core.Set) -> None:
         place = place_of(s)
-        self.expr(place)
-        self.value(s.value, place.type)
-        self.changed(s.name)
+        self.check_expr(place)
+        self.check_value(s.value, place.type)
+        self.check_change(s.name)
 
     def _push(self, s: core.Push) -> None:
         place = place_of(s)
-        self.expr(place)
-        self.value(s.value, place.type.element if isinstance(place.type, ListType) else None)
-        self.changed(s.name)
+        self.check_expr(place)
+        self.check_value(s.value, place.type.element if isinstance(place.type, ListType) else None)
+        self.check_change(s.name)
 
     def _if(self, s: core.If) -> None:
-        self.value(s.condition, BOOL)
-        self.inner(s.then, s.condition)
-        self.inner(s.otherwise)
+        self.check_value(s.condition, BOOL)
+        self.check_inner_block(s.then, s.condition)
+        self.check_inner_block(s.otherwise)
 
     def _loop(self, s: core.Loop) -> None:
         constant = type(s.low) is int and type(s.high) is int and s.low <= s.high
@@ -268,7 +270,7 @@ class _Body:
         self.define(s.variable, INT)
         index = core.Var(INT, s.variable)
         facts = (_fact(index, "<", core.Const(INT, s.high)), _fact(index, ">=", ZERO))
-        self.inner(s.body, *(facts if constant and s.low >= 0 else ()))
+        self.check_inner_block(s.body, *(facts if constant and s.low >= 0 else ()))
         self.scope = scope
 
     def _publish(self, s: core.Publish) -> None:
@@ -279,9 +281,9 @@ class _Body:
             t = t.element if isinstance(t, ListType) else None
         burst = known and self.outputs[s.output].burst
         self.require(known and burst == (s.limit is not None), f"output {s.output}, its limit")
-        self.value(s.value, t)
+        self.check_value(s.value, t)
 
-    def changed(self, name: str) -> None:
+    def check_change(self, name: str) -> None:
         """An assignment: of a variable; facts about it hold no longer."""
         known = name in self.scope and name in self.mutable
         self.require(known, f"`{name}` is changed, which is no variable here")
@@ -289,14 +291,14 @@ class _Body:
 
     # ------------------------------------------------------------ expressions
 
-    def value(self, e: core.Expr, t: Type | None) -> None:
+    def check_value(self, e: core.Expr, t: Type | None) -> None:
         """An expression whose value has to be one of a type; with None, of a type that is none."""
-        self.expr(e)
+        self.check_expr(e)
         if isinstance(e, core.Expr):
             ints = isinstance(e.type, IntType) and isinstance(t, IntType)
             self.require(ints or e.type == t, f"{type(e).__name__} is {e.type}, not {t}")
 
-    def expr(self, e: core.Expr) -> None:
+    def check_expr(self, e: core.Expr) -> None:
         """An expression: of a kind that is pure, with parts and a value of the right types."""
         rule = getattr(self, f"_{type(e).__name__.lower()}", None)
         if not isinstance(e, core.Expr) or rule is None:
@@ -305,7 +307,7 @@ class _Body:
         t, parts = rule(e)
         self.require(t is not None and fits(t, e.type), f"{type(e).__name__} is {t}, not {e.type}")
         for part, wanted in parts:
-            self.value(part, wanted)
+            self.check_value(part, wanted)
 
     def _const(self, e: core.Const) -> Rule:
         table = isinstance(e.value, Table) and e.value.element == getattr(e.type, "element", None)

@@ -182,9 +182,9 @@ class Execution(ABC, Generic[V]):
             self.left -= 1
             if self.left < 0:
                 raise TooManyStatementsError
-            self._statement(s)
+            self._execute_statement(s)
 
-    def _statement(self, s: core.Stmt) -> None:
+    def _execute_statement(self, s: core.Stmt) -> None:
         if isinstance(s, core.Let):
             self.bind(s.name, s.value.type, self.expr(s.value))
         elif isinstance(s, core.Checked):
@@ -203,7 +203,7 @@ class Execution(ABC, Generic[V]):
             old = self.frame.variables[s.name]
             self.bind(s.name, s.type, self._changed(s, old, path, self.expr(s.value)))
         elif isinstance(s, core.If):
-            self._if(s)
+            self._execute_if(s)
         elif isinstance(s, core.Loop):
             self._loop(s)
         else:
@@ -229,7 +229,7 @@ class Execution(ABC, Generic[V]):
             self.bind(s.variable, INT, self.expr(core.Const(INT, k)))
             self.run(s.body)
 
-    def _if(self, s: core.If) -> None:
+    def _execute_if(self, s: core.If) -> None:
         condition = self._branch_condition(self.expr(s.condition))
         known = self._known(condition)
         if known is not None:

@@ -216,8 +216,7 @@ class ExpressionBuilder:
         owner = self.scope.plants[e.instance]
         assert isinstance(e.type, RecordType)
         return core.Make(
-            e.type,
-            tuple(core.Get(t, core.Cell("state", owner, n)) for n, t in e.type.fields),
+            e.type, tuple(core.Get(t, core.Cell("state", owner, n)) for n, t in e.type.fields)
         )
 
     def _moderead(self, e: typed.ModeRead) -> core.Expr:
@@ -441,7 +440,7 @@ class ExpressionBuilder:
         return core.Element(e.type, target, index)
 
     def _stable(self, e: core.Expr, span: Span) -> core.Expr:
-        """Something that can be indexed in place: a temporary, a cell, or a part of one."""
+        """An expression that can be indexed in place: a temporary, a cell, or a part of one."""
         probe = e
         while isinstance(probe, (core.Field, core.Element)):
             probe = probe.target

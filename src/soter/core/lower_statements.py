@@ -18,14 +18,7 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.predicates import operands_in
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
-from soter.language.model.types import (
-    BOOL,
-    INT,
-    ArrayType,
-    ListType,
-    RecordType,
-    default_value,
-)
+from soter.language.model.types import BOOL, INT, ArrayType, ListType, RecordType, default_value
 from soter.language.model.values import Table
 
 if TYPE_CHECKING:
@@ -73,31 +66,28 @@ class Builder(ExpressionBuilder):
         for position, s in enumerate(statements):
             rest = statements[position + 1 :]
             if self._result is not None and may_return(s):
-                self._returning(s, rest)
+                self._lower_with_return(s, rest)
                 return
-            self.statement(s)
+            self.lower_statement(s)
 
-    def _returning(self, s: typed.TypedStmt, rest: tuple[typed.TypedStmt, ...]) -> None:
+    def _lower_with_return(self, s: typed.TypedStmt, rest: tuple[typed.TypedStmt, ...]) -> None:
         if isinstance(s, typed.TypedReturn):
-            self.statement(s)
+            self.lower_statement(s)
             return
         if isinstance(s, typed.TypedIf) and (whole := _with_rest(s, rest)) is not None:
-            self._if(whole)
+            self._lower_if(whole)
             return
         if self.leave is None:
             self.leave = self.fresh("done")
-            self._blocks[0].insert(
-                0,
-                core.Let(s.span, self.leave, core.Const(BOOL, False), True),
-            )
-        self.statement(s)
+            self._blocks[0].insert(0, core.Let(s.span, self.leave, core.Const(BOOL, False), True))
+        self.lower_statement(s)
         if rest:
             inner, _ = self.capture(lambda: self.block(rest))
             if inner:
                 undone = core.Unary(BOOL, "not", core.Var(BOOL, self.leave))
                 self.emit(core.If(rest[0].span, undone, inner, ()))
 
-    def statement(self, s: typed.TypedStmt) -> None:
+    def lower_statement(self, s: typed.TypedStmt) -> None:
         """Lower one statement."""
         if isinstance(s, typed.TypedDeclare):
             value = self.expr(s.value)
@@ -124,12 +114,12 @@ class Builder(ExpressionBuilder):
         elif isinstance(s, typed.Assert):
             self.emit(core.Guard(s.span, self.expr(s.condition), FaultKind.ASSERT))
         elif isinstance(s, typed.TypedIf):
-            self._if(s)
+            self._lower_if(s)
         elif isinstance(s, typed.ForRange):
-            self._for_range(s)
+            self._lower_for_range(s)
         else:
             assert isinstance(s, typed.ForEach)
-            self._for_each(s)
+            self._lower_for_each(s)
 
     def _path(self, place: typed.Place) -> tuple[int | core.Expr, ...]:
         path: list[int | core.Expr] = []
@@ -147,26 +137,26 @@ class Builder(ExpressionBuilder):
                 prefix = core.Element(t.element, prefix, index)
         return tuple(path)
 
-    def _if(self, s: typed.TypedIf) -> None:
+    def _lower_if(self, s: typed.TypedIf) -> None:
         (condition, body), *more = s.arms
         c = self.expr(condition)
         if isinstance(c, core.Const):  # a parameter decides: the other branch is not there
             if c.value:
                 self.block(body)
             elif more:
-                self._if(typed.TypedIf(more[0][0].span, tuple(more), s.otherwise))
+                self._lower_if(typed.TypedIf(more[0][0].span, tuple(more), s.otherwise))
             else:
                 self.block(s.otherwise)
             return
         then, _ = self.capture(lambda: self.block(body))
         if more:
             rest = typed.TypedIf(more[0][0].span, tuple(more), s.otherwise)
-            otherwise, _ = self.capture(lambda: self._if(rest))
+            otherwise, _ = self.capture(lambda: self._lower_if(rest))
         else:
             otherwise, _ = self.capture(lambda: self.block(s.otherwise))
         self.emit(core.If(s.span, c, then, otherwise))
 
-    def _guarded_body(self, body: tuple[typed.TypedStmt, ...], span: Span) -> None:
+    def _lower_guarded_body(self, body: tuple[typed.TypedStmt, ...], span: Span) -> None:
         """A loop body that is skipped once the function has returned."""
         if self.leave is None or self._result is None or not any(may_return(x) for x in body):
             self.block(body)
@@ -174,13 +164,13 @@ class Builder(ExpressionBuilder):
         inner, _ = self.capture(lambda: self.block(body))
         self.emit(core.If(span, core.Unary(BOOL, "not", core.Var(BOOL, self.leave)), inner, ()))
 
-    def _for_range(self, s: typed.ForRange) -> None:
+    def _lower_for_range(self, s: typed.ForRange) -> None:
         name = self.bind(s.variable)
-        body, _ = self.capture(lambda: self._guarded_body(s.body, s.span))
+        body, _ = self.capture(lambda: self._lower_guarded_body(s.body, s.span))
         if s.low < s.high:
             self.emit(core.Loop(s.span, name, s.low, s.high, body))
 
-    def _for_each(self, s: typed.ForEach) -> None:
+    def _lower_for_each(self, s: typed.ForEach) -> None:
         sequence = self.expr(s.sequence)
         if not isinstance(sequence, core.Const) or not isinstance(sequence.value, Table):
             sequence = self.let(s.span, "items", sequence)
@@ -192,7 +182,7 @@ class Builder(ExpressionBuilder):
         def body() -> None:
             name = self.bind(s.variable)
             self.emit(core.Let(s.span, name, core.Element(t.element, sequence, i)))
-            self._guarded_body(s.body, s.span)
+            self._lower_guarded_body(s.body, s.span)
 
         block, _ = self.capture(body)
         limit = t.size if isinstance(t, ArrayType) else t.capacity
@@ -216,7 +206,7 @@ class Builder(ExpressionBuilder):
             last = body[-1]
             assert isinstance(last, typed.TypedReturn)
             for s in body[:-1]:
-                self.statement(s)
+                self.lower_statement(s)
             value = self.expr(last.value)
             return self.finish(), value
         name = self.fresh("result")

@@ -62,7 +62,7 @@ class _Plant:
         if not plant.extern:
             self._integrate()
             integrate = b.finish()
-        self._lets()
+        self._emit_lets()
         outputs = []
         for number, (topic, value) in enumerate(plant.drives):
             b.emit(core.Publish(plant.span, number, b.expr(value)))
@@ -93,7 +93,7 @@ class _Plant:
             extern=plant.extern,
         )
 
-    def _lets(self) -> None:
+    def _emit_lets(self) -> None:
         """All lets on the present states, except those that choose, in fresh temporaries."""
         for variable, value in self.plant.lets:
             if variable not in self.chosen:
@@ -108,7 +108,7 @@ class _Plant:
         b, plant, span = self.builder, self.plant, self.plant.span
         new: list[tuple[typed.Variable, core.Expr]] = []
         if plant.next:
-            self._lets()
+            self._emit_lets()
             for v, e in plant.next.items():
                 new.append((v, b.let(span, f"next_{v.name}", b.expr(e))))
         if plant.der:

@@ -124,7 +124,7 @@ def _shield(
         if proposed is not None:
             _note_proposals(builder, component, proposed[1], outputs, moves=judges)
         if judges:
-            _permitted(builder, component, outputs)
+            _permit(builder, component, outputs)
 
     then, _ = builder.capture(judged)
     builder.emit(core.If(span, some, then, ()))
@@ -202,7 +202,7 @@ def _let_read(builder: Builder, module: Module, topic: int, new: tuple[int | Non
             builder.published[symbol] = new
 
 
-def _permitted(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
+def _permit(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
     """AC's step faults unless the commands that may act behind it are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]

@@ -151,17 +151,17 @@ def read_by(function: Callable[[str], Any]) -> Kind:
 
 
 def choice(*names: str) -> Kind:
-    """One of these names."""
+    """A kind of option whose value is one of these names."""
     return Kind(
-        "", f"{', '.join(names[:-1])} or {names[-1]}", lambda given: given in names, names=names
+        "", f"{', '.join(names[:-1])} or {names[-1]}", lambda value: value in names, names=names
     )
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
     """A whole number."""
 
-    def fits(given: Any) -> bool:  # noqa: ANN401 - whatever a caller gives
-        return hasattr(given, "__index__") and not isinstance(given, bool) and low <= given <= high
+    def fits(value: Any) -> bool:  # noqa: ANN401 - whatever a caller gives
+        return hasattr(value, "__index__") and not isinstance(value, bool) and low <= value <= high
 
     return Kind(
         text, f"a whole number from {low} to {POWERS.get(high, high)}", fits, index, in_python
@@ -171,10 +171,10 @@ def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Ki
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
     """A time in seconds up to `high`; `low`: the lower end in words, "from 0 ..." to allow 0."""
 
-    def fits(given: object) -> bool:
-        if given is None or isinstance(given, bool) or not isinstance(given, (int, float)):
-            return given is None and optional
-        return 0 <= given <= high and (given > 0 or low.startswith("from 0"))
+    def fits(value: object) -> bool:
+        if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
+            return value is None and optional
+        return 0 <= value <= high and (value > 0 or low.startswith("from 0"))
 
     return Kind("seconds", f"seconds, {low} {high:,}", fits, in_python="seconds {}")
 
@@ -184,16 +184,16 @@ def size(low: int) -> Kind:
     return Kind(
         "size",
         "write it as 512M or 2G; 1M at least",
-        lambda given: low <= (bytes_of(given) or 0) < 2**63,
+        lambda value: low <= (bytes_of(value) or 0) < 2**63,
         bytes_of,
     )
 
 
-def bytes_of(given: int | str) -> int | None:
+def bytes_of(size_: int | str) -> int | None:
     """Bytes, from a number or a text such as `512M`; None where it is neither."""
-    if isinstance(given, int):
-        return None if isinstance(given, bool) else given
-    match = _SIZE.fullmatch(given.strip()) if isinstance(given, str) else None
+    if isinstance(size_, int):
+        return None if isinstance(size_, bool) else size_
+    match = _SIZE.fullmatch(size_.strip()) if isinstance(size_, str) else None
     return None if match is None else int(float(match[1]) * UNITS[match[2].upper()])
 
 
@@ -282,10 +282,10 @@ def unused(
         parts = [(n, e, v.split(",")) for n, e, v in (way.partition("=") for way in ways)]
         holds = [str(values[n]) in wanted if e else n in written for n, e, wanted in parts]
         words = [named(n) + f" {' or '.join(v) or '(no path)'}" * bool(e) for n, e, v in parts]
-        said = f"does nothing {'beside' if negated else 'without'} `{'` or `'.join(words)}`"
+        problem = f"does nothing {'beside' if negated else 'without'} `{'` or `'.join(words)}`"
         if any(holds) == negated:
             idle = [n for n in names.split() if n in written]
-            problems += [Diagnostic("U001", f"`{named(n)}` {said}") for n in idle]
+            problems += [Diagnostic("U001", f"`{named(n)}` {problem}") for n in idle]
     return tuple(problems)
 
 
@@ -300,9 +300,9 @@ def needless(so: str, **given: bool) -> None:
 
 def gone(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
     """U001 for each flag that a version before had, with what to do: `GONE`, rows of both."""
-    told = {flag: what for row, what in getattr(record, "GONE", ()) for flag in row.split()}
-    asked = dict.fromkeys(flag for flag in flags if flag in told)
-    return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(told[f],)) for f in asked])
+    remedies = {flag: remedy for row, remedy in getattr(record, "GONE", ()) for flag in row.split()}
+    asked = dict.fromkeys(flag for flag in flags if flag in remedies)
+    return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(remedies[f],)) for f in asked])
 
 
 def made(record: type[Record], given: Mapping[str, object]) -> Record:
@@ -313,8 +313,8 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
     options, problems = options_of(record, keyword=True), []
     for name, value in given.items():
         if name not in options:
-            if told := gone(record, ("--" + name.replace("_", "-"),)):
-                raise SoterError(told)
+            if gone_flags := gone(record, ("--" + name.replace("_", "-"),)):
+                raise SoterError(gone_flags)
             raise TypeError(f"got an unexpected keyword argument '{name}'")
         kind = options[name].kind
         if not kind.fits(value):
@@ -353,12 +353,12 @@ class takes:  # noqa: N801 - a decorator
 
 def _describe(method: Any, known: Mapping[str, Option]) -> None:  # noqa: ANN401 - as above
     signature = inspect.signature(method)
-    own = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
-    own += [
+    parameters = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
+    parameters += [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=o.given)
         for name, o in known.items()
         if name not in signature.parameters
     ]
-    method.__signature__ = signature.replace(parameters=own)
+    method.__signature__ = signature.replace(parameters=parameters)
     lines = [f"`{name}`: {o.meaning}." for name, o in known.items()]
     method.__doc__ = "\n".join((inspect.cleandoc(method.__doc__ or ""), "", *lines))

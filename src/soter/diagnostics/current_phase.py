@@ -1,6 +1,6 @@
 """The phase of a long computation and its progress, for whoever waits for it.
 
-Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
+Purpose: `phase("P2b of Cart")` where something slow begins; a progress line shows it.
 `passing_phase` is one phase in the middle of another; `within_phase` mutes the phases of a block.
 `share_done` tells the progress to the function that `telling` has set; `between` scales the shares
 of a block to its part of the whole. `announce` gives an estimate of the time to who shows one, and
@@ -62,14 +62,14 @@ def within_phase() -> Iterator[None]:
 
 def share_done(share: float, stage: str = "") -> None:
     """Tell the progress, 0 to 1, of the whole or of one stage. Whoever is told may raise."""
-    if (told := _told.get()) is not None:
-        told(share, stage)
+    if (hears := _told.get()) is not None:
+        hears(share, stage)
 
 
 @contextmanager
-def telling(told: Told | None) -> Iterator[None]:
-    """Let `told(share, stage)` get the shares of this block, in this thread; None: nobody does."""
-    before = _told.set(told)
+def telling(hears: Told | None) -> Iterator[None]:
+    """Let `hears(share, stage)` get the shares of this block, in this thread; None: nobody does."""
+    before = _told.set(hears)
     try:
         yield
     finally:
@@ -88,8 +88,8 @@ def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractCont
 
     `stages`: names of equal parts of this block, in order; shares of other stages go on unscaled.
     """
-    told, furthest = _told.get(), 0.0
-    if told is None:
+    hears, furthest = _told.get(), 0.0
+    if hears is None:
         return telling(None)
 
     def listener(share: float, stage: str) -> None:
@@ -99,20 +99,20 @@ def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractCont
         if not stage:
             share = furthest = max(furthest, share)
             share = low + (high - low) * share
-        told(share, stage)
+        hears(share, stage)
 
     return telling(listener)
 
 
 def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
     """In this block `share_done` raises `CancelledError` once `due()` is true."""
-    told = _told.get()
+    hears = _told.get()
 
     def listener(share: float, stage: str) -> None:
         if due():
             raise CancelledError
-        if told is not None:
-            told(share, stage)
+        if hears is not None:
+            hears(share, stage)
 
     return telling(listener)
 

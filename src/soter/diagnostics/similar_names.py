@@ -1,4 +1,4 @@
-"""Which of some names was probably meant by one that is not among them.
+"""Guesses which known name a misspelt one was meant to be.
 
 Purpose: the one comparison behind every "did you mean", so that it is never long.
 Non-goals: which names are possible at a place.

@@ -177,9 +177,9 @@ def _connect(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) 
             if key not in passing:
                 passing[key] = Spot(BEND_PX, 0.0, None, n)
                 layout.layers[n].append(passing[key])
-            _piece(layout, drawn, (at, at_x, passing[key], BEND_PX / 2), k, up=up, ends=False)
+            _add_piece(layout, drawn, (at, at_x, passing[key], BEND_PX / 2), k, up=up, ends=False)
             at, at_x = passing[key], BEND_PX / 2
-        _piece(layout, drawn, (at, at_x, spots[k.target], end_x), k, up=up, ends=True)
+        _add_piece(layout, drawn, (at, at_x, spots[k.target], end_x), k, up=up, ends=True)
 
 
 def _beside(spot: Spot, x: float, *, up: bool) -> float:
@@ -187,7 +187,7 @@ def _beside(spot: Spot, x: float, *, up: bool) -> float:
     return min(x + UPWARDS_PX, spot.width - BEND_PX / 2) if up else x
 
 
-def _piece(
+def _add_piece(
     layout: GraphLayout,
     drawn: set[tuple[int, int, float, float]],
     way: tuple[Spot, float, Spot, float],
@@ -218,7 +218,7 @@ def _sort(layout: GraphLayout) -> None:
         downwards = sweep % 2 == 0
         count = len(layout.layers)
         for n in range(1, count) if downwards else range(count - 2, -1, -1):
-            _by_means(layout, n, downwards=downwards)
+            _sort_by_means(layout, n, downwards=downwards)
         _swap(layout)
         now = _crossings(layout)
         if now < least:
@@ -237,7 +237,7 @@ def _share(spot: Spot, x: float) -> float:
     return 0.98 * x / max(spot.width, 1e-9)
 
 
-def _by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
+def _sort_by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
     other = _places(layout.layers[n - 1 if downwards else n + 1])
     met: dict[Spot, list[float]] = {}
     for p in layout.pieces:

@@ -181,7 +181,7 @@ def _part(part: Part, x: float, y: float) -> Iterator[str]:
 
 def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
     x, y, width, _ = place
-    what = "topics" if cell.kind in {"topic", "input"} else "component"
+    kind = "topics" if cell.kind in {"topic", "input"} else "component"
     names = escape(" ".join(cell.names), quote=True)
     middle, base, texts = x + width / 2, y + PAD_Y + 12.5, []
     for i, line in enumerate(cell.lines):
@@ -192,7 +192,7 @@ def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
             texts.append(f'<text class="caption" {place_of}>{escape(cell.caption)}</text>')
         base += LINE_PX
     return (
-        f'<g class="{cell.kind}" data-{what}="{names}">{_shape(cell.kind, place)}'
+        f'<g class="{cell.kind}" data-{kind}="{names}">{_shape(cell.kind, place)}'
         f"{''.join(texts)}</g>"
     )
 

@@ -57,7 +57,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class DiagramGraph:
-    """Everything that is drawn. `first`: keys of what stands at the top if possible."""
+    """The nodes and arrows of a diagram. `first`: keys of what stands at the top if possible."""
 
     title: str
     parts: tuple[Part, ...]
@@ -100,18 +100,18 @@ def _key(c: Component) -> str:
 def _component(c: Component) -> DiagramBox:
     """A box: the name, and below it what it is and how often it runs."""
     name = c.name.rpartition(".")[2] if c.role in ROLES else c.name
-    told = [ROLES[c.role]] if c.role in ROLES else []
-    what = c.plant or c.node
-    if c.role in {"plant", "node"} and what is not None and _short(what.name) != _short(name):
-        told.append(_short(what.name))
-    told.append(show_ns(c.period_ns))
+    lines = [ROLES[c.role]] if c.role in ROLES else []
+    symbol = c.plant or c.node
+    if c.role in {"plant", "node"} and symbol is not None and _short(symbol.name) != _short(name):
+        lines.append(_short(symbol.name))
+    lines.append(show_ns(c.period_ns))
     if c.extern:
-        told.append("extern")
+        lines.append("extern")
     if c.takes_ns is not None:
-        told.append(f"takes {show_ns(c.takes_ns[1])}")
+        lines.append(f"takes {show_ns(c.takes_ns[1])}")
     if c.role == "dm":  # its title says so already
-        name, told = "DM", told[1:]
-    return DiagramBox(_key(c), c.role, (name,), " · ".join(told), (c.name,))
+        name, lines = "DM", lines[1:]
+    return DiagramBox(_key(c), c.role, (name,), " · ".join(lines), (c.name,))
 
 
 def _short(name: str) -> str:
@@ -130,7 +130,7 @@ def _frame(system: System, m: Module) -> ModuleFrame:
 
 
 def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
-    """Where arrows to these readers end: at a frame where all inside it read."""
+    """The ends of arrows to these readers: a frame, if everything inside it reads."""
     left, ends = set(readers), []
     for frame in frames:
         inside = {cell.key for cell in frame.inside}

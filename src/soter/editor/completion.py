@@ -36,7 +36,7 @@ BODIES = {
 
 @dataclass(frozen=True)
 class CursorContext:
-    """Where the cursor is. `body`: the body around it, "file" at the top, "value" in a value.
+    """The place of the cursor. `body`: the body around it, "file" at the top, "value" in a value.
 
     `head`: the words of the declaration around it (`node`, its name); `item`: the tokens of the
     present item, up to the word that is being written; `dotted`: the names before the dots in front

@@ -184,34 +184,34 @@ class Documents:
         document = self._open.get(whole(path))
         return document.uri if document is not None else uri_of(Path(os.path.normpath(path)))
 
-    def opened(self, uri: str, version: int | None, text: str) -> None:
+    def open(self, uri: str, version: int | None, text: str) -> None:
         """A document was opened, or opened again."""
         path = path_of(uri)
         self._open[whole(path)] = Document(uri, path, version, text)
-        self.touched([path])
+        self.touch([path])
 
-    def changed(self, uri: str, version: int | None, text: str) -> None:
+    def update(self, uri: str, version: int | None, text: str) -> None:
         """A document got a new text."""
         document = self.get(uri)
         if document is None:
-            self.opened(uri, version, text)
+            self.open(uri, version, text)
             return
         document.version = version
         document.text = text
-        self.touched([document.path])
+        self.touch([document.path])
 
-    def closed(self, uri: str) -> None:
+    def close(self, uri: str) -> None:
         """A document was closed: what is on the disk counts from now on."""
         document = self._open.pop(whole(path_of(uri)), None)
         if document is None:
             return
         self._waiting.pop(whole(document.path), None)
         self._tell(document.found)
-        self.touched([document.path])
+        self.touch([document.path])
 
     # ------------------------------------------------------------ checking
 
-    def touched(self, paths: Iterable[Path]) -> None:
+    def touch(self, paths: Iterable[Path]) -> None:
         """Files have changed: open documents that they are part of wait for a check."""
         for path in paths:
             key = whole(path)
@@ -221,7 +221,7 @@ class Documents:
                 if other != key and key in self._files(document):
                     self._waiting.setdefault(other)
 
-    def touched_data(self) -> None:
+    def touch_data(self) -> None:
         """A file that is no program was written: all documents wait, as any may read it."""
         self._waiting.update(dict.fromkeys(self._open))
 
@@ -331,7 +331,7 @@ class Documents:
         return known[1]
 
     def location(self, span: Span) -> lsp.Location:
-        """Where a span is, for the editor."""
+        """The place of a span, for the editor."""
         lines = self.lines_of(span)
         return lsp.Location(self.uri(path_of_span(span)), lines.range(span.start, span.end))
 

@@ -143,8 +143,8 @@ def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
     elif kind == "topic" and name in program.topics:
         topic = program.topics[name]
         for path, bounds in topic.values.items():
-            what = ".".join((name, *path))
-            yield f"`{what}` in [{number(bounds.low)}, {number(bounds.high)}]"
+            path_text = ".".join((name, *path))
+            yield f"`{path_text}` in [{number(bounds.low)}, {number(bounds.high)}]"
         if topic.max_age is not None:
             yield f"fresh for {number(topic.max_age)}"
         else:

@@ -80,8 +80,8 @@ class Members:
             self._enter(file)
         for fields, syntax in self._meant.records.values():
             for (_, t), name in zip(fields, _field_names(syntax), strict=False):  # type: ignore[call-overload]
-                if (own := self._by_place.get(_place(name))) is not None:
-                    own.of = own.of or t
+                if (known := self._by_place.get(_place(name))) is not None:
+                    known.of = known.of or t
         for file in self.index.files:
             for name, child in file.imports.items():
                 self.index.top[id(file)][name].of = child
@@ -96,18 +96,18 @@ class Members:
         names = self.index.top[id(file)] = {}
         self._owner = None
         for imported in file.file.imports:
-            own = self._definition(imported.name, "import", imported, file)
-            names.setdefault(imported.name.text, own)
+            entered = self._definition(imported.name, "import", imported, file)
+            names.setdefault(imported.name.text, entered)
         for decl in file.file.declarations:
             self._owner = None
-            own = self._definition(decl.name, KINDS[type(decl).__name__], decl, file)
+            entered = self._definition(decl.name, KINDS[type(decl).__name__], decl, file)
             entry = self._entry_of.get(id(decl))
-            own.of = None if entry is None else _stands_for(entry.symbol)
+            entered.of = None if entry is None else _stands_for(entry.symbol)
             if names.get(decl.name.text) is None or names[decl.name.text].kind == "import":
-                names[decl.name.text] = own
-            self._owner = own
+                names[decl.name.text] = entered
+            self._owner = entered
             if not file.prelude or isinstance(decl, tree.TypeDecl):
-                self._declared_inside(decl, decl, file)
+                self._enter_declared_inside(decl, decl, file)
 
     def _definition(
         self, name: tree.Name, kind: str, node: object, file: LoadedFile, of: object = None
@@ -120,17 +120,17 @@ class Members:
             self.index.note(known.span, known)
         return known
 
-    def _declared_inside(self, piece: Any, decl: tree.Decl, file: LoadedFile) -> None:  # noqa: ANN401
+    def _enter_declared_inside(self, piece: Any, decl: tree.Decl, file: LoadedFile) -> None:  # noqa: ANN401
         """Enters what is declared in a piece of syntax; `decl`: the declaration around it."""
         if isinstance(piece, tuple):
             for part in piece:
-                self._declared_inside(part, decl, file)
+                self._enter_declared_inside(part, decl, file)
             return
         if not hasattr(piece, "__dataclass_fields__") or isinstance(piece, (Span, tree.Name)):
             return
         if isinstance(piece, tree.FunDecl):
             for pair in piece.parameters:
-                self._local(pair[0], "argument", pair, file, decl.span.start, decl.span.end)
+                self._enter_local(pair[0], "argument", pair, file, decl.span.start, decl.span.end)
         elif isinstance(piece, tree.RecordTypeExpr):
             for pair in piece.fields:
                 self._definition(pair[0], "field", pair, file)
@@ -140,26 +140,26 @@ class Members:
         elif isinstance(piece, tree.Block):
             for s in piece.statements:
                 if isinstance(s, (tree.LetStmt, tree.VarStmt)):
-                    self._local(s.name, LOCALS[type(s)], s, file, s.span.end, piece.span.end)
+                    self._enter_local(s.name, LOCALS[type(s)], s, file, s.span.end, piece.span.end)
         elif isinstance(piece, (tree.ForRangeStmt, tree.ForEachStmt, tree.Repeated)):
             seen = piece.span if isinstance(piece, tree.Repeated) else piece.body.span
-            self._local(piece.name, LOCALS[type(piece)], piece, file, seen.start, seen.end)
+            self._enter_local(piece.name, LOCALS[type(piece)], piece, file, seen.start, seen.end)
         elif (kind := LOCALS.get(type(piece))) in UNSEEN:
             self._definition(piece.name, str(kind), piece, file)
         elif kind is not None:
-            self._local(piece.name, kind, piece, file, decl.span.start, decl.span.end)
+            self._enter_local(piece.name, kind, piece, file, decl.span.start, decl.span.end)
         for part in piece.__dataclass_fields__:
             if not part.endswith("span"):
-                self._declared_inside(getattr(piece, part), decl, file)
+                self._enter_declared_inside(getattr(piece, part), decl, file)
 
-    def _local(
+    def _enter_local(
         self, name: tree.Name, kind: str, node: object, file: LoadedFile, start: int, end: int
     ) -> None:
         """Enters a local that is visible from `start` to `end`."""
-        own = self._definition(name, kind, node, file)
+        local = self._definition(name, kind, node, file)
         variable = self._meant.at.get(_place(name))
-        own.of = variable.type if isinstance(variable, typed.Variable) else None
-        self.index.reach.setdefault(id(name.span.source), []).append((start, end, own))
+        local.of = variable.type if isinstance(variable, typed.Variable) else None
+        self.index.reach.setdefault(id(name.span.source), []).append((start, end, local))
 
     # ------------------------------------------------------------ uses
 
@@ -169,18 +169,18 @@ class Members:
             for part in piece:
                 self._walk(part, file)
         elif isinstance(piece, (tree.NameExpr, tree.FieldExpr, tree.IndexExpr)):
-            self._expression(piece, file)
+            self._note_expression(piece, file)
         elif isinstance(piece, tree.DottedPath):
-            self._chain([(p, len(getattr(p, "indices", ()))) for p in piece.parts], file)
+            self._note_chain([(p, len(getattr(p, "indices", ()))) for p in piece.parts], file)
             self._walk(tuple(i for p in piece.parts for i in getattr(p, "indices", ())), file)
         elif isinstance(piece, tree.Ref):
             names = [n for n in (piece.qualifier, piece.name) if n is not None]
-            self._chain([(n, 0) for n in names], file)
+            self._note_chain([(n, 0) for n in names], file)
         elif isinstance(piece, tree.Name):
-            self._chain([(piece, 0)], file)
+            self._note_chain([(piece, 0)], file)
             self._walk(getattr(piece, "indices", ()), file)
         elif isinstance(piece, tree.Instance):
-            self._instance(piece, file)
+            self._note_instance(piece, file)
         elif isinstance(piece, tree.RecordExpr):
             for name, value in piece.fields:
                 found = self._meaning(name) or self._definition(name, "field", name, file)
@@ -195,7 +195,7 @@ class Members:
                     self._walk(getattr(piece, part), file)
             self._axes = outer
 
-    def _expression(self, piece: tree.SyntaxExpr, file: LoadedFile) -> None:
+    def _note_expression(self, piece: tree.SyntaxExpr, file: LoadedFile) -> None:
         """Notes a chain of names, dots and brackets, and what is in the brackets."""
         names: list[tuple[tree.Name, int]] = []
         count = 0
@@ -208,23 +208,23 @@ class Members:
                 count += 1
             piece = piece.target
         if isinstance(piece, tree.NameExpr):
-            self._chain([(piece.name, count), *names], file)
+            self._note_chain([(piece.name, count), *names], file)
             return
         self._walk(piece, file)
         for name, _ in names:
-            self._chain([(name, 0)], file, first=False)
+            self._note_chain([(name, 0)], file, first=False)
 
-    def _instance(self, item: tree.Instance, file: LoadedFile) -> None:
+    def _note_instance(self, item: tree.Instance, file: LoadedFile) -> None:
         """Notes the names of an instance; what is set in its braces may be inside of it."""
         self._walk((item.name, item.what, item.renames), file)
-        what = self._ref(item.what, file)
+        declared = self._ref(item.what, file)
         outer = self._instances
-        self._instances = self._inside_of(what)
+        self._instances = self._inside_of(declared)
         self._walk(item.sets, file)
         self._instances = outer
         self._walk(tuple(s.value for s in item.sets), file)
 
-    def _chain(
+    def _note_chain(
         self, names: list[tuple[tree.Name, int]], file: LoadedFile, *, first: bool = True
     ) -> None:
         """Notes the names of a path, each with the number of its indices."""
@@ -275,13 +275,13 @@ class Members:
         if known is None:
             known = next((r for r in self._meant.records.values() if r[0] == fields), None)
         syntax = None if known is None else known[1]
-        own = next((n for n in _field_names(syntax) if n.text == name), None)
-        if own is None:
+        field = next((n for n in _field_names(syntax) if n.text == name), None)
+        if field is None:
             return None
         if isinstance(syntax, tree.RecordExpr):  # declared where it is written
             t = dict(fields)[name]
-            return self._definition(own, "field", own, self._file_of(own), t)
-        return self._by_place.get(_place(own))
+            return self._definition(field, "field", field, self._file_of(field), t)
+        return self._by_place.get(_place(field))
 
     def _file_of(self, name: tree.Name) -> LoadedFile:
         return next(f for f in self.index.files if f.source is name.span.source)
@@ -296,9 +296,9 @@ class Members:
         )
 
     def _declared(self, name: str, file: LoadedFile) -> Definition | None:
-        own = self.index.declared_in(file).get(name)
+        declared = self.index.declared_in(file).get(name)
         entry = self._checker.names.prelude.get(name)
-        return own or (None if entry is None else self._by_place.get(_place(entry.decl.name)))
+        return declared or (None if entry is None else self._by_place.get(_place(entry.decl.name)))
 
     def _ref(self, ref: tree.Ref, file: LoadedFile) -> Definition | None:
         if ref.qualifier is None:
@@ -307,29 +307,29 @@ class Members:
 
     # ------------------------------------------------------------ instances
 
-    def _inside_of(self, what: Definition | None) -> Instances:
+    def _inside_of(self, outer_: Definition | None) -> Instances:
         """The instances of a system by name; none of anything else."""
-        if what is None or not isinstance(what.node, tree.SystemDecl):
+        if outer_ is None or not isinstance(outer_.node, tree.SystemDecl):
             return {}
-        instances = self.index.instances.setdefault(id(what.node), {})
-        outer, self._owner = self._owner, what
-        for item in () if instances else _unrolled(what.node.instances):
-            of = self._ref(item.what, what.file)
+        instances = self.index.instances.setdefault(id(outer_.node), {})
+        outer, self._owner = self._owner, outer_
+        for item in () if instances else _unrolled(outer_.node.instances):
+            of = self._ref(item.what, outer_.file)
             if item.kind is not None and of is not None:
                 instances[item.name.text] = of, of
             elif item.kind is None and item.name.text in instances:
                 self.index.note(item.name.word, instances[item.name.text][0])
             elif item.kind is None:
-                own = self._definition(item.name, "instance", item, what.file, of and of.of)
-                instances[item.name.text] = own, of
+                instance = self._definition(item.name, "instance", item, outer_.file, of and of.of)
+                instances[item.name.text] = instance, of
         self._owner = outer
         return instances
 
     def _beside(self, decl: tree.Decl, file: LoadedFile) -> Instances:
         """The instances that a declaration may name: of its system, or of all with the module."""
-        own = self._by_place[_place(decl.name)]
+        system = self._by_place[_place(decl.name)]
         if isinstance(decl, tree.SystemDecl):
-            return self._inside_of(own)
+            return self._inside_of(system)
         if isinstance(decl, tree.TestDecl):
             return self._inside_of(self._ref(decl.system, file)) if decl.system is not None else {}
         beside: Instances = {}
@@ -338,18 +338,18 @@ class Members:
                 for d in home.file.declarations:
                     if isinstance(d, tree.SystemDecl):
                         inside = self._inside_of(self._by_place[_place(d.name)])
-                        if any(what is own for _, what in inside.values()):
+                        if any(declared is system for _, declared in inside.values()):
                             beside = {**inside, **beside}
         return beside
 
     def _component(self, name: str, instances: Instances) -> Definition | None:
         """A node of a module of a system, which the system may call by the node's name alone."""
-        for _, what in instances.values():
+        for _, part in instances.values():
             found = None
-            if what is not None and isinstance(what.node, tree.RtaDecl):
-                found = self._controller(what, name)
-            elif what is not None:
-                found = self._component(name, self._inside_of(what))
+            if part is not None and isinstance(part.node, tree.RtaDecl):
+                found = self._controller(part, name)
+            elif part is not None:
+                found = self._component(name, self._inside_of(part))
             if found is not None:
                 return found
         return None
@@ -369,10 +369,10 @@ class Members:
         axes = {}
         for _, parts in block.abstracts:
             for part in parts:
-                own = self._definition(part.name, "axis", part, file)
+                axis = self._definition(part.name, "axis", part, file)
                 plant = self._ref(part.plant, file)
-                own.of = None if plant is None else plant.of
-                axes[part.name.text] = own
+                axis.of = None if plant is None else plant.of
+                axes[part.name.text] = axis
         return axes
 
     # ------------------------------------------------------------ behind a dot

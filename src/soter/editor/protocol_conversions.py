@@ -78,7 +78,7 @@ class Lines:
         return len(text.encode(self._codec, "surrogatepass")) // self._bytes
 
     def _end(self, line: int) -> int:
-        """Where the line ends, before its line break."""
+        """The end of the line, before its line break."""
         if line + 1 == len(self._starts):
             return len(self.text)
         end = self._starts[line + 1] - 1

@@ -129,34 +129,34 @@ def _lens(where: lsp.Range, title: str, command: list[str], path: Path) -> lsp.C
 def _verdict_texts(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str]:
     """Yields the verdict of the last proof in a line for each view of the module."""
     mine = [
-        (r["program_sha256"] == sha256, full, said)
+        (r["program_sha256"] == sha256, full, fields)
         for r in records
-        for full, said in r["modules"].items()
+        for full, fields in r["modules"].items()
         if full == name or full.startswith(f"{name} as ")
     ]
-    if now := [(full, said) for same, full, said in mine if same]:
-        yield from (_verdict(full.removeprefix(name), said) for full, said in now)
+    if now := [(full, fields) for same, full, fields in mine if same]:
+        yield from (_verdict(full.removeprefix(name), fields) for full, fields in now)
     elif mine:
-        _, _, said = mine[0]
-        yield f"changed since it was {SHOWN.get(said['verdict'], said['verdict'])}"
+        _, _, fields = mine[0]
+        yield f"changed since it was {SHOWN.get(fields['verdict'], fields['verdict'])}"
     else:
         yield "no proof yet"
 
 
-def _verdict(view: str, said: dict[str, Any]) -> str:
-    verdict = SHOWN.get(said["verdict"], said["verdict"]) + view + f" in {said['system']}"
-    if said["headline"] != said["verdict"]:
-        verdict += f", but {said['headline']}"
-    if said["verdict"] not in ("proved", "assumed"):
-        worst = [n for n, v in said["properties"].items() if v == said["verdict"]]
+def _verdict(view: str, fields: dict[str, Any]) -> str:
+    verdict = SHOWN.get(fields["verdict"], fields["verdict"]) + view + f" in {fields['system']}"
+    if fields["headline"] != fields["verdict"]:
+        verdict += f", but {fields['headline']}"
+    if fields["verdict"] not in ("proved", "assumed"):
+        worst = [n for n, v in fields["properties"].items() if v == fields["verdict"]]
         verdict += f": {', '.join(worst)}"
     parts = [verdict]
-    if said["horizon_ns"] is not None and said["horizon_needed_ns"] is not None:
-        spare = said["horizon_ns"] - said["horizon_needed_ns"]
+    if fields["horizon_ns"] is not None and fields["horizon_needed_ns"] is not None:
+        spare = fields["horizon_ns"] - fields["horizon_needed_ns"]
         side = "above" if spare > 0 else "below"
         parts.append(f"H is {show_ns(abs(spare))} {side} H*" if spare else "H is H*")
-    stamp = time.strftime("%Y-%m-%d %H:%M", time.localtime(said["when_s"]))
-    parts.append(f"{stamp}, in {said['seconds']:.1f} s")
+    stamp = time.strftime("%Y-%m-%d %H:%M", time.localtime(fields["when_s"]))
+    parts.append(f"{stamp}, in {fields['seconds']:.1f} s")
     return " · ".join(parts)
 
 
@@ -191,11 +191,11 @@ class _CursorPosition:
 
 def answer(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
     """Registers every request that the server answers."""
-    _about_names(server, documents)
-    _about_renaming(server, documents)
-    _about_text(server, documents)
-    _about_lenses(server, documents, verdicts)
-    _about_the_workspace(server, documents)
+    _answer_about_names(server, documents)
+    _answer_about_renaming(server, documents)
+    _answer_about_text(server, documents)
+    _answer_about_lenses(server, documents, verdicts)
+    _answer_about_the_workspace(server, documents)
 
 
 class _PositionRequest(Protocol):
@@ -222,7 +222,7 @@ def _name_at(
 # ---------------------------------------------------------------- names
 
 
-def _about_names(server: LanguageServer, documents: Documents) -> None:
+def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_HOVER)
     def hover(params: lsp.HoverParams) -> lsp.Hover | None:
         at = _cursor_position(documents, params)
@@ -258,7 +258,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
         return [lsp.DocumentHighlight(at.lines.range(s.start, s.end)) for s in here]
 
 
-def _about_renaming(server: LanguageServer, documents: Documents) -> None:
+def _answer_about_renaming(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepare_rename(params: lsp.PrepareRenameParams) -> lsp.PrepareRenamePlaceholder | None:
         at, use = _name_at(documents, params)
@@ -290,10 +290,10 @@ def _hover(at: _CursorPosition) -> lsp.Hover | None:
         where = at.lines.range(use.span.start, use.span.end)
     else:
         start, end = at.word()
-        said = meaning(at.main.source.text[start:end])
-        if said is None or (start not in lex(at.main.source).starts):
+        text_of_word = meaning(at.main.source.text[start:end])
+        if text_of_word is None or (start not in lex(at.main.source).starts):
             return None
-        text, where = said, at.lines.range(start, end)
+        text, where = text_of_word, at.lines.range(start, end)
     return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), where)
 
 
@@ -310,7 +310,7 @@ LOCAL = {"argument", "variable", "let", "loop variable", "disturbance", "clause"
 # ---------------------------------------------------------------- text
 
 
-def _about_text(server: LanguageServer, documents: Documents) -> None:
+def _answer_about_text(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["."]))
     def completion(params: lsp.CompletionParams) -> list[lsp.CompletionItem] | None:
         at = _cursor_position(documents, params)
@@ -342,7 +342,7 @@ def _about_text(server: LanguageServer, documents: Documents) -> None:
         return list(actions(document, documents, params.range))
 
 
-def _about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
+def _answer_about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_CODE_LENS)
     def code_lens(params: lsp.CodeLensParams) -> list[lsp.CodeLens] | None:
         document = documents.get(params.text_document.uri)
@@ -356,7 +356,7 @@ def _about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdic
 # ---------------------------------------------------------------- the workspace
 
 
-def _about_the_workspace(server: LanguageServer, documents: Documents) -> None:
+def _answer_about_the_workspace(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
     def document_symbol(params: lsp.DocumentSymbolParams) -> list[lsp.DocumentSymbol] | None:
         document = documents.get(params.text_document.uri)

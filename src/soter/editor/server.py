@@ -50,7 +50,7 @@ class Server(LanguageServer):
         if source is not JsonRpcInternalError:
             super().report_server_error(error, source)
 
-    def soon(self) -> None:
+    def check_soon(self) -> None:
         """Checks waiting documents once no more messages come."""
         if self._timer is not None:
             self._timer.cancel()
@@ -82,12 +82,12 @@ class Server(LanguageServer):
 def made(verdicts: Verdicts) -> Server:
     """A server with all requests; `verdicts` finds what was proved of a program, for lenses."""
     server = Server()
-    _documents(server)
+    _follow_documents(server)
     answer(server, server.documents, verdicts)
     return server
 
 
-def _documents(server: Server) -> None:
+def _follow_documents(server: Server) -> None:
     documents = server.documents
 
     @server.feature(lsp.INITIALIZED)
@@ -100,33 +100,33 @@ def _documents(server: Server) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
     def did_open(params: lsp.DidOpenTextDocumentParams) -> None:
         document = params.text_document
-        documents.opened(document.uri, document.version, document.text)
-        server.soon()
+        documents.open(document.uri, document.version, document.text)
+        server.check_soon()
 
     @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
     def did_change(params: lsp.DidChangeTextDocumentParams) -> None:
         document = params.text_document
         text = server.workspace.get_text_document(document.uri).source
-        documents.changed(document.uri, document.version, text)
-        server.soon()
+        documents.update(document.uri, document.version, text)
+        server.check_soon()
 
     @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
     def did_close(params: lsp.DidCloseTextDocumentParams) -> None:
-        documents.closed(params.text_document.uri)
-        server.soon()
+        documents.close(params.text_document.uri)
+        server.check_soon()
 
     @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
     def did_save(params: lsp.DidSaveTextDocumentParams) -> None:
-        documents.touched([path_of(params.text_document.uri)])
-        server.soon()
+        documents.touch([path_of(params.text_document.uri)])
+        server.check_soon()
 
     @server.feature(lsp.WORKSPACE_DID_CHANGE_WATCHED_FILES)
     def did_change_watched(params: lsp.DidChangeWatchedFilesParams) -> None:
         paths = [path_of(change.uri) for change in params.changes]
-        documents.touched(p for p in paths if p.suffix == ".soter")
+        documents.touch(p for p in paths if p.suffix == ".soter")
         if any(p.suffix != ".soter" for p in paths):
-            documents.touched_data()
-        server.soon()
+            documents.touch_data()
+        server.check_soon()
 
 
 class _Refusals(logging.Filter):

@@ -103,9 +103,7 @@ def _type_members(of: tree.TypeExpr) -> Iterator[tuple[tree.Name, Span, lsp.Symb
             yield name, name.span, KIND.EnumMember, ""
 
 
-def _instances(
-    items: tuple[object, ...],
-) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+def _instances(items: tuple[object, ...]) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
     for item in items:
         if isinstance(item, tree.Instance):
             yield item.name, item.span, KIND.Object, item.what.text
@@ -195,9 +193,9 @@ def _program(path: Path, reading: SourceAccess) -> _Program:
     loaded = load(str(path), Diagnostics(), None, reading)
     if loaded is None:
         raise RefusedError(f"cannot read `{path}`")
-    said = check_file(str(path), reading=reading).diagnostics.items
+    found = check_file(str(path), reading=reading).diagnostics.items
     found_at: dict[tuple[str, tuple[Path, int]], str] = {}
-    for d in said:
+    for d in found:
         span = None if d.primary is None else d.primary.span
         at = (path, -1) if span is None else (path_of_span(span), span.start)
         found_at[d.code, at] = d.message
@@ -242,14 +240,10 @@ class _After(SourceAccess):
 
 
 def _compare(
-    before: _Program,
-    after: _Program,
-    moved: _Moved,
-    definition: Definition,
-    name: str,
+    before: _Program, after: _Program, moved: _Moved, definition: Definition, name: str
 ) -> None:
     """Raises RefusedError unless both programs mean the same, apart from the name."""
-    was, said = before
+    was, messages = before
     is_, says = after
     meant = {
         moved((path_of_span(u.span), u.span.start)): moved(u.definition.key)
@@ -266,8 +260,8 @@ def _compare(
             raise RefusedError(f"`{name}` would mean something else in {place[0].name}")
     if len(meant) != len(means):
         raise RefusedError(f"`{name}` would hide `{definition.name}` or another name")
-    old = {(code, moved(place)) for code, place in said}
+    old = {(code, moved(place)) for code, place in messages}
     new = [message for at, message in says.items() if at not in old]
     if new or len(old) != len(says):
-        what = new[0] if new else "less than before"
-        raise RefusedError(f"with `{name}` the checker would say: {what}")
+        change = new[0] if new else "less than before"
+        raise RefusedError(f"with `{name}` the checker would say: {change}")

@@ -132,11 +132,11 @@ def _guarantee_test_condition(
 
     None where it is not in it, or replaced in it, too.
     """
-    what = symbol_at_path(test, instance)
+    original = symbol_at_path(test, instance)
     replaced = (
         None
-        if what is None or what is not symbol_at_path(here, instance)
-        else _replaced_paths(test, what, instance)
+        if original is None or original is not symbol_at_path(here, instance)
+        else _replaced_paths(test, original, instance)
     )
     if test is here or replaced is None or instance in replaced:
         return None
@@ -152,13 +152,13 @@ def _set_parameters(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol,
 
 
 def _replaced_paths(
-    test: typed.TestSymbol, what: typed.ModuleSymbol | typed.NodeSymbol, instance: str
+    test: typed.TestSymbol, replaced: typed.ModuleSymbol | typed.NodeSymbol, instance: str
 ) -> set[str]:
     """The paths in a module or node that a test replaces; `instance` is the one of all of it."""
-    inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
+    inside = replaced.own if isinstance(replaced, typed.ModuleSymbol) else ()
     paths: set[str] = set()
     for path, _, _ in test.replaces:
-        if path in {instance, what.name} or instance.startswith(f"{path}."):
+        if path in {instance, replaced.name} or instance.startswith(f"{path}."):
             paths.add(instance)
         elif any(path in {n.name, n.name.rpartition(".")[2]} for n in inside) or path.startswith(
             f"{instance}."
@@ -350,7 +350,7 @@ def _time_grid_gaps(times: TimeChoices | None) -> Iterator[str]:
     """Notes on places where the program calculates with times, passes on or compares too many."""
     if times is None:
         return
-    for spans, what in (
+    for spans, reason in (
         (times.open, "the time is calculated with"),
         (times.crowded, "more times are compared than the grid is fine enough for,"),
     ):
@@ -358,7 +358,7 @@ def _time_grid_gaps(times: TimeChoices | None) -> Iterator[str]:
         if places:
             more = f" and {len(places) - PLACES} more places" if len(places) > PLACES else ""
             yield (
-                f"{what} in {', '.join(places[:PLACES])}{more}: times between "
+                f"{reason} in {', '.join(places[:PLACES])}{more}: times between "
                 "those of the grid may do otherwise (`quantum ...;` takes a grid for granted)"
             )
 

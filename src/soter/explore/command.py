@@ -194,10 +194,7 @@ def explore_test(
 
 
 def _judge_search(
-    system: System,
-    search: Search,
-    search_result: Found,
-    replaced: Sequence[tuple[str, str]],
+    system: System, search: Search, search_result: Found, replaced: Sequence[tuple[str, str]]
 ) -> TestResult:
     """The result of a search, with its verdict and what was covered, before any trace."""
     options, coverage = search.options, search.coverage()
@@ -311,8 +308,8 @@ def _enter_trace(
 ) -> None:
     """Enters the trace of a violation: the least one, replayed by the interpreter."""
     assert search_result.broken is not None
-    what, index = search_result.broken
-    result.broken = find_violation_id(result.system, VIOLATION_KINDS[what], index)
+    kind, index = search_result.broken
+    result.broken = find_violation_id(result.system, VIOLATION_KINDS[kind], index)
     assert result.broken is not None, search_result.broken
     steps = _minimised_steps(result, search, search_result)
     interrupted = INTERRUPTED in (search_result.stopped, result.least_bound)
@@ -474,8 +471,8 @@ def find_violating_run(system: System) -> ViolatingRun | None:
     steps = result.replayed.trace.steps
     for step in steps:
         chosen = ", ".join(str(c.value) for c in step.choices if c.value is not None)
-        what = f" chooses {chosen}" if chosen else ""
-        lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
+        choices = f" chooses {chosen}" if chosen else ""
+        lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{choices}")
     time_ns = steps[-1].time_ns
     lines.append(f"{time_ns / 1e6:g} ms  violated: {result.broken.text}")
     return ViolatingRun(result.broken.what, result.broken.text, time_ns, tuple(lines))

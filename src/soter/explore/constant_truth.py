@@ -239,14 +239,14 @@ def holds_always(
     scope: Scope,
     read: Read,
     period_ns: int = 0,
-    given: Mapping[typed.Variable, typed.TypedExpr] | None = None,
+    values: Mapping[typed.Variable, typed.TypedExpr] | None = None,
 ) -> bool:
     """Whether it is `wanted`, and does not fault, for all values; False where that is not known.
 
-    `given`: locals that it reads, and what may be in them.
+    `values`: locals that it reads, and what may be in them.
     """
     try:
-        return _Condition(condition, wanted, scope, read, period_ns, given or {}).decide()
+        return _Condition(condition, wanted, scope, read, period_ns, values or {}).decide()
     except TooHardError:
         return False
 
@@ -259,15 +259,15 @@ class _Condition:
         scope: Scope,
         read: Read,
         period_ns: int,
-        given: Mapping[typed.Variable, typed.TypedExpr],
+        values: Mapping[typed.Variable, typed.TypedExpr],
     ) -> None:
         self.condition = condition
         self.wanted = wanted
         self.scope = scope
         self.read = read
         self.period_ns = period_ns
-        self.given = list(given.values())
-        self.locals = {v: ReadPlace("local", i, v.type) for i, v in enumerate(given)}
+        self.given = list(values.values())
+        self.locals = {v: ReadPlace("local", i, v.type) for i, v in enumerate(values)}
         self.asked: dict[ReadPlace, Range] = {}
 
     def decide(self) -> bool:

@@ -279,7 +279,7 @@ class TraceDraws(AnsweredDraws):
     # ------------------------------------------------------------ Draws
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """One of `count` alternatives; what they stand for is not known here."""
+        """The number of one of `count` alternatives; what they stand for is not known here."""
         pick = super().choice(stream, index, count)
         self._keep(None)
         return pick
@@ -366,7 +366,7 @@ class Judge:
     # ------------------------------------------------------------ what is violated
 
     def violations_at(self, c: Configuration, *, observable: bool, over: bool) -> list[ViolationId]:
-        """Everything that is violated in `c`; `over`: no step is left."""
+        """The properties that are violated in `c`; `over`: no step is left."""
         violations: list[ViolationId] = []
         if observable:
             self._meet_deadlines(c)
@@ -382,10 +382,10 @@ class Judge:
         return violations
 
     def _violated_properties(self, c: Configuration) -> list[ViolationId]:
-        own = [p for p in self._system.properties if p.component is None]
+        props = [p for p in self._system.properties if p.component is None]
         values = violated_properties(self._machine, c)
         return [
-            ViolationId(PROPERTY, p.index, f"{p.kind} {p.text}") for p in own if values[p.index]
+            ViolationId(PROPERTY, p.index, f"{p.kind} {p.text}") for p in props if values[p.index]
         ]
 
     def _meet_deadlines(self, c: Configuration) -> None:
@@ -481,12 +481,12 @@ class Judge:
         if not self._holds(self._safe[prop.module], c):
             text = " ".join(module.symbol.safe.span.text.split())
             return f"`{text}`, `safe` of `{module.name}`, fails"
-        said = f"the DM last said AC at {_time_text(clock.verdict_ns)}"
+        verdict = f"the DM last said AC at {_time_text(clock.verdict_ns)}"
         if not clock.said:
-            said = "the DM has not said AC since the start"
+            verdict = "the DM has not said AC since the start"
         period = _time_text(module.period_ns)
         acted = "and SC has not acted" if c.L[module.dm] == SC else "and has not handed over to SC"
-        return f"{said}, {acted} by {_time_text(c.ct)}, more than two periods of {period} later"
+        return f"{verdict}, {acted} by {_time_text(c.ct)}, more than two periods of {period} later"
 
 
 def fault_text(fault: StepFault) -> str:

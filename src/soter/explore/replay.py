@@ -325,9 +325,9 @@ class _TraceRun:
     def _hold_back(self, before: Configuration, n: int, event: StepOutcome) -> None:
         """Takes back what an overrunning step published, as it takes effect later."""
         self._waiting[n] = dict(event.published)
-        own = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
+        own_queues = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
         topics, stamps = list(before.Topics), list(before.stamps)
-        for i in own:  # emptied by the step, whatever it published itself
+        for i in own_queues:  # emptied by the step, whatever it published itself
             topics[i], stamps[i] = self.system.topics[i].default, self.c.stamps[i]
         self.c = replace(self.c, Topics=tuple(topics), stamps=tuple(stamps))
 
@@ -382,9 +382,7 @@ class _TraceRun:
         )
 
     def _values_by_topic(
-        self,
-        values: Mapping[int, Value],
-        bursts: Mapping[int, tuple[Value, ...]] | None = None,
+        self, values: Mapping[int, Value], bursts: Mapping[int, tuple[Value, ...]] | None = None
     ) -> dict[str, object]:
         topics, several = self.system.topics, bursts or {}
         return {
@@ -408,23 +406,23 @@ class _TraceRun:
         }
 
 
-def find_violation_id(system: System, what: str, index: int) -> ViolationId | None:
+def find_violation_id(system: System, kind: str, index: int) -> ViolationId | None:
     """The violation of this kind and number; None where there can be none."""
     plan = test_plan(system)
-    if what == FAULT and index < len(system.components):
+    if kind == FAULT and index < len(system.components):
         component = system.components[index]
         if component.stands_for is not None:
             text = f"what the contract of {component.stands_for.of} permits can be judged"
             return ViolationId(FAULT, index, text)
         return ViolationId(FAULT, index, f"no step of {component.name} faults")
-    if what == TIMED and index < len(plan.timed):
+    if kind == TIMED and index < len(plan.timed):
         return ViolationId(TIMED, index, plan.timed[index].text)
-    if what not in (PROPERTY, CONTRACT) or index >= len(system.properties):
+    if kind not in (PROPERTY, CONTRACT) or index >= len(system.properties):
         return None
     prop = system.properties[index]
-    if (prop.component is None) != (what == PROPERTY):
+    if (prop.component is None) != (kind == PROPERTY):
         return None
-    return ViolationId(what, index, f"{prop.kind} {prop.text}")
+    return ViolationId(kind, index, f"{prop.kind} {prop.text}")
 
 
 def with_values(replay_result: Replayed) -> Replayed:

@@ -258,14 +258,14 @@ class TestResult:
         return INTERRUPTED in (self.bound, self.least_bound, self.unshown, self.others_bound)
 
     def __repr__(self) -> str:
-        what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""
-        return f"<soter.TestResult {self.name} {self.verdict}{what}, {self.states:,} states>"
+        finding = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""
+        return f"<soter.TestResult {self.name} {self.verdict}{finding}, {self.states:,} states>"
 
 
 def bound_text(
     bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
 ) -> str:
-    """Which bound was reached, in words; `who` asks for too many choices; `words`: too many."""
+    """Says which bound was reached; `who` asks for too many choices; `words`: too many."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
@@ -350,25 +350,25 @@ class WholeByParts:
         if self.missing:
             return f"{self.system} is not shown as a whole: {'; '.join(self.missing)}"
         until = show_ns(self.horizon_ns)
-        said = (
+        verdict = (
             f"{self.system} holds as a whole, by parts, up to {until}: no execution of it breaks a "
             f"contract or a property of {listed(self.tests)}, as whatever a contract stands for "
             "there runs as it is in another of them"
         )
         by_test: dict[tuple[str, str], list[str]] = {}
-        for test, what, by in self.assumed:
-            by_test.setdefault((what, by), []).append(test)
+        for test, replaced, by in self.assumed:
+            by_test.setdefault((replaced, by), []).append(test)
         means = [
-            f"{what} is what {by} may do ({', '.join(tests)})"
-            for (what, by), tests in by_test.items()
+            f"{replaced} is what {by} may do ({', '.join(tests)})"
+            for (replaced, by), tests in by_test.items()
         ]
         if not means:
-            return f"{said}. Nothing is assumed of its parts"
-        return f"{said}. Assumed: {'; '.join(means)}"
+            return f"{verdict}. Nothing is assumed of its parts"
+        return f"{verdict}. Assumed: {'; '.join(means)}"
 
 
 def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
-    """One for each system of which some test replaces something by its contract."""
+    """A result for each system of which some test replaces something by its contract."""
     alike: dict[Hashable, list[TestResult]] = {}
     for result in results:
         symbol = result.system.program.tests.get(result.name)
@@ -414,7 +414,7 @@ def _whole_by_parts(group: list[TestResult]) -> WholeByParts:
         tests=tuple(r.name for r in group),
         horizon_ns=min(test_plan(r.system).horizon_ns for r in group),
         held=tuple(sorted(as_it_is.items())),
-        assumed=tuple((r.name, what, by) for r in group for what, by in r.stands_for),
+        assumed=tuple((r.name, replaced, by) for r in group for replaced, by in r.stands_for),
         missing=tuple(_why_not_whole(group, as_it_is)),
     )
 

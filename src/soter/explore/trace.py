@@ -227,10 +227,10 @@ def _first_line(error: Exception) -> str:
 class _JsonFields:
     """Reads fields of a JSON object, each with the type that it must have."""
 
-    def __init__(self, given: object, where: str) -> None:
-        if not isinstance(given, dict):
+    def __init__(self, data: object, where: str) -> None:
+        if not isinstance(data, dict):
             raise DamagedTraceError(f"{where or 'the document'} is no object")
-        self._given = given
+        self._given = data
         self._where = where
 
     def _field(self, name: str, wanted: type, noun: str) -> Any:  # noqa: ANN401 - any JSON

@@ -47,7 +47,7 @@ def trace_page(replay: Replayed, view: SequenceView) -> ReportPage:
             view.steps, rows(view, cell_max=_WHOLE), strict=True
         )
     )
-    told = Told(
+    run = Told(
         title=" · ".join(map(visible, filter(None, (view.program, view.system, view.test)))),
         headline=visible(view.verdict),
         subtitle=" ".join(filter(None, (f"{visible(view.property_text)}.", explanation(view)))),
@@ -60,7 +60,7 @@ def trace_page(replay: Replayed, view: SequenceView) -> ReportPage:
     )
     violated_s = replay.steps[-1].time_ns / 1e9 if replay.reproduced else None
     return counterexample_page(
-        replay.system, told, list(_instants(replay)), violated_s, tuple(_decisions(replay))
+        replay.system, run, list(_instants(replay)), violated_s, tuple(_decisions(replay))
     )
 
 

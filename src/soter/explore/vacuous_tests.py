@@ -226,8 +226,8 @@ def _property_vacuity(
     judged, held = met
     period_ns = 0 if prop.component is None else system.components[prop.component].period_ns
     if holds_always(prop.condition, wanted, prop.scope, domains.scalar_range, period_ns):
-        what = CANNOT_FAIL if judged else "premise"
-        yield VacuousPart(what, name, _why_it_cannot_fail(prop.condition, wanted, prop, domains))
+        part = CANNOT_FAIL if judged else "premise"
+        yield VacuousPart(part, name, _why_it_cannot_fail(prop.condition, wanted, prop, domains))
         return
     premise = premise_of(prop.condition) if prop.kind == "always" else None
     if ended and premise is not None and judged and not held:

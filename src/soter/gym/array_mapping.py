@@ -67,49 +67,49 @@ NUMBERS = "biufO"
 # ---------------------------------------------------------------- values and flat arrays
 
 
-def doubles(given: object, what: str) -> npt.NDArray[np.float64]:
+def doubles(numbers: object, subject: str) -> npt.NDArray[np.float64]:
     """The numbers of an array, a list or whatever NumPy takes for one, in its shape.
 
     SoterError U001 for text, complex numbers, mappings, and what is too large for a double.
     """
     why = "it has other values than real numbers"
     try:
-        array = np.asarray(given)
+        array = np.asarray(numbers)
         if array.dtype.kind in NUMBERS:
             return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         why = str(error)
-    message = f"{what} is no array of numbers: {str(given)[:40]}"
+    message = f"{subject} is no array of numbers: {str(numbers)[:40]}"
     raise wrong_choice(message, why, "give a function that maps it")
 
 
-def assemble_values(shapes: Shapes, flat: object, what: str) -> list[Value]:
+def assemble_values(shapes: Shapes, flat: object, subject: str) -> list[Value]:
     """One value per shape from the numbers of an array; SoterError U001 also for another count."""
-    array = doubles(flat, what)
+    array = doubles(flat, subject)
     numbers = iter(array.reshape(-1).tolist())
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     count = array.size
     if needed != count:
-        raise wrong_count(shapes, count, what)
+        raise wrong_count(shapes, count, subject)
     return [_value(t, numbers) for _, t in shapes]
 
 
-def wrong_count(shapes: Shapes, count: int, what: str) -> SoterError:
+def wrong_count(shapes: Shapes, count: int, subject: str) -> SoterError:
     """SoterError U001: an array has `count` numbers, and the shapes have another count."""
     names = ", ".join(f"`{n}`" for n, _ in shapes)
     needed = sum(1 for _, t in shapes for _ in leaves(t))
-    message = f"{what} has {count} numbers, but {names} {needed}"
+    message = f"{subject} has {count} numbers, but {names} {needed}"
     return wrong_choice(message, "give a function that maps them")
 
 
 def wrong_structure(
-    what: str, shapes: Shapes, answer: object, error: ValueShapeError
+    subject: str, shapes: Shapes, answer: object, error: ValueShapeError
 ) -> SoterError:
     """U001: an answer of a function of the user's that has not the names and counts of shapes."""
     names = [n for n, _ in shapes]
     keys = answer if isinstance(answer, Mapping) else ()
     near = [h for key in keys if key not in names for h in did_you_mean(str(key), names)]
-    return wrong_choice(f"{what}: {error}", *near)
+    return wrong_choice(f"{subject}: {error}", *near)
 
 
 def _value(t: Type, numbers: Iterator[float]) -> Value:
@@ -207,8 +207,8 @@ def require_no_batch(space: spaces.Space[Any], action: Any) -> None:  # noqa: AN
     """
     axes = doubles(action, "an action").ndim
     if axes > 1 and axes > len(space.shape or ()):
-        own = f"those of the space {space.shape}"
-        message = f"an action has the shape {np.shape(action)}, and {own}"
+        expected = f"those of the space {space.shape}"
+        message = f"an action has the shape {np.shape(action)}, and {expected}"
         raise wrong_choice(message, "take the row of one action out of a batch: `actions[0]`")
 
 
@@ -262,8 +262,7 @@ def taker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.floa
         )
     if not isinstance(space, spaces.Box):
         raise wrong_choice(
-            f"an action space of type `{type(space).__name__}` has no default",
-            "give command=...",
+            f"an action space of type `{type(space).__name__}` has no default", "give command=..."
         )
     _require_size(space, int(np.prod(space.shape)), count)
     shape, dtype = space.shape, space.dtype

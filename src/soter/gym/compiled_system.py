@@ -133,7 +133,7 @@ class CompiledEnvironment:
     def _buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
         """Name of the driver in C -> the leaves that it reads or writes as an array of numbers."""
         sizes = {i: x.size for i, x in self.answers.items()}
-        action, given = self._answer(agent) if self.acts_numbers else ([], [])
+        action, answer = self._answer(agent) if self.acts_numbers else ([], [])
         moved: list[MemoryLeaf] = []
         start: list[MemoryLeaf] = []
         if plant is not None and self.moves_numbers:
@@ -149,7 +149,7 @@ class CompiledEnvironment:
         outputs, proposed = self._moved_parts()
         return {
             "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
-            "given": LeafBuffer(self.ffi, given, sizes[agent.index]),
+            "given": LeafBuffer(self.ffi, answer, sizes[agent.index]),
             "moved": LeafBuffer(self.ffi, moved, 0 if plant is None else sizes[plant.index]),
             "start": LeafBuffer(self.ffi, start),
             "observe": LeafBuffer(self.ffi, observed),
@@ -214,7 +214,7 @@ def _require_kept_nothing(unit: Unit) -> None:
     """SoterError X008 for C that may keep something: nobody can reset it, and worlds share it."""
     why = kept_by(unit)
     if why:
-        what = f"an environment cannot have C that may keep something: {why}"
+        message = f"an environment cannot have C that may keep something: {why}"
         note = "it is reset, and worlds of a vector are stepped by turns; what C keeps is neither"
         helps = (
             "what a node keeps is a `var` of it, which lies in the state: a reset begins it anew",
@@ -222,7 +222,7 @@ def _require_kept_nothing(unit: Unit) -> None:
             "or bind Python that has a `reset`: each reset of the environment calls it",
             "`soter run` and `soter campaign` fly it as it is",
         )
-        raise SoterError((Diagnostic("X008", what, notes=(note,), helps=helps),))
+        raise SoterError((Diagnostic("X008", message, notes=(note,), helps=helps),))
 
 
 def built(unit: Unit) -> Path:
@@ -245,7 +245,7 @@ def answered_around(
     return {**bound, **{x.name: refuse_call for x in externs}}
 
 
-def without_idle_check(module: Module) -> None:
+def remove_idle_check(module: Module) -> None:
     """Spares a module with `rest` that is forced to AC the check in flight, in place.
 
     Nothing follows from what it says, unless somebody reads the module's `margin`.

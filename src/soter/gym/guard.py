@@ -179,7 +179,7 @@ class EnvironmentGuard:
         """Start an episode; every draw of the program follows from the seed. SoterError U001."""
         if seed is not None or self._numbered is None:
             self._numbered, _ = seeding.np_random(seed)
-        observation, given = env.reset(seed=seed, options=options)
+        observation, env_info = env.reset(seed=seed, options=options)
         session = self.session
         session.outside.told = 0
         session.start(int(self._numbered.integers(SEED_END)))
@@ -196,11 +196,11 @@ class EnvironmentGuard:
             raise wrong_choice("the advanced controller has a phase: the plant would move first")
         self._last, self._over = observation, False
         self._violations = 0
-        info = self._info(given, None, None) | {"switched": bool(session.seen.mode != before)}
+        info = self._info(env_info, None, None) | {"switched": bool(session.seen.mode != before)}
         self._violations = info["violations"]
         if session.seen.ttf:
             warn_of_start(session.module.name)
-        return observation, self._wanted_info(info, given)
+        return observation, self._wanted_info(info, env_info)
 
     def step(
         self,
@@ -213,19 +213,19 @@ class EnvironmentGuard:
         """
         if self._over:
             begun = self._last is not None
-            what = "the episode is over" if begun else "no episode has begun"
-            raise wrong_choice(what, "call reset() first")
+            message = "the episode is over" if begun else "no episode has begun"
+            raise wrong_choice(message, "call reset() first")
         session, taker, direct = self.session, self._taker, self._direct
         plant = self._plant
         due = session.act_directly(action) if direct else NO_NUMBERS
         if due == NO_NUMBERS:
             due = self._give_action(action)
         reward, ended, cut = 0.0, False, False
-        given: dict[str, Any] = {}
+        env_info: dict[str, Any] = {}
         taken: Any = None
         while due == plant and not (ended or cut):
             taken = self._command_now(env) if taker is None else taker()
-            last, gained, ended, cut, given = env.step(taken)
+            last, gained, ended, cut, env_info = env.step(taken)
             self._last = last
             reward += float(gained)
             due = session.move_directly(last) if direct else NO_NUMBERS
@@ -238,21 +238,21 @@ class EnvironmentGuard:
             info = self._repeated_info.copy()
             info["margin"] = session.outside.margin_ns / 1e9
             info["action_taken"], info["action_requested"] = taken, action
-            for key in given:
+            for key in env_info:
                 if key not in info:
-                    info[key] = given[key]
-            asked_for = info if self._info_keys is None else self._wanted_info(info, given)
+                    info[key] = env_info[key]
+            asked_for = info if self._info_keys is None else self._wanted_info(info, env_info)
             return last, reward, ended, cut, asked_for
         broken = self._not_finite() if session.outside.latched else []
         cut = cut or bool(broken)
         self._over = ended or cut
-        info = self._info(given, action, taken)
+        info = self._info(env_info, action, taken)
         if broken:
             info |= {"off_model": True, "not_finite": broken}
         if self._cuts and info["cost"]:
             cut = self._over = True
         self._note(info)
-        return self._last, reward, ended, cut, self._wanted_info(info, given)
+        return self._last, reward, ended, cut, self._wanted_info(info, env_info)
 
     def _note(self, info: dict[str, Any]) -> None:
         """Keep what C compares the next step with; warn of the first step that is off the model."""
@@ -288,8 +288,8 @@ class EnvironmentGuard:
             answer = self._act(action)
             return list(convert_answer(self._outputs, answer))
         except ValueStructureError as error:
-            what = "`act` gave no outputs of the controller"
-            raise array_mapping.wrong_structure(what, self._outputs, answer, error) from error
+            message = "`act` gave no outputs of the controller"
+            raise array_mapping.wrong_structure(message, self._outputs, answer, error) from error
         except ValueShapeError:
             return None
 
@@ -347,18 +347,18 @@ class EnvironmentGuard:
             return array_mapping.assemble_values(self._states, observation, "an observation")
         try:
             answer = self._observe(observation)
-            given = convert_answer(self._states, answer)
+            states = convert_answer(self._states, answer)
         except ValueShapeError as error:
-            what = "`observe` gave no state of the plant"
-            raise array_mapping.wrong_structure(what, self._states, answer, error) from error
+            message = "`observe` gave no state of the plant"
+            raise array_mapping.wrong_structure(message, self._states, answer, error) from error
         old = self.session.states()
-        unseen = [n for (n, _), v in zip(self._states, given, strict=True) if v is None]
+        unseen = [n for (n, _), v in zip(self._states, states, strict=True) if v is None]
         if unseen and not self._unseen:
             self._unseen = True
             warn_of_unseen(unseen)
         if self.asked is not None:
-            self.asked.compare([v is not None for v in given])
-        return [a if b is None else b for a, b in zip(old, given, strict=True)]
+            self.asked.compare([v is not None for v in states])
+        return [a if b is None else b for a, b in zip(old, states, strict=True)]
 
     def _command_now(self, env: gymnasium.Env[Any, Any]) -> Any:  # noqa: ANN401 - an action of it
         values = [self.session.topic(t.index) for t in self._reads]
@@ -372,19 +372,19 @@ class EnvironmentGuard:
 
     def _info(
         self,
-        given: dict[str, Any],
+        env_info: dict[str, Any],
         action: Any,  # noqa: ANN401 - any action
         taken: Any,  # noqa: ANN401 - any action of the environment
     ) -> dict[str, Any]:
-        """`given`, what the environment says, and what is known of the module after a step."""
+        """`env_info`, what the environment says, and what is known of the module after a step."""
         session = self.session
         outside, violations = session.outside, session.seen.violations
         if self._over and session.compiled.linked:
             violations = session.violations(over=True)
-        told = self._info_by_flags.get(outside.flags)
-        if told is None:
-            told = self._info_by_flags[outside.flags] = self._flag_info(session.seen.taken_by)
-        info = {**given, **told} if given else told.copy()
+        known = self._info_by_flags.get(outside.flags)
+        if known is None:
+            known = self._info_by_flags[outside.flags] = self._flag_info(session.seen.taken_by)
+        info = {**env_info, **known} if env_info else known.copy()
         info["margin"] = outside.margin_ns / 1e9
         info["violations"] = violations
         info["action_taken"] = taken
@@ -396,12 +396,12 @@ class EnvironmentGuard:
             info["action_mask"] = self.action_masks().astype(np.int8)
         return info
 
-    def _wanted_info(self, info: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-        """The keys of `info` that the caller wants, and all that the environment gave (`given`)."""
+    def _wanted_info(self, info: dict[str, Any], env: dict[str, Any]) -> dict[str, Any]:
+        """The keys of `info` that the caller wants, and all that the environment gave (`env`)."""
         keys = self._info_keys
         if keys is None:
             return info
-        return {**given, **{key: info[key] for key in keys if key in info}}
+        return {**env, **{key: info[key] for key in keys if key in info}}
 
     def _quiet(self, violations: int) -> dict[str, Any]:
         """`info` of a step that changes only the margin; from now on C says whether one does so."""
@@ -429,7 +429,7 @@ class EnvironmentGuard:
         }
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Which actions of a `Discrete` space would be published as they are, (n,).
+        """Whether each action of a `Discrete` space would be published as it is, (n,).
 
         Were the agent in control now: neither refused nor moved. SoterError U001 for other spaces.
         """
@@ -470,9 +470,9 @@ class EnvironmentGuard:
             raise wrong_choice(f"`{path}` is another program than the one that was pickled")
         for name, target in bound.items():
             program.bind(name, target)
-        self._again(program, state)
+        self._restore(program, state)
 
-    def _again(self, program: soter.api.Program, state: dict[str, Any]) -> None:
+    def _restore(self, program: soter.api.Program, state: dict[str, Any]) -> None:
         saved = state.pop("_saved")
         vars(self).update(state)
         self.program, self.judged = program, None
@@ -484,7 +484,7 @@ class EnvironmentGuard:
         state = self.__getstate__()
         del state["_named"]
         made = EnvironmentGuard.__new__(EnvironmentGuard)
-        made._again(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
+        made._restore(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
         return made
 
 

@@ -113,10 +113,10 @@ class SessionPlant:
         self._work = np.zeros(states * (drawn + 1))
         ffi = model.ffi
         m = self.pointer = ffi.new("soter_model *")
-        here, there = model.layout.groups[0], made.layout.groups[0]
-        assert here.struct.size == there.struct.size
+        here, full = model.layout.groups[0], made.layout.groups[0]
+        assert here.struct.size == full.struct.size
         m.program, m.world, m.relative = model.program, made.program, relative
-        m.topics_size, m.topics_from, m.topics_at = here.struct.size, there.offset, here.offset
+        m.topics_size, m.topics_from, m.topics_at = (here.struct.size, full.offset, here.offset)
         m.states, m.drawn = model.states.fields, model.disturbances.fields
         m.state = ffi.cast("uint8_t *", self.state.ctypes.data)
         model.lib.soter_start(model.program, m.state, 0)
@@ -144,23 +144,23 @@ class SessionPlant:
 def tolerances(
     model: PlantModel,
     observed: np.dtype[Any] | None,
-    given: float | Mapping[str, float] | None = None,
+    absolute: float | Mapping[str, float] | None = None,
 ) -> tuple[Array, float]:
     """Absolute tolerances (states,), given ones by name, and the relative one of a dtype.
 
-    What is `given` stands alone: there is no relative one then. SoterError U001.
+    What is `absolute` stands alone: there is no relative one then. SoterError U001.
     """
     absolute_tolerances = np.full(len(model.names), ABSOLUTE)
-    named = given if isinstance(given, Mapping) else dict.fromkeys(model.names, given)
+    named = absolute if isinstance(absolute, Mapping) else dict.fromkeys(model.names, absolute)
     for name, value in named.items():
         if name not in model.names:
-            there = ", ".join(f"`{n}`" for n in model.names)
-            raise wrong_choice(f"the plant has no state `{name}`", f"there are {there}")
+            states = ", ".join(f"`{n}`" for n in model.names)
+            raise wrong_choice(f"the plant has no state `{name}`", f"there are {states}")
         if value is not None:
             if not value >= 0.0:
                 raise wrong_choice(f"a tolerance cannot be {value!r}", "0 or more")
             absolute_tolerances[model.names.index(name)] = value
-    if given is not None:
+    if absolute is not None:
         return absolute_tolerances, 0.0
     single = observed is not None and np.issubdtype(observed, np.floating) and observed.itemsize < 8
     return absolute_tolerances, SINGLE if single else DOUBLE
@@ -207,7 +207,7 @@ LEVEL = 4
 
 
 class SafetyWarning(UserWarning):
-    """Something that runs, but of which a proof says nothing."""
+    """A warning of a run about which a proof says nothing."""
 
 
 def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
@@ -252,16 +252,16 @@ def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> No
     named = [(t.name, bound) for t in reads for bound in t.bounds]
     if not isinstance(space, spaces.Box) or space.low.size != len(named):
         return
-    told = []
+    ends = []
     for (name, bound), low, high in zip(named, space.low.flat, space.high.flat, strict=True):
         if bound is None:
             continue
         least, most = np.array([bound.low, bound.high], low.dtype)
         if least < low or most > high:
-            told.append(f"`{name}` in [{bound.low}, {bound.high}] but [{low!s}, {high!s}]")
-    if told:
+            ends.append(f"`{name}` in [{bound.low}, {bound.high}] but [{low!s}, {high!s}]")
+    if ends:
         warnings.warn(
-            f"the program commands {', '.join(dict.fromkeys(told))} is what the environment takes: "
+            f"the program commands {', '.join(dict.fromkeys(ends))} is what the environment takes: "
             "where it clips or refuses the rest, SC is weaker there than in the proof",
             SafetyWarning,
             stacklevel=LEVEL,

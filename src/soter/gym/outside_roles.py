@@ -1,4 +1,4 @@
-"""Which module, plant and topics an environment is about, and where their numbers lie in memory.
+"""The module, plant and topics of an environment, and where their numbers lie in memory.
 
 Purpose: `chosen_module` and `chosen_plant` find what a caller names, or the only one;
 `observed_parts` what an agent observes; `places` the leaves of a value, as `soter_leaf` of
@@ -15,13 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from soter.core.layout import placed_leaves, scalar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import with_components
-from soter.language.model.types import (
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    has_list,
-)
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, has_list
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -130,8 +124,10 @@ def observed_parts(
     known = _observable(system, plants)
     for name in names:
         if name not in known:
-            there = ", ".join(f"`{n}`" for n in known)
-            raise wrong_choice(f"there is nothing to observe called `{name}`", f"there are {there}")
+            known_names = ", ".join(f"`{n}`" for n in known)
+            raise wrong_choice(
+                f"there is nothing to observe called `{name}`", f"there are {known_names}"
+            )
         if not is_flat(_types(system, known[name])):
             message = f"`{name}` has no fixed number of numbers"
             raise wrong_choice(message, "observe=[...] names topics and truths without lists")
@@ -187,9 +183,9 @@ def system_with_errors(system: System, plant: Component, errors: bool | Sequence
     names = {m.topic: system.topics[m.topic].name for m in plant.measured}
     for name in errors or ():
         if name not in names.values():
-            there = ", ".join(f"`{n}`" for n in dict.fromkeys(names.values())) or "none"
+            known = ", ".join(f"`{n}`" for n in dict.fromkeys(names.values())) or "none"
             raise wrong_choice(
-                f"plant `{plant.name}` has no `measured` topic `{name}`", f"there are {there}"
+                f"plant `{plant.name}` has no `measured` topic `{name}`", f"there are {known}"
             )
     kept = tuple(m for m in plant.measured if names[m.topic] in (errors or ()))
     return with_components(system, (replace(plant, measured=kept),))

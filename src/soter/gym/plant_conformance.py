@@ -117,7 +117,7 @@ class _Tally:
 
 
 def _near_turns(off: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which differences (n,), in rad, lie near a whole number of turns that is not 0."""
+    """Whether differences (n,), in rad, lie near a whole number of turns that is not 0."""
     turns = np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi)
     whole = np.round(turns)
     near: npt.NDArray[np.bool_] = (whole != 0.0) & (np.abs(turns - whole) <= NEAR_TURN)

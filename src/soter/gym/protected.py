@@ -87,7 +87,7 @@ class Protected(gymnasium.Env[Any, Any]):
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Which actions of a `Discrete` space would be published as they are now, (n,)."""
+        """Whether each action of a `Discrete` space would be published as it is now, (n,)."""
         return self.guard.action_masks()
 
     def render(self) -> Any:  # noqa: ANN401 - whatever the environment renders
@@ -129,7 +129,7 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Which actions of a `Discrete` space would be published as they are now, (n,)."""
+        """Whether each action of a `Discrete` space would be published as it is now, (n,)."""
         return self.guard.action_masks()
 
 
@@ -215,12 +215,12 @@ class _Worlds:
         """Step every world; one that ended has begun again, and says what it showed last."""
         seen, rewards, ended, cut, info = self.worlds.step(self._actions)
         over = ended | cut
-        told = self._infos(info)
+        infos = self._infos(info)
         for world in np.flatnonzero(over).tolist():
-            told[world] = self._infos(info["final_info"], [world])[0]
-            told[world]["terminal_observation"] = info["final_obs"][world]
-            told[world]["TimeLimit.truncated"] = bool(cut[world] and not ended[world])
-        return seen, rewards.astype(np.float32), over, told
+            infos[world] = self._infos(info["final_info"], [world])[0]
+            infos[world]["terminal_observation"] = info["final_obs"][world]
+            infos[world]["TimeLimit.truncated"] = bool(cut[world] and not ended[world])
+        return seen, rewards.astype(np.float32), over, infos
 
     def close(self) -> None:
         """Do nothing: no world has anything open."""

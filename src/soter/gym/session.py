@@ -26,7 +26,7 @@ from soter.gym.compiled_system import (
     answered_around,
     compiled,
     refuse_call,
-    without_idle_check,
+    remove_idle_check,
 )
 from soter.gym.outside_roles import chosen_module, chosen_plant, system_with_errors
 from soter.language.elaborate.derived_systems import answered_outside
@@ -90,14 +90,14 @@ def step_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: 
     """
     if sys.implementation.name != "cpython":
         return refuse, refuse
-    given = {
+    calls = {
         name: ffi.cast("void *", ctypes.cast(getattr(ctypes.pythonapi, f), ctypes.c_void_p).value)
         for name, f in NEEDED.items()
     }
-    lib.soter_python_given(ffi.new("soter_python *", given))
-    own = int(ffi.cast("uintptr_t", outside))
+    lib.soter_python_given(ffi.new("soter_python *", calls))
+    self_address = int(ffi.cast("uintptr_t", outside))
     act, move = (
-        _method(name, int(ffi.cast("uintptr_t", ffi.addressof(lib, name))), own)
+        _method(name, int(ffi.cast("uintptr_t", ffi.addressof(lib, name))), self_address)
         for name in ("soter_python_act", "soter_python_move")
     )
     return act, move
@@ -108,15 +108,15 @@ def refuse(_: object) -> int:
     return NO_NUMBERS
 
 
-def _method(name: str, address: int, own: int) -> Call:
-    """A function of Python whose C is at `address` and whose `self` is the int `own`."""
+def _method(name: str, address: int, self_address: int) -> Call:
+    """A function of Python whose C is at `address` and whose `self` is the int `self_address`."""
     method = _METHODS.get(address)
     if method is None:
         method = _METHODS[address] = _Method(name.encode(), address, ONE_ARGUMENT, None)
     new = ctypes.pythonapi.PyCFunction_NewEx
     new.restype = ctypes.py_object
     new.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
-    made: Call = new(ctypes.addressof(method), own, None)
+    made: Call = new(ctypes.addressof(method), self_address, None)
     return made
 
 
@@ -288,17 +288,17 @@ class Session:
         if shield is None or shield.proposed is None or values is None or None in values:
             return False
         raw = memoryview(state.data)
-        given, proposed = (
+        published, proposed = (
             [x for i in topics for x in numbers_in(self._topic(raw, i))]
             for topics in (self.module.outputs, (shield.proposed,))
         )
-        return given != proposed[: len(given)]
+        return published != proposed[: len(published)]
 
     def _outputs(self, values: Sequence[Value | None]) -> dict[str, Value]:
         assert self.agent.node is not None
         short = [t.name.rpartition(".")[2] for t in self.agent.node.publishes]
-        given = {n: v for n, v in zip(short, values, strict=True) if v is not None}
-        return {**given, **{f"has_{n}": n in given for n in short}}
+        answered = {n: v for n, v in zip(short, values, strict=True) if v is not None}
+        return {**answered, **{f"has_{n}": n in answered for n in short}}
 
     def _give(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
         answer = image_of_members(self.compiled.answers[component.index], values)
@@ -357,12 +357,12 @@ class Session:
         self.seen_bytes[:] = saved[1]
 
 
-def numbers(given: object, into: npt.NDArray[np.float64], what: str) -> int | None:
+def numbers(answer: object, into: npt.NDArray[np.float64], subject: str) -> int | None:
     """Copy the numbers of an array into `into` (n,); where there are not n of them, how many.
 
     SoterError U001 as `doubles`.
     """
-    array = doubles(given, what)
+    array = doubles(answer, subject)
     if array.shape != into.shape:
         if array.size != into.size:
             return int(array.size)
@@ -386,15 +386,12 @@ def prepare_system(
         flat = program.declared(system, params)
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         outside = (flat_module.ac, body.index)
-        without_idle_check(flat_module)
+        remove_idle_check(flat_module)
         notes = complete(flat, bound=answered_around(flat, outside, program.bound))
         flat = system_with_errors(flat, body, errors)
         flat = answered_outside(flat, outside)
         return CompiledEnvironment(
-            flat,
-            Roles(flat_module.ac, flat_module.index, body.index),
-            program.bound,
-            notes=notes,
+            flat, Roles(flat_module.ac, flat_module.index, body.index), program.bound, notes=notes
         )
 
     key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)

@@ -24,7 +24,7 @@ from soter.gym.compiled_system import (
     Roles,
     answered_around,
     compiled,
-    without_idle_check,
+    remove_idle_check,
 )
 from soter.gym.off_model import warn_of_no_control
 from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
@@ -90,7 +90,7 @@ class BatchedStates:
         w.room = self._pointer(self._room, "uint8_t *")
 
     def _pointer(self, array: Array, type_: str) -> Any:  # noqa: ANN401 - cdata
-        """Where an array (n,) or (n, m) lies."""
+        """The address of an array (n,) or (n, m)."""
         return self.compiled.ffi.cast(type_, array.ctypes.data)
 
     @property
@@ -122,10 +122,10 @@ class BatchedStates:
         return before
 
     def masks(self, answers: Array) -> Array:
-        """Which `answers` (n, numbers) the agent would publish as they are: bools (count, n)."""
+        """Whether the agent would publish these `answers` (n, numbers) as they are: (count, n)."""
         found = np.zeros((self.count, len(answers)), dtype=np.uint8)
-        given = self._pointer(answers, "double *"), len(answers), self._pointer(found, "uint8_t *")
-        self.compiled.lib.soter_worlds_mask(self._worlds, *given)
+        arrays = self._pointer(answers, "double *"), len(answers), self._pointer(found, "uint8_t *")
+        self.compiled.lib.soter_worlds_mask(self._worlds, *arrays)
         return found.astype(np.bool_)
 
 
@@ -141,7 +141,7 @@ def prepare_system(
     def make() -> CompiledEnvironment:
         flat = program.declared(system, params)
         flat_module = chosen_module(flat, module)
-        without_idle_check(flat_module)
+        remove_idle_check(flat_module)
         notes = complete(flat, bound=answered_around(flat, (flat_module.ac,), program.bound))
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
         flat = answered_outside(flat, (flat_module.ac,))
@@ -236,10 +236,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     # ------------------------------------------------------------ Gymnasium
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Begin an episode in every world, or in those of `options["reset_mask"]`.
 
@@ -277,8 +274,8 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
                 f"the episode of world {int(again.argmax())} is over",
                 'call reset(options={"reset_mask": mask}) first',
             )
-        given = self._actions(self._chosen(actions), self.num_envs)
-        before = worlds.step(given, again)
+        asked = self._actions(self._chosen(actions), self.num_envs)
+        before = worlds.step(asked, again)
         self._seen[again] = worlds.facts["violations"][again]
         self._cost = (worlds.facts["violations"] - self._seen).astype(np.float64)
         rewards, ended, cut = self._judge(before)
@@ -290,14 +287,14 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         if self.autoreset is AutoresetMode.SAME_STEP and self._over.any():
             info = {
                 "final_obs": self._observations(keep=True),
-                "final_info": self._info(given, keep=True),
+                "final_info": self._info(asked, keep=True),
                 "_final_obs": self._over.copy(),
                 "_final_info": self._over.copy(),
             }
             worlds.begin(self._over)
             self._over = np.zeros(self.num_envs, dtype=bool)
         self._seen[:] = worlds.facts["violations"]
-        return self._observations(), rewards, ended, cut, {**self._info(given), **info}
+        return self._observations(), rewards, ended, cut, {**self._info(asked), **info}
 
     # ------------------------------------------------------------ arrays
 
@@ -317,7 +314,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return np.array(seeds, dtype=np.uint64)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Which actions of a `Discrete` space would be published as they are, (num_envs, n).
+        """Whether each action of a `Discrete` space would be published as it is, (num_envs, n).
 
         Were the agent in control now: neither refused nor moved. SoterError U001 for other spaces.
         """
@@ -350,8 +347,8 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
 
         Doubles that lie in order are not copied.
         """
-        given = actions.detach().cpu() if hasattr(actions, "detach") else actions
-        rows = array_mapping.doubles(given, "an array of actions")
+        array = actions.detach().cpu() if hasattr(actions, "detach") else actions
+        rows = array_mapping.doubles(array, "an array of actions")
         needed = self.worlds.action_numbers
         if rows.ndim == 1 and needed == 1:
             rows = rows[:, None]
@@ -393,7 +390,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             )
         return rewards, ended, cut
 
-    def _info(self, given: Array | None = None, *, keep: bool = False) -> dict[str, Any]:
+    def _info(self, asked: Array | None = None, *, keep: bool = False) -> dict[str, Any]:
         facts = self.worlds.facts
         applied = self.worlds.applied
         if self._copy or keep:
@@ -401,9 +398,9 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         info = {name: facts[name] for name in FACTS}
         info["action_taken"] = applied
         info["cost"] = self._cost
-        if given is not None:
+        if asked is not None:
             info["intervened"] = ~facts["taken_by"] | facts["gate_fault"] | facts["moved"]
-            info["action_requested"] = given
+            info["action_requested"] = asked
         return info
 
 
@@ -450,11 +447,11 @@ def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
     return mask
 
 
-def _column(given: Any, count: int, what: str) -> Array:  # noqa: ANN401 - what a function gave
+def _column(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
     """One number a world, (count,)."""
-    column = np.asarray(given)
+    column = np.asarray(values)
     if column.shape != (count,):
-        raise wrong_choice(f"`{what}` gave the shape {column.shape}, not {(count,)}")
+        raise wrong_choice(f"`{name}` gave the shape {column.shape}, not {(count,)}")
     return column.astype(np.float64)
 
 

@@ -186,22 +186,22 @@ def _check_file(
     if loaded is None:
         return CheckResult(None, diagnostics)
     program = check(loaded, diagnostics)
-    own = {n: s for n, s in program.systems.items() if "." not in n}
-    draft = not own
+    systems = {n: s for n, s in program.systems.items() if "." not in n}
+    draft = not systems
     if draft:
         everything = implicit_system(program)
-        own = {everything.name: everything} if everything else {}
-    _check_one_default(own, diagnostics)
+        systems = {everything.name: everything} if everything else {}
+    _check_one_default(systems, diagnostics)
     controllers = {n for m in program.modules.values() for n in m.named}
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
         check_declaration(module, diagnostics, program.damaged, others)
-    flat_by_name = _flatten_all(program, own, overrides, diagnostics, draft=draft)
+    flat_by_name = _flatten_all(program, systems, overrides, diagnostics, draft=draft)
     for test in program.tests.values():
         elaborate_test(program, test, overrides, diagnostics)
-    _check_the_rest(program, own, diagnostics)
+    _check_the_rest(program, systems, diagnostics)
     ordered = for_people(diagnostics, [f.source for f in loaded.files])
-    return CheckResult(program, ordered, own, loaded, {} if draft else flat_by_name)
+    return CheckResult(program, ordered, systems, loaded, {} if draft else flat_by_name)
 
 
 def _flatten_all(
@@ -292,15 +292,15 @@ def _placed(systems: list[SystemSymbol]) -> set[object]:
     placed: set[object] = set()
     todo: list[object] = [*systems]
     while todo:
-        what = todo.pop()
-        if what in placed:
+        symbol = todo.pop()
+        if symbol in placed:
             continue
-        placed.add(what)
-        if isinstance(what, SystemSymbol):
-            todo += [i.what for i in what.instances]
-            todo += [by for _, by, _ in what.replaces]
-        elif isinstance(what, ModuleSymbol):
-            todo += what.named
+        placed.add(symbol)
+        if isinstance(symbol, SystemSymbol):
+            todo += [i.what for i in symbol.instances]
+            todo += [by for _, by, _ in symbol.replaces]
+        elif isinstance(symbol, ModuleSymbol):
+            todo += symbol.named
     return placed
 
 

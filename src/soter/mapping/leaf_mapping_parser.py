@@ -49,14 +49,14 @@ UNSEEN_MAX = 1000
 def nearest_source(
     name: str,
     t: Type,
-    what: Mapping[str, Any],
+    row: Mapping[str, Any],
     message: MessageType | None,
     problems: MappingProblems,
 ) -> NearestSource | None:
     """The source of the leaf `name`; None where something is wrong, which is noted."""
     before = len(problems.told)
-    problems.only(what, NEAREST_KEYS, f"`{name}`")
-    kind, most, unseen = what["nearest"], what.get("most", 0), what.get("unseen", 0)
+    problems.allow(row, NEAREST_KEYS, f"`{name}`")
+    kind, most, unseen = row["nearest"], row.get("most", 0), row.get("unseen", 0)
     if kind not in ("distance", "bearing"):
         problems.add(f"`nearest` of `{name}` is distance or bearing, not {kind!r}")
     if not is_number(most) or most <= 0:
@@ -84,8 +84,8 @@ SMALL = ("bool", "byte", "char", "int8", "uint8")
 """Types of fields in which messages hold truths."""
 
 
-def _three_names(given: object) -> TypeGuard[list[str]]:
-    return isinstance(given, list) and len(given) == 3 and all(isinstance(n, str) for n in given)
+def _three_names(value: object) -> TypeGuard[list[str]]:
+    return isinstance(value, list) and len(value) == 3 and all(isinstance(n, str) for n in value)
 
 
 class LeafReader:
@@ -105,7 +105,7 @@ class LeafReader:
         self.keys = {".".join(path) or VALUE: path for path in self.types}
         self.prefixes = _leaves_by_name(self.types, self.keys)
 
-    def read(self, given: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
+    def read(self, table: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
         """The source of each leaf, in declared order."""
         name = self.topic.name
         if any("[]" in path for path in self.types) or isinstance(self.topic.type, ListType):
@@ -113,8 +113,8 @@ class LeafReader:
             return {}
         leaf_by_path: dict[LeafPath, Leaf] = {}
         given_paths: set[LeafPath] = set()
-        for key, what in given.items():
-            for path, leaf in self._row_leaves(key, what).items():
+        for key, row in table.items():
+            for path, leaf in self._row_leaves(key, row).items():
                 if path in given_paths:
                     self.problems.add(f"`{'.'.join((name, *path))}` is given twice")
                 given_paths.add(path)
@@ -127,20 +127,20 @@ class LeafReader:
         self._check_slopes(leaf_by_path)
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
 
-    def _row_leaves(self, key: str, what: object) -> dict[LeafPath, Leaf | None]:
+    def _row_leaves(self, key: str, row: object) -> dict[LeafPath, Leaf | None]:
         """The leaves that a row is about, each with its source; None where it is wrong."""
         if key in self.keys:
             path = self.keys[key]
-            return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], what)}
+            return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], row)}
         if key in self.prefixes:
-            return self._vector_leaves(f"{self.topic.name}.{key}", self.prefixes[key], what)
+            return self._vector_leaves(f"{self.topic.name}.{key}", self.prefixes[key], row)
         self.problems.add(unknown(f"`{self.topic.name}` has no", key, self.keys))
         return {}
 
     # ---------------------------------------------------------------- vectors
 
     def _vector_leaves(
-        self, name: str, paths: list[LeafPath], what: object
+        self, name: str, paths: list[LeafPath], entry: object
     ) -> dict[LeafPath, Leaf | None]:
         self.vectors[name] = []
         nothing: dict[LeafPath, Leaf | None] = dict.fromkeys(paths)
@@ -153,8 +153,8 @@ class LeafReader:
                 f"{', '.join(shown)}"
             )
             return nothing
-        row = what if isinstance(what, dict) else {"from": what}
-        self.problems.only(row, VECTOR_KEYS, f"`{name}`")
+        row = entry if isinstance(entry, dict) else {"from": entry}
+        self.problems.allow(row, VECTOR_KEYS, f"`{name}`")
         names = row.get("from")
         if not _three_names(names):
             self.problems.add(f"`{name}` needs the names of three fields, x, y, z, not {names!r}")
@@ -166,8 +166,8 @@ class LeafReader:
         rest = {key: row[key] for key in ("scale", "unit") if key in row}
         leaf_of_path: dict[LeafPath, Leaf | None] = {}
         for path, (component, sign) in zip(paths, self.turn, strict=True):
-            given = {"from": names[component], **rest}
-            leaf = self._signal_source(".".join((self.topic.name, *path)), self.types[path], given)
+            named = {"from": names[component], **rest}
+            leaf = self._signal_source(".".join((self.topic.name, *path)), self.types[path], named)
             if leaf is not None and sign < 0.0:
                 leaf = replace(leaf, scale=-leaf.scale)
             leaf_of_path[path] = leaf
@@ -175,36 +175,36 @@ class LeafReader:
 
     # ---------------------------------------------------------------- leaves
 
-    def _leaf_source(self, name: str, t: Type, what: object) -> Leaf | None:
-        if isinstance(what, str):
-            return self._signal_source(name, t, {"from": what})
-        if not isinstance(what, dict):
-            self.problems.add(f"`{name}` is neither the name of a column nor a table: {what!r}")
+    def _leaf_source(self, name: str, t: Type, row: object) -> Leaf | None:
+        if isinstance(row, str):
+            return self._signal_source(name, t, {"from": row})
+        if not isinstance(row, dict):
+            self.problems.add(f"`{name}` is neither the name of a column nor a table: {row!r}")
             return None
-        self.problems.only(what, LEAF_KEYS, f"`{name}`")
-        kinds = [k for k in ("from", "constant", "slope", "nearest") if k in what]
+        self.problems.allow(row, LEAF_KEYS, f"`{name}`")
+        kinds = [k for k in ("from", "constant", "slope", "nearest") if k in row]
         if len(kinds) != 1:
             self.problems.add(f"`{name}` needs one of `from`, `constant`, `slope`, `nearest`")
             return None
-        if "nearest" in what:
-            return nearest_source(name, t, what, self.message, self.problems)
-        if "constant" in what:
-            return self._constant_source(name, t, what["constant"])
-        if "slope" in what:
-            return self._slope_source(name, what)
-        return self._signal_source(name, t, what)
+        if "nearest" in row:
+            return nearest_source(name, t, row, self.message, self.problems)
+        if "constant" in row:
+            return self._constant_source(name, t, row["constant"])
+        if "slope" in row:
+            return self._slope_source(name, row)
+        return self._signal_source(name, t, row)
 
-    def _slope_source(self, name: str, what: Mapping[str, Any]) -> Leaf | None:
-        measured = self.keys.get(str(what["slope"]))
-        window = self.problems.duration(what, "window", name)
+    def _slope_source(self, name: str, row: Mapping[str, Any]) -> Leaf | None:
+        measured = self.keys.get(str(row["slope"]))
+        window = self.problems.duration(row, "window", name)
         if measured is None:
-            self.problems.add(f"`{name}` is the slope of `{what['slope']}`, no field of it")
+            self.problems.add(f"`{name}` is the slope of `{row['slope']}`, no field of it")
             return None
         return SlopeSource(measured, window)
 
-    def _constant_source(self, name: str, t: Type, given: object) -> Leaf | None:
+    def _constant_source(self, name: str, t: Type, json: object) -> Leaf | None:
         try:
-            value = from_json(t, given, name)
+            value = from_json(t, json, name)
         except ValueShapeError as error:
             self.problems.add(f"`constant`: {error}")
             return None
@@ -213,41 +213,41 @@ class LeafReader:
             return None
         return ConstantSource(value)
 
-    def _signal_source(self, name: str, t: Type, what: Mapping[str, Any]) -> SignalSource | None:
+    def _signal_source(self, name: str, t: Type, row: Mapping[str, Any]) -> SignalSource | None:
         problems, before = self.problems, len(self.problems.told)
-        field = what["from"]
-        unit = self._check_row(name, t, what)
+        field = row["from"]
+        unit = self._check_row(name, t, row)
         if len(problems.told) > before:
             return None
         standard = self._field_unit(name, t, field)
-        if standard not in UNITS and unit is not None and "scale" in what:
+        if standard not in UNITS and unit is not None and "scale" in row:
             standard = None  # the mapping says how it is turned
         factor = self._factor(name, t, field, unit, standard)
-        scale = float(what.get("scale", 1)) * factor
+        scale = float(row.get("scale", 1)) * factor
         if not SCALE_MIN <= abs(scale) <= 1.0 / SCALE_MIN:
             problems.add(f"`scale` of `{name}`, times its unit, is {scale!r}, which nobody means")
         if len(problems.told) > before:
             return None
-        says_unit = unit is not None or standard is not None or "scale" in what
+        says_unit = unit is not None or standard is not None or "scale" in row
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
         turn = cycle(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
-        turn *= abs(float(what.get("scale", 1))) if unit or standard else 1.0
-        return SignalSource(field, scale, float(what.get("offset", 0)), assumed, turn)
+        turn *= abs(float(row.get("scale", 1))) if unit or standard else 1.0
+        return SignalSource(field, scale, float(row.get("offset", 0)), assumed, turn)
 
-    def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:
+    def _check_row(self, name: str, t: Type, row: Mapping[str, Any]) -> str | None:
         """Note what is wrong in a row, and give its unit."""
-        problems, unit = self.problems, what.get("unit")
+        problems, unit = self.problems, row.get("unit")
         if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
             problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
             unit = None
         for key in ("scale", "offset"):
-            if not is_number(what.get(key, 0)):
-                problems.add(f"`{key}` of `{name}` is no finite number: {what[key]!r}")
-        if what.get("scale", 1) == 0:
+            if not is_number(row.get(key, 0)):
+                problems.add(f"`{key}` of `{name}` is no finite number: {row[key]!r}")
+        if row.get("scale", 1) == 0:
             problems.add(f"`scale` of `{name}` is 0: say `constant`")
-        if not isinstance(what["from"], str):
-            problems.add(f"`from` of `{name}` is no name: {what['from']!r}")
-        changed = {"unit", "scale", "offset"} & set(what)
+        if not isinstance(row["from"], str):
+            problems.add(f"`from` of `{name}` is no name: {row['from']!r}")
+        changed = {"unit", "scale", "offset"} & set(row)
         if changed and not isinstance(t, FloatType):
             problems.add(f"`{name}` is `{t}` and takes no {', '.join(sorted(changed))}")
         return unit
@@ -276,17 +276,17 @@ class LeafReader:
             text = f"`{field}` of {self.message.ros1} is in `{standard}`"
             self.problems.add(f"`{name}` is read in `{unit}`, and {text}")
             return 1.0
-        given = unit or standard
-        if given is None or not isinstance(t, (FloatType, IntType)):
+        own_unit = unit or standard
+        if own_unit is None or not isinstance(t, (FloatType, IntType)):
             return 1.0
-        factor = factor_between(given, t.unit)
+        factor = factor_between(own_unit, t.unit)
         if isinstance(t, IntType):
             if factor != 1.0 and t.unit:
-                self.problems.add(f"`{name}` counts `{t.unit}`, and `{field}` is in `{given}`")
+                self.problems.add(f"`{name}` counts `{t.unit}`, and `{field}` is in `{own_unit}`")
             return 1.0
         if factor is None:
             self.problems.add(
-                f"`{name}` is in {_unit_text(t.unit)}, and `{field}` is in {_unit_text(given)}"
+                f"`{name}` is in {_unit_text(t.unit)}, and `{field}` is in {_unit_text(own_unit)}"
             )
             return 1.0
         return factor

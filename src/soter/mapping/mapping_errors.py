@@ -27,17 +27,17 @@ def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterErr
     return SoterError(tuple(Diagnostic("D015", p, notes=notes) for p in problems))
 
 
-def unknown(what: str, name: str, known: Iterable[str]) -> str:
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     """A sentence about a name that is not among the known ones."""
     hint = nearest_or_all(name, known)
-    return f"{what} `{name}`: {hint}" if hint else f"{what} `{name}`"
+    return f"{kind} `{name}`: {hint}" if hint else f"{kind} `{name}`"
 
 
-def is_number(given: object) -> bool:
-    """Whether `given` is a finite number of at most 1e30: larger ones are slips."""
-    if not isinstance(given, (int, float)) or isinstance(given, bool):
+def is_number(value: object) -> bool:
+    """Whether `value` is a finite number of at most 1e30: larger ones are slips."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
         return False
-    return -NUMBER_MAX <= given <= NUMBER_MAX  # NaN, too, is none
+    return -NUMBER_MAX <= value <= NUMBER_MAX  # NaN, too, is none
 
 
 class MappingProblems:
@@ -50,40 +50,40 @@ class MappingProblems:
         """Note a mistake."""
         self.told.append(text)
 
-    def table(self, given: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
+    def table(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
         """The table under a key; empty where there is none."""
-        table = given.get(key, {})
+        table = row.get(key, {})
         if not isinstance(table, dict):
             self.add(f"`{key}` of {where} is no table")
             return {}
         return table
 
-    def texts(self, given: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
+    def texts(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
         """The table under a key, its values as texts: a number is what it is written as."""
-        return {k: str(v) for k, v in self.table(given, key, where).items()}
+        return {k: str(v) for k, v in self.table(row, key, where).items()}
 
-    def name(self, given: Mapping[str, Any], key: str, where: str) -> str | None:
+    def name(self, row: Mapping[str, Any], key: str, where: str) -> str | None:
         """The text under a key; None where there is none."""
-        text = given.get(key)
+        text = row.get(key)
         if text is not None and not isinstance(text, str):
             self.add(f"`{key}` of {where} is no name: {text!r}")
             return None
         return text
 
-    def only(self, given: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    def allow(self, row: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
         """Note every key that is not a known one."""
-        for key in given:
+        for key in row:
             if key not in known:
                 self.add(f"{where} says `{key}`: there are {', '.join(known)}")
 
-    def duration(self, given: Mapping[str, Any], key: str, name: str) -> int:
+    def duration(self, row: Mapping[str, Any], key: str, name: str) -> int:
         """The length of time under a key in ns, above 0; a number has to say its unit."""
-        if key not in given or is_number(given[key]):
-            bare = f"`{key}` of `{name}` is {given.get(key)} of what? It needs a unit"
-            self.add(f'{bare if key in given else f"`{name}` needs a `{key}`"}, such as "0.5s"')
+        if key not in row or is_number(row[key]):
+            bare = f"`{key}` of `{name}` is {row.get(key)} of what? It needs a unit"
+            self.add(f'{bare if key in row else f"`{name}` needs a `{key}`"}, such as "0.5s"')
             return 1
         try:
-            duration = duration_ns(given[key])
+            duration = duration_ns(row[key])
         except WrongTextError as error:
             self.add(f"`{key}` of `{name}`: {error}")
             return 1

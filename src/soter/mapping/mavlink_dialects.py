@@ -373,13 +373,13 @@ class MavlinkLink:
         return self.system, self.component
 
 
-def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
+def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
     """Reads the table, not to be used if problems were added; SoterError D007: no pymavlink."""
     require_mavlink_package()
-    problems.only(given, KEYS, "`mavlink`")
-    urls = _read_urls(given.get("url"), problems)
+    problems.allow(table, KEYS, "`mavlink`")
+    urls = _read_urls(table.get("url"), problems)
     ids = {
-        key: _read_id(given, key, default, problems)
+        key: _read_id(table, key, default, problems)
         for key, default in (
             ("system", 1),
             ("component", AUTOPILOT),
@@ -390,7 +390,7 @@ def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems)
     if (ids["system"], ids["component"]) == (ids["own_system"], ids["own_component"]):
         problems.add("`mavlink`: the bridge cannot be the autopilot: `own_component` is its own")
     times = {
-        key: problems.duration(given, key, "mavlink") if key in given else default
+        key: problems.duration(table, key, "mavlink") if key in table else default
         for key, default in (("resend", RESEND_NS), ("offboard_loss", OFFBOARD_LOSS_NS))
     }
     resend, loss = times["resend"], times["offboard_loss"]
@@ -401,8 +401,8 @@ def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems)
             "`offboard_loss` of `mavlink` is shorter than three times `resend`: two lost "
             "set-points would end OFFBOARD"
         )
-    delay = problems.duration(given, "delay", "mavlink") if "delay" in given else None
-    dialect = _find_dialect(given.get("dialect", "common"), folder, problems)
+    delay = problems.duration(table, "delay", "mavlink") if "delay" in table else None
+    dialect = _find_dialect(table.get("dialect", "common"), folder, problems)
     return MavlinkLink(
         urls, dialect, **ids, delay_ns=delay, resend_ns=resend, offboard_loss_ns=loss
     )
@@ -415,8 +415,8 @@ def parse_source(text: str) -> tuple[int, int] | None:
     return ids if all(1 <= n <= 255 for n in ids) else None
 
 
-def _read_urls(given: object, problems: MappingProblems) -> tuple[str, ...]:
-    urls = [given] if isinstance(given, str) else given
+def _read_urls(value: object, problems: MappingProblems) -> tuple[str, ...]:
+    urls = [value] if isinstance(value, str) else value
     if not isinstance(urls, list) or not 1 <= len(urls) <= LINKS_MAX:
         problems.add(f"`mavlink` needs a `url`, or up to {LINKS_MAX} of them: {URLS}")
         return ()
@@ -436,19 +436,19 @@ def _is_url(url: str) -> bool:
     return serial is not None and int(serial[2]) in BAUDS
 
 
-def _read_id(given: Mapping[str, Any], key: str, default: int, problems: MappingProblems) -> int:
-    number = given.get(key, default)
+def _read_id(table: Mapping[str, Any], key: str, default: int, problems: MappingProblems) -> int:
+    number = table.get(key, default)
     if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 255:
         problems.add(f"`{key}` of `mavlink` is a number from 1 to 255, not {str(number)[:40]}")
         return default
     return number
 
 
-def _find_dialect(given: object, folder: Path, problems: MappingProblems) -> Dialect:
-    name = given if isinstance(given, str) and given else "common"
+def _find_dialect(value: object, folder: Path, problems: MappingProblems) -> Dialect:
+    name = value if isinstance(value, str) and value else "common"
     known = standard_dialects()
-    if name is not given:
-        problems.add(f"`dialect` of `mavlink` is no name: {given!r}")
+    if name is not value:
+        problems.add(f"`dialect` of `mavlink` is no name: {value!r}")
     elif name not in known and not name.endswith(".xml"):
         problems.add(unknown("`mavlink` has no dialect", name, known))
         name = "common"

@@ -176,8 +176,8 @@ class MessageType:
                 raise NoSuchFieldError(f"{at} is `{kind[1][0]}` and has no `{part}`")
             else:
                 if kind[1] not in definitions:
-                    own = "its `.msg` is to be named under `[messages]`"
-                    raise NoSuchFieldError(f"{at} is `{kind[1]}`, which is not known: {own}")
+                    remedy = "its `.msg` is to be named under `[messages]`"
+                    raise NoSuchFieldError(f"{at} is `{kind[1]}`, which is not known: {remedy}")
                 members = _members(definitions, kind[1])
                 if part not in members:
                     hint = nearest_or_all(part, members)
@@ -235,7 +235,7 @@ def _members(definitions: Definitions, name: str) -> dict[str, Any]:
 
 
 class KnownTypes(Protocol):
-    """Something that knows types of messages by their names."""
+    """A source of types of messages, by their names."""
 
     def named(self, name: str) -> MessageType:
         """The type; raises UnknownMessageError."""
@@ -263,8 +263,8 @@ class MessageTypes:
         if not any(found.exists_in(v) for v in self.definitions):
             known = {n.replace("/msg/", "/") for d in self.definitions.values() for n in d}
             near = closest(found.ros1, sorted(known), 0.8)
-            own = "types of one's own are read from `.msg` files, named under `[messages]`"
-            raise UnknownMessageError(f"did you mean `{near[0]}`?" if near else own)
+            remedy = "types of one's own are read from `.msg` files, named under `[messages]`"
+            raise UnknownMessageError(f"did you mean `{near[0]}`?" if near else remedy)
         return found
 
 

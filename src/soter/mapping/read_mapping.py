@@ -54,24 +54,24 @@ def read_mapping(path: Path) -> dict[str, Any]:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise wrong_mapping([f"the mapping `{path}` cannot be read: {why}"]) from error
     try:
-        given = toml_of(text) if path.suffix == ".toml" else parse_json(text)
+        table = toml_of(text) if path.suffix == ".toml" else parse_json(text)
     except (ValueError, RecursionError) as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
         why = f"the mapping `{path}` is no {kind}: {str(error)[:200]}"
         raise wrong_mapping([why]) from error
-    if not isinstance(given, dict):
+    if not isinstance(table, dict):
         raise wrong_mapping([f"the mapping `{path}` is no table"])
-    return given
+    return table
 
 
-def named_system(given: Mapping[str, Any]) -> str | None:
+def named_system(table: Mapping[str, Any]) -> str | None:
     """The system that a mapping is for, if it says."""
-    name = given.get("system")
+    name = table.get("system")
     return name if isinstance(name, str) else None
 
 
 def make_log_map(
-    given: Mapping[str, Any],
+    table: Mapping[str, Any],
     system: System,
     where: Mapping[str, str] | None = None,
     file: Path | None = None,
@@ -83,7 +83,7 @@ def make_log_map(
     is missing.
     """
     reading = _MappingReader(system, Path() if file is None else file.parent)
-    log_map = reading.read(given)
+    log_map = reading.read(table)
     if reading.problems.told:
         raise wrong_mapping(reading.problems.told, file)
     return replace(log_map, where={**log_map.where, **(where or {})})
@@ -134,34 +134,34 @@ class _MappingReader:
         self.folder = folder
         self.problems = MappingProblems()
 
-    def read(self, given: Mapping[str, Any]) -> LogMap:
+    def read(self, table: Mapping[str, Any]) -> LogMap:
         problems = self.problems
-        problems.only(given, KEYS, "the mapping")
-        if not isinstance(given.get("system", ""), str):
+        problems.allow(table, KEYS, "the mapping")
+        if not isinstance(table.get("system", ""), str):
             problems.add("`system` is no name")
-        frame = given.get("frame", "ENU")
+        frame = table.get("frame", "ENU")
         if frame not in WORLD:
             problems.add(f"`frame` of the mapping is {' or '.join(WORLD)}, not {frame!r}")
             frame = "ENU"
-        time_table = problems.table(given, "time", "the mapping")
+        time_table = problems.table(table, "time", "the mapping")
         time_name, unit = self._time_scale(time_table)
         since, until = (self._read_seconds(time_table, key) for key in ("since", "until"))
         if since is not None and until is not None and since > until:
             problems.add("`since` of `time` lies after `until`")
-        where = problems.texts(given, "where", "the mapping")
-        topics = problems.table(given, "topics", "the mapping")
+        where = problems.texts(table, "where", "the mapping")
+        topics = problems.table(table, "topics", "the mapping")
         if not set(topics) - self.unused and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")
-        link = self._read_link(given, topics)
-        types = self._message_types(problems.table(given, "messages", "the mapping"), topics, link)
-        maps = [self._read_topic(name, given_, frame, types) for name, given_ in topics.items()]
+        link = self._read_link(table, topics)
+        types = self._message_types(problems.table(table, "messages", "the mapping"), topics, link)
+        maps = [self._read_topic(name, row, frame, types) for name, row in topics.items()]
         mapped = tuple(
             _with_link_delay(topic_map, link) for sources in maps for topic_map in sources
         )
         return LogMap(mapped, time_name, unit, where, link, since, until)
 
     def _read_topic(
-        self, name: str, given: object, frame: str, types: KnownTypes | None
+        self, name: str, row: object, frame: str, types: KnownTypes | None
     ) -> tuple[TopicMap, ...]:
         topic = self.known.get(name)
         if topic is None and name in self.unused:
@@ -169,15 +169,17 @@ class _MappingReader:
         if topic is None:
             self.problems.add(unknown("the system has no topic", name, self.known))
             return ()
-        if not isinstance(given, dict):
+        if not isinstance(row, dict):
             self.problems.add(f"`{name}` is no table")
             return ()
         delay_ns = self.delays_ns.get(name, 0)
-        return TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns).read(given)
+        return TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns).read(row)
 
-    def _read_link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:
+    def _read_link(
+        self, table_: Mapping[str, Any], topics: Mapping[str, Any]
+    ) -> MavlinkLink | None:
         """The table `mavlink`, which messages of MAVLink need."""
-        table = self.problems.table(given, "mavlink", "the mapping")
+        table = self.problems.table(table_, "mavlink", "the mapping")
         if not table and not any(is_mavlink(name) for name in _named_types(topics)):
             return None
         return read_link(table, self.folder, self.problems)
@@ -211,9 +213,9 @@ class _MappingReader:
             self.problems.add(f"the file `{path}` of `{name}` cannot be read: {why}")
             return None
 
-    def _time_scale(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
-        self.problems.only(given, TIME_KEYS, "`time`")
-        unit, scale = given.get("unit", "s"), given.get("scale", 1)
+    def _time_scale(self, row: Mapping[str, Any]) -> tuple[str | None, Fraction]:
+        self.problems.allow(row, TIME_KEYS, "`time`")
+        unit, scale = row.get("unit", "s"), row.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.add(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")
             unit = "s"
@@ -221,19 +223,19 @@ class _MappingReader:
             shown = str(scale)[:40]
             self.problems.add(f"`scale` of `time` is no number from 1e-12 to 1e12: {shown}")
             scale = 1
-        return self.problems.name(given, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
+        return self.problems.name(row, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
 
-    def _read_seconds(self, given: Mapping[str, Any], key: str) -> int | None:
+    def _read_seconds(self, row: Mapping[str, Any], key: str) -> int | None:
         """A time of a log, a number of seconds or its text, in ns; None where there is none."""
-        if key not in given:
+        if key not in row:
             return None
         try:
-            seconds = Decimal(str(given[key]))
+            seconds = Decimal(str(row[key]))
             far = not seconds.is_finite() or abs(seconds.adjusted()) > DIGITS_MAX
-            if isinstance(given[key], bool) or far or abs(seconds) >= SECONDS_MAX:
+            if isinstance(row[key], bool) or far or abs(seconds) >= SECONDS_MAX:
                 raise InvalidOperation  # noqa: TRY301 - NaN, too, is none
         except InvalidOperation:
-            shown = str(given[key])[:40]
+            shown = str(row[key])[:40]
             self.problems.add(f"`{key}` of `time` is no number of seconds: {shown}")
             return None
         return round(Fraction(seconds) * 10**9)

@@ -73,8 +73,8 @@ class SourceTurns:
         if before and stamp_ns <= max(before) + self.after_ns[rank]:
             return "waits"
         taken = max((s for s in self.newest if s is not None), default=None)
-        own = self.newest[rank]
-        self.newest[rank] = stamp_ns if own is None else max(own, stamp_ns)
+        newest = self.newest[rank]
+        self.newest[rank] = stamp_ns if newest is None else max(newest, stamp_ns)
         return "taken" if taken is None or stamp_ns > taken else "older"
 
 

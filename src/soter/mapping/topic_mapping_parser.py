@@ -52,24 +52,20 @@ DEPTH_MAX = 1_000_000
 ALL = "all"
 
 
-def read_qos(given: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
+def read_qos(row: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
     """Reads the table of policies; the record is not to be used if problems were added."""
-    problems.only(given, KEYS, where)
+    problems.allow(row, KEYS, where)
     return QualityOfService(
-        _read_policy(given, "reliability", RELIABILITY, problems, where),
-        _read_policy(given, "durability", DURABILITY, problems, where),
-        _queue_depth(given.get("depth"), problems, where),
+        _read_policy(row, "reliability", RELIABILITY, problems, where),
+        _read_policy(row, "durability", DURABILITY, problems, where),
+        _queue_depth(row.get("depth"), problems, where),
     )
 
 
 def _read_policy(
-    given: Mapping[str, Any],
-    key: str,
-    known: tuple[str, ...],
-    problems: MappingProblems,
-    where: str,
+    row: Mapping[str, Any], key: str, known: tuple[str, ...], problems: MappingProblems, where: str
 ) -> Any:  # noqa: ANN401 - one of the words, which mypy cannot see
-    word = given.get(key)
+    word = row.get(key)
     if word is not None and word not in known:
         problems.add(f"`{key}` in {where} is {' or '.join(known)}, not {word!r}")
         return None
@@ -176,9 +172,9 @@ class TopicReader:
     def read(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
         """The topic as the mapping has it, once or a source each; useless where problems came."""
         if "sources" not in table:
-            self.problems.only(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
+            self.problems.allow(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
             return (self._read_topic_map(table),)
-        self.problems.only(table, ("sources",), f"`{self.name}`, which has `sources`,")
+        self.problems.allow(table, ("sources",), f"`{self.name}`, which has `sources`,")
         tables = table["sources"]
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             self.problems.add(f"`sources` of `{self.name}` is no list of tables")
@@ -196,7 +192,7 @@ class TopicReader:
     def _read_source(self, rank: int, table: Mapping[str, Any]) -> TopicMap:
         self.name = f"{self.topic.name}.sources.{rank + 1}"
         where = f"`{self.name}`"
-        self.problems.only(table, SOURCE_KEYS, where)
+        self.problems.allow(table, SOURCE_KEYS, where)
         topic_map = self._read_topic_map({k: v for k, v in table.items() if k in TOPIC_KEYS})
         if topic_map.stamp is None:
             self.problems.add(f"{where} has no stamp: sources take over by when they measured")
@@ -252,9 +248,9 @@ class TopicReader:
                 f"`frame` of {where} turns nothing: a vector is three names, "
                 'such as "p" = ["x", "y", "z"]'
             )
-        own = [t for key in ("channel", "frame_id") if isinstance(t := table.get(key), str)]
+        texts = [t for key in ("channel", "frame_id") if isinstance(t := table.get(key), str)]
         for name, names in leaf_reader.vectors.items() if "frame" not in table else ():
-            known = known_frame(message, names, own) if names else ""
+            known = known_frame(message, names, texts) if names else ""
             if turn_between(known or self.frame, self.frame) != SAME:
                 problems.add(
                     f'`{name}` is in {known}, the program in {self.frame}: `frame = "{known}"` of '
@@ -317,7 +313,7 @@ class TopicReader:
         if not isinstance(stamp, dict):
             problems.add(f'{where} is a field, a table or "{ARRIVAL}", not {stamp!r}')
             return None
-        problems.only(stamp, STAMP_KEYS, where)
+        problems.allow(stamp, STAMP_KEYS, where)
         path, unit = stamp.get("from"), stamp.get("unit")
         if not isinstance(path, str) or not path:
             problems.add(f"{where} needs `from`, the name of a field")

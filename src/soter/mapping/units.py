@@ -47,12 +47,7 @@ _BY_DIMENSION = {
         "degE5": math.pi / 180.0e5,
         "degE7": math.pi / 180.0e7,
     },
-    TURN: {
-        "rad/s": 1.0,
-        "mrad/s": 1e-3,
-        "deg/s": math.pi / 180.0,
-        "ddeg/s": math.pi / 1800.0,
-    },
+    TURN: {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0, "ddeg/s": math.pi / 1800.0},
     NUMBER: {"%": 0.01, "d%": 0.001, "c%": 0.0001, "1": 1.0},
     "a length of time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "an angular acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180.0},
@@ -72,24 +67,24 @@ RATES = {LENGTH: SPEED, SPEED: ACCELERATION, ANGLE: TURN, TURN: "an angular acce
 """Dimension -> that of its rate of change, as far as it has a unit here."""
 
 
-def factor_between(given: str, declared: str) -> float | None:
-    """The factor that turns a number in the unit `given` into `declared`; None: there is none.
+def factor_between(unit: str, declared: str) -> float | None:
+    """The factor that turns a number in the unit `unit` into `declared`; None: there is none.
 
     A program without a unit ("") counts in SI. What is not in UNITS (`m^2`, `Ah`) is not turned: it
     goes into the same unit, or, as it is, into none.
     """
-    if declared == given:
+    if declared == unit:
         return 1.0
     if not declared:
-        return UNITS.get(given, 1.0)
-    if given not in UNITS or DIMENSIONS.get(declared) != DIMENSIONS[given]:
+        return UNITS.get(unit, 1.0)
+    if unit not in UNITS or DIMENSIONS.get(declared) != DIMENSIONS[unit]:
         return None
-    return UNITS[given] / UNITS[declared]
+    return UNITS[unit] / UNITS[declared]
 
 
-def cycle(given: str | None, declared: str) -> float:
+def cycle(unit: str | None, declared: str) -> float:
     """A whole turn in the unit of a leaf (in rad, if it has none); infinite: it is no angle."""
-    is_angle = DIMENSIONS.get(declared or given or "") == ANGLE
+    is_angle = DIMENSIONS.get(declared or unit or "") == ANGLE
     return math.tau / UNITS.get(declared, 1.0) if is_angle else math.inf
 
 
@@ -133,11 +128,11 @@ def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequ
     return "ENU" if all(units) else ""
 
 
-def turn_between(given: str, program: str) -> Turn:
+def turn_between(frame: str, program: str) -> Turn:
     """The turn from a frame of FRAMES into the program's, one of WORLD; it is its own inverse."""
-    if given in WORLD:
-        return SAME if given == program else _WORLD_TURN
-    return SAME if given == BODY_OF[program] else _BODY_TURN
+    if frame in WORLD:
+        return SAME if frame == program else _WORLD_TURN
+    return SAME if frame == BODY_OF[program] else _BODY_TURN
 
 
 def _covariance(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
@@ -146,13 +141,7 @@ def _covariance(field: str, linear: str, mixed: str, angular: str) -> dict[str, 
     return {f"{field}.{6 * i + j}": units[i // 3 + j // 3] for i in range(6) for j in range(6)}
 
 
-_SCAN = {
-    "ranges.*": "m",
-    "range_*": "m",
-    "angle_*": "rad",
-    "time_increment": "s",
-    "scan_time": "s",
-}
+_SCAN = {"ranges.*": "m", "range_*": "m", "angle_*": "rad", "time_increment": "s", "scan_time": "s"}
 STANDARD_UNITS = {
     "geometry_msgs/Point": {"[xyz]": "m"},
     "geometry_msgs/Point32": {"[xyz]": "m"},
@@ -199,12 +188,7 @@ STANDARD_UNITS = {
         "altitude": "m",
         "position_covariance.*": "m^2",
     },
-    "sensor_msgs/Range": {
-        "range": "m",
-        "*_range": "m",
-        "field_of_view": "rad",
-        "variance": "m^2",
-    },
+    "sensor_msgs/Range": {"range": "m", "*_range": "m", "field_of_view": "rad", "variance": "m^2"},
     "sensor_msgs/LaserScan": _SCAN,
     "sensor_msgs/MultiEchoLaserScan": _SCAN,
 }
@@ -213,9 +197,9 @@ STANDARD_UNITS = {
 
 def standard_unit(message: MessageType, path: str) -> str | None:
     """The unit of a field, from the outermost type that says it; None where none does."""
-    said = message.unit(path)
-    if said is not None:
-        return said
+    by_message = message.unit(path)
+    if by_message is not None:
+        return by_message
     for owner, rest in message.owners(path):
         for pattern, unit in STANDARD_UNITS.get(owner, {}).items():
             if fnmatchcase(rest, pattern):

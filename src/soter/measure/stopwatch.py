@@ -69,12 +69,7 @@ def read_by(system: System, c: Component) -> tuple[int, ...]:
 
 
 def varied(
-    system: System,
-    layout: StateLayout,
-    c: Component,
-    states: Bytes,
-    count: int,
-    rng: random.Random,
+    system: System, layout: StateLayout, c: Component, states: Bytes, count: int, rng: random.Random
 ) -> Bytes:
     """`count` states (count, size), copies of some (n, size) in which what it reads is drawn.
 
@@ -175,7 +170,7 @@ def timed(
     """
     rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
     mine = timed_components(made.system)
-    told = []
+    measured = []
     for k, c in enumerate(mine):
         quarter = max(1, samples // 4)
         seen = of_run(trace, quarter)
@@ -187,10 +182,10 @@ def timed(
                 times, wrong = made.times(c, states, swept=swept)
                 took.append(times)
                 faulted += wrong
-        told.append(step_times(made.system, c, np.concatenate(took), faulted, margin=margin))
+        measured.append(step_times(made.system, c, np.concatenate(took), faulted, margin=margin))
         if progress is not None:
             progress((k + 1) / len(mine))
-    return tuple(told)
+    return tuple(measured)
 
 
 def timed_components(system: System) -> list[Component]:
@@ -199,12 +194,7 @@ def timed_components(system: System) -> list[Component]:
 
 
 def step_times(
-    system: System,
-    c: Component,
-    took: npt.NDArray[np.int64],
-    faulted: int = 0,
-    *,
-    margin: float,
+    system: System, c: Component, took: npt.NDArray[np.int64], faulted: int = 0, *, margin: float
 ) -> StepTimes:
     """The figures of a component's times (samples,) in ns; `faulted`: how many steps did."""
     longest = int(took.max())

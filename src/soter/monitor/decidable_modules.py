@@ -1,4 +1,4 @@
-"""Which modules a log can decide, which of its topics fell silent, and which are in doubt.
+"""The modules that a log can decide, and its topics that fell silent or are in doubt.
 
 Purpose: `decidable` finds the nodes of the program that can be run on the topics of a log, the
 modules that then have all that their decision modules read, and what the others miss and why.
@@ -133,13 +133,13 @@ class _Search:
             if other not in self.modules and other != module.index:
                 name = self.system.modules[other].name
                 missing_by_name[name] = Missing(name, "whose mode it reads")
-        self._roots(_inputs(self.system, module) - have, missing_by_name, set())
+        self._enter_roots(_inputs(self.system, module) - have, missing_by_name, set())
         return tuple(missing_by_name.values())
 
     def missing_of(self, topics: set[int]) -> tuple[Missing, ...]:
         """The roots of why these topics are not known, which a decided module reads beside."""
         missing_by_name: dict[str, Missing] = {}
-        self._roots(topics - self._have(), missing_by_name, set())
+        self._enter_roots(topics - self._have(), missing_by_name, set())
         return tuple(missing_by_name.values())
 
     # ------------------------------------------------------------ what is there
@@ -175,7 +175,7 @@ class _Search:
 
     # ------------------------------------------------------------ why not
 
-    def _roots(
+    def _enter_roots(
         self, topics: Iterable[int], missing_by_name: dict[str, Missing], asked: set[int]
     ) -> None:
         for i in sorted(topics):
@@ -191,7 +191,7 @@ class _Search:
                 why = f"which `{nodes[0].name}` publishes, {self._never(nodes[0])}"
             elif nodes:
                 lost = self.reads[nodes[0].index] - self._have()
-                self._roots(lost, missing_by_name, asked)
+                self._enter_roots(lost, missing_by_name, asked)
                 if lost:
                     continue
                 why = f"which `{nodes[0].name}` publishes, for a module that is not decided"
@@ -303,7 +303,7 @@ class TopicsHeard:
         self.sound[node] = self._young(c, reads & self.most_ns.keys())
 
     def rests(self, c: Configuration, on: RestsOn) -> bool:
-        """Whether all that a step rests on is young enough; nodes count by what they last read."""
+        """Whether a step rests on young enough topics only; nodes count by what they last read."""
         return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
 
     def fell_silent(self, c: Configuration, on: RestsOn) -> dict[str, int]:
@@ -341,11 +341,11 @@ ANOTHER_PACE = 300.0
 
 def doubts(system: System, samples: Iterable[TopicSamples]) -> list[str]:
     """Notes for people on topics that are in doubt, a sentence each."""
-    told = []
+    texts = []
     for s in samples:
         if not s.always and is_measured(system, s.topic.index):
-            told += [text for text in (_stuck(s), _pace(system, s)) if text]
-    return told
+            texts += [text for text in (_stuck(s), _pace(system, s)) if text]
+    return texts
 
 
 def _stuck(s: TopicSamples) -> str:
@@ -368,10 +368,10 @@ def _pace(system: System, s: TopicSamples) -> str:
     least_ns = least_age_ns(system, s.topic.index)
     if not gaps or least_ns is None:
         return ""
-    here, there = median(gaps), least_ns / PUBLICATIONS
-    if 1.0 / ANOTHER_PACE < here / there < ANOTHER_PACE:
+    here, announced = median(gaps), least_ns / PUBLICATIONS
+    if 1.0 / ANOTHER_PACE < here / announced < ANOTHER_PACE:
         return ""
     return (
         f"samples of `{s.topic.name}` come every {show_ns(round(here))}, those of the program "
-        f"every {show_ns(round(there))}: is `unit` of `time` right?"
+        f"every {show_ns(round(announced))}: is `unit` of `time` right?"
     )

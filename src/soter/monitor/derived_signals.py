@@ -41,7 +41,7 @@ def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
 
 
 def turn_begins(values: Sequence[float], turn: float) -> float:
-    """Where the turn of angles begins: around 0, at 0 or around their middle; NaN: they go on."""
+    """The begin of the turn of angles: around 0, at 0 or around their middle; NaN: they go on."""
     low, high, slack = min(values), max(values), ROUNDED * turn
     begins = (-turn / 2, 0.0, (low + high - turn) / 2) if math.isfinite(turn) else ()
     return next((a for a in begins if a - slack <= low and high <= a + turn + slack), math.nan)

@@ -176,8 +176,8 @@ def open_parameters(
     found = [(p, _sorted_out(pose, p, start)) for p in declared]
     lost = [p.name for p, kind in found if kind is None]
     if len(lost) == len(found) or (named and lost):
-        what = f"on {lost[0]}" if named and lost else "on a parameter of the main file"
-        text = f"no plant of a proof, no bound and no error depends {what}"
+        parameter = f"on {lost[0]}" if named and lost else "on a parameter of the main file"
+        text = f"no plant of a proof, no bound and no error depends {parameter}"
         raise mistake("U001", text, "open what may be fitted: `param WIND: float = 0.1 in [0, 1];`")
     return [kind for _, kind in found if kind is not None]
 

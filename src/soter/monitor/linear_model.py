@@ -205,9 +205,9 @@ def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
         columns = [f(np.eye(n + m + k)[i]) - base for i in range(size)]
         jacobian = np.array(columns).T.reshape(len(base), size)
         for z in np.random.default_rng(0).uniform(-1, 1, (PROBES, n + m + k)):
-            told, wanted = f(z), base + jacobian @ z[:size]
+            found, wanted = f(z), base + jacobian @ z[:size]
             scale = np.abs(jacobian).sum(axis=1) + np.abs(base) + 1e-300
-            if not np.all(np.abs(told - wanted) <= AFFINE * scale):
+            if not np.all(np.abs(found - wanted) <= AFFINE * scale):
                 raise not_affine(problem)
         parts.append((jacobian, base))
     (full, c), (drives, offset) = parts

@@ -170,8 +170,8 @@ class ModuleOfLog:
 
 def units_taken(assumed_units: Sequence[str]) -> list[str]:
     """The assumption on leaves whose unit nobody says, as `TopicMap` has them."""
-    told = "neither the mapping nor a message says a unit, the program's is taken: "
-    return [told + ", ".join(assumed_units)] if assumed_units else []
+    text = "neither the mapping nor a message says a unit, the program's is taken: "
+    return [text + ", ".join(assumed_units)] if assumed_units else []
 
 
 @dataclass

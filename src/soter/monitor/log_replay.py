@@ -87,10 +87,10 @@ def replay(
     world = _LogState(system, interpreter, samples, plan, judged, from_ns)
     world.watches = watches
     for ct in _instants(system, plan, to_ns - from_ns):
-        world.instant(ct, watches)
+        world.replay_instant(ct, watches)
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
-    world.rest(to_ns - from_ns, watches)
+    world.take_remaining(to_ns - from_ns, watches)
     begun = [w.first_s for w in watches.values() if w.first_s is not None]
     judged.from_s = min(begun, default=judged.from_s)
     return judged
@@ -102,7 +102,7 @@ def _empty_judgement(
     """The judgement of a log before any step: the facts on its samples, and empty modules."""
 
     def by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
-        return {s.topic.name: told for s in samples if (told := fact(s))}
+        return {s.topic.name: value for s in samples if (value := fact(s))}
 
     def of_module(m: Module) -> ModuleOfLog:
         lost, blind, unheard = (
@@ -188,7 +188,7 @@ class _LogState:
             self.at.setdefault(_driver(system, s.topic.index), []).append(_Feed(s, from_ns))
         self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
         mapped = {s.topic.index for s in samples}
-        given = mapped.union(*(written_by_node(system.components[n]) for n in plan.nodes))
+        written = mapped.union(*(written_by_node(system.components[n]) for n in plan.nodes))
         self.needs: dict[int, set[int]] = {}
         """Component -> the topics that have to be there before it steps; a node may feed itself."""
         for n in plan.nodes:
@@ -198,9 +198,9 @@ class _LogState:
         for m in (system.modules[i] for i in plan.modules):
             inputs = set(topics_behind(system, (), m.inputs))
             behind = topics_behind(system, plan.nodes, inputs) & mapped
-            self.needs[m.dm] = behind | (inputs & given)
+            self.needs[m.dm] = behind | (inputs & written)
         self.aging = {s.topic.index for s in samples if not s.always}
-        self.of_safe = {m.index: topics_of_safe(m) & given for m in system.modules}
+        self.of_safe = {m.index: topics_of_safe(m) & written for m in system.modules}
         self.hearing = TopicsHeard.of(system, samples, plan)
         modules = [system.modules[i] for i in plan.modules]
         self.dm_rests = {m.index: self.hearing.rest_of(m.inputs) for m in modules}
@@ -209,7 +209,7 @@ class _LogState:
         self.unread: set[tuple[int, int]] = set()
         """Modules, and topics of their `safe` that no step has read since they were published."""
 
-    def instant(self, ct: int, watches: dict[int, _Watch]) -> None:
+    def replay_instant(self, ct: int, watches: dict[int, _Watch]) -> None:
         """One instant: what was published before it, then everything in the deployed order."""
         due = [n for n in self.system.components if n.index in self.stepping and _is_due(n, ct)]
         self.c = replace(self.c, ct=ct, FN=tuple(n.index for n in due))
@@ -223,7 +223,7 @@ class _LogState:
             if n.index in released:
                 self._step(n, watches)
 
-    def rest(self, ct: int, watches: dict[int, _Watch]) -> None:
+    def take_remaining(self, ct: int, watches: dict[int, _Watch]) -> None:
         """Take in what came after the last step of anybody: refused, or too late for a DM."""
         self.c = replace(self.c, ct=ct)
         for feeds in self.at.values():
@@ -289,8 +289,8 @@ class _LogState:
         self.hearing.note_node(self.c, n.index)
         self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
         if isinstance(outcome, StepOutcome) and outcome.fault is not None:
-            told = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
-            self.judged.faulted.setdefault(n.name, told)
+            text = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
+            self.judged.faulted.setdefault(n.name, text)
 
     def _decide(self, n: Component, m: int, watch: _Watch) -> None:
         env = self.machine.environment(self.c, n)
@@ -391,9 +391,9 @@ class _Watch:
         module_log.ttf += verdict.ttf
         module_log.safer += verdict.safer
         module_log.nan_looks += verdict.nan
-        self._distances(env, time_s)
+        self._note_distances(env, time_s)
 
-    def _distances(self, env: Environment, time_s: float) -> None:
+    def _note_distances(self, env: Environment, time_s: float) -> None:
         module_log = self.found
         far = self._ask(self.ttf, env)
         if far is not None:

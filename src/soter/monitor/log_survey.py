@@ -253,8 +253,8 @@ def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
     head = csv_head(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:
-        told = f"no column is called as a time is: {', '.join(head)[:200]}"
-        raise unusable(path, told, *head_helps(head), TIME_NAMED)
+        message = f"no column is called as a time is: {', '.join(head)[:200]}"
+        raise unusable(path, message, *head_helps(head), TIME_NAMED)
     time, unit_ns = called[0], 0
     for line, (clock,), row in csv_rows(path, head, time, facts):
         now = parse_decimal(clock)
@@ -272,9 +272,9 @@ def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
         yield now_ns, None, path.name, cells
 
 
-def _unit(said: str | None, first: Decimal) -> tuple[str, int]:
+def _unit(unit: str | None, first: Decimal) -> tuple[str, int]:
     """The unit of a time, and that in ns, as its name says or as fits its first value."""
-    return next((u, ns) for at, u, ns in UNITS if (u == said if said else abs(first) > at))
+    return next((u, ns) for at, u, ns in UNITS if (u == unit if unit else abs(first) > at))
 
 
 def _number(cell: str) -> float | int | str:
@@ -345,8 +345,8 @@ def program_head(survey: LogSurvey, log: str, name: str) -> str:
         for path, called in fields.items():
             n = found.fields[path]
             turns = '; an angle? `float unit "rad"`, or "deg", counts modulo a turn'
-            told = f"{_figure(n.low)} to {_figure(n.high)}{turns * bool(ANGLE.search(path))}"
-            lines.append(f"  {called}: {found.kind(path)},  // {told}")
+            span = f"{_figure(n.low)} to {_figure(n.high)}{turns * bool(ANGLE.search(path))}"
+            lines.append(f"  {called}: {found.kind(path)},  // {span}")
         age = found.first_max_age_ns()
         lines += [
             "};",
@@ -384,8 +384,8 @@ def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str
         topic = _name(channel.removesuffix(".csv"), taken)
         words = NOT_A_NAME.sub("_", topic).split("_")
         of_type = _name("".join(w[:1].upper() + w[1:] for w in words) + "Data", taken)
-        own = set(RESERVED)
-        yield channel, topic, of_type, {p: _name(p, own) for p in kept}
+        names = set(RESERVED)
+        yield channel, topic, of_type, {p: _name(p, names) for p in kept}
 
 
 def _name(text: str, taken: set[str]) -> str:
@@ -432,10 +432,10 @@ def _remarks(found: Channel) -> list[str]:
             f"// Left out, as no single number: {_number_text(', '.join(sorted(no_number)))}"
         )
     missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept}
-    told = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
-    if told:
+    counts = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
+    if counts:
         lines += [
-            f"// A sample has every number. Empty or no finite number: {_number_text(told)}.",
+            f"// A sample has every number. Empty or no finite number: {_number_text(counts)}.",
             "// What comes at times of its own wants a topic of its own, here and in the mapping.",
         ]
     if found.back:
@@ -457,9 +457,9 @@ def _rate(found: Channel) -> str:
     hertz = len(gaps) * 1e9 / sum(gaps)
     half, most = round(median(gaps)), gaps[-1]
     ages = found.ages_ns()
-    told = f"{count}, {hertz:.3g} Hz, gaps {write_ns(_up(half))} (half) to {write_ns(_up(most))}"
+    rate = f"{count}, {hertz:.3g} Hz, gaps {write_ns(_up(half))} (half) to {write_ns(_up(most))}"
     since = "since its stamp" if found.stamped else "since it was logged"
-    return f"{told}, at most {write_ns(_up(ages[-1]))} old {since}"
+    return f"{rate}, at most {write_ns(_up(ages[-1]))} old {since}"
 
 
 def _up(ns: int) -> int:
@@ -478,5 +478,5 @@ def _number_text(text: str) -> str:
 
 def _toml_text(text: str) -> str:
     """A text of TOML, without characters that a terminal would act upon."""
-    said = json.dumps(text, ensure_ascii=False)
-    return "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in said)
+    quoted = json.dumps(text, ensure_ascii=False)
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in quoted)

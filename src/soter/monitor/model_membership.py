@@ -294,9 +294,9 @@ def judge(
         judgement.length_ns = record.times_ns[-1] - record.times_ns[0]
     if estimates:
         ages = _Ages(flat, needed_topics(flat, module, problem), record)
-        _on_estimates(reader, models, record, judgement, ages, truths=truths)
+        _judge_on_estimates(reader, models, record, judgement, ages, truths=truths)
     else:
-        _on_truth(reader, models, record, judgement)
+        _judge_on_truth(reader, models, record, judgement)
     return judgement
 
 
@@ -310,7 +310,7 @@ def note_alarm(judgement: Judgement, at_s: float, states: Sequence[str]) -> None
         judgement.alarm_states[name] = judgement.alarm_states.get(name, 0) + 1
 
 
-def _on_truth(
+def _judge_on_truth(
     reader: RecordReader, models: Models, record: RecordedRun, judgement: Judgement
 ) -> None:
     last: tuple[Floats, tuple[int, ...], Floats, int] | None = None
@@ -388,7 +388,7 @@ def observation_map(problem: Problem, model: LinearModel) -> ObservationMap:
 
 
 class _Ages:
-    """Which topics that are read were published at each instant, and which fell silent."""
+    """The topics that are read: which were published at each instant, and which fell silent."""
 
     def __init__(self, flat: System, names: Sequence[str], record: RecordedRun) -> None:
         self.record, self.names = record, names
@@ -402,7 +402,7 @@ class _Ages:
             self.most[t.name] = SILENT * usual if t.max_age_ns is None else t.max_age_ns
 
     def fresh(self, k: int, leaves: Sequence[str]) -> NDArray[np.bool_]:
-        """Which of the driven leaves, by their topics, were published at instant k."""
+        """Whether the driven leaves, by their topics, were published at instant k."""
         return np.array([name in self.record.published[k] for name in leaves], dtype=np.bool_)
 
     def heard(self, k: int) -> bool:
@@ -424,7 +424,7 @@ def _parameter(
     return reader.shown(shown, record.topics[k])
 
 
-def _on_estimates(
+def _judge_on_estimates(
     reader: RecordReader,
     models: Models,
     record: RecordedRun,

@@ -43,7 +43,7 @@ Far = (Distance(math.inf, -1), Distance(-math.inf, -1))
 
 
 class PredicatePosition(NamedTuple):
-    """Where in a predicate: the calls that led there, and what a greater distance means.
+    """A place in a predicate: the calls that led there, and what a greater distance means.
 
     `sense`: 1.0: the predicate is further from failing, -1.0: nearer, 0.0: it depends.
     """
@@ -104,14 +104,14 @@ class PredicateMargins:
 
     def _label(self, text: str, calls: tuple[str, ...]) -> str:
         others = [c for t_, c in self.bounds if t_ == text and c != calls]
-        told: list[str] = []
+        labels: list[str] = []
         for depth, call in enumerate(calls):
             if not others:
                 break
             if any(c[depth : depth + 1] != (call,) for c in others):
-                told.append(call)
+                labels.append(call)
                 others = [c for c in others if c[depth : depth + 1] == (call,)]
-        return ": ".join((*told, text))
+        return ": ".join((*labels, text))
 
     def _connective(
         self, e: t.TypedBinary, at: PredicatePosition
@@ -165,9 +165,9 @@ class PredicateMargins:
         parameters = e.fun.parameters
 
         def called(env: Environment) -> Distance:
-            given = [a(env) for a in arguments]
+            values = [a(env) for a in arguments]
             outside = env.variables
-            env.variables = dict(zip(parameters, given, strict=True))
+            env.variables = dict(zip(parameters, values, strict=True))
             try:
                 way: list[Distance] = []
                 distance = body(env, way)

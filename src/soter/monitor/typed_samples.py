@@ -133,23 +133,23 @@ class TopicSamples:
 
     @property
     def first_left_out(self) -> str:
-        """Where the first row without a sample is, and why; "" where there is none."""
+        """The first row without a sample, and why it has none; "" if every row has one."""
         return next((first for _, first in self.reasons.values()), "")
 
     @property
     def lost(self) -> list[str]:
         """Notes for people on samples that were not used, and on stamps in another clock."""
         name = self.topic.name
-        told = [
+        texts = [
             f"left out: {count:,} samples of {name}; the first: {first}"
             for count, first in self.reasons.values()
         ]
-        told += [self.clipped] * bool(self.clipped)
+        texts += [self.clipped] * bool(self.clipped)
         if self.far_stamps is not None:
-            told.append(
+            texts.append(
                 f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
             )
-        return told
+        return texts
 
     @property
     def from_ns(self) -> int:
@@ -210,11 +210,11 @@ def read_samples(
         made.turns = [getattr(t.leaves[p], "turn", math.inf) for p, _ in leaves(t.topic.type)]
         made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
-            _samples_of_sources(path, of, made, first)
+            _take_samples_of_sources(path, of, made, first)
         elif t.names:
             _add_rows(path, t, rows, made, first)
         else:
-            _always(t, made)
+            _add_constants(t, made)
         if t.clip:
             inside = [clip(t.topic.type, t.topic.bounds, value) for value in made.values]
             moved = sum(a != b for a, b in zip(inside, made.values, strict=True))
@@ -227,7 +227,7 @@ def read_samples(
     return samples
 
 
-def _always(t: TopicMap, made: TopicSamples) -> None:
+def _add_constants(t: TopicMap, made: TopicSamples) -> None:
     made.values.append(_built(t.topic.type, _constants(t)))
     made.constants = [t.name_of(p) for p in t.leaves]
 
@@ -263,14 +263,14 @@ def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, fir
         for p, value in row.items():
             read[p].append(value)
     if not made.times_ns:
-        what = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
+        required = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
         arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
         helps = (made.first_left_out, arrival, *choice.helps)
-        raise unusable(path, f"no row of it has {what}", *helps)
+        raise unusable(path, f"no row of it has {required}", *helps)
     _fill(path, t, made, read)
 
 
-def _samples_of_sources(
+def _take_samples_of_sources(
     path: Path, sources: list[tuple[TopicMap, Columns]], made: TopicSamples, first_ns: int
 ) -> None:
     """The samples that a bridge takes of several sources: one after the other, as they arrived."""
@@ -297,7 +297,7 @@ def _samples_of_sources(
             made.values.append(value)
             taken.append(rank)
     if not made.times_ns:
-        seen = [told for choice in choices for told in choice.helps]
+        seen = [help_ for choice in choices for help_ in choice.helps]
         raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen)
     made.sources = _turns_taken([t.channel for t, _ in sources], taken)
 
@@ -393,7 +393,7 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         del made.times_ns[0], made.stamps_ns[0]  # where there is no slope yet
         times_s, whole, n = times_s[1:], {p: v[1:] for p, v in whole.items()}, n - 1
     if t.linear:
-        _ahead(t, made, times_s, whole)
+        _note_errors_ahead(t, made, times_s, whole)
     for i in range(n):
         made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
 
@@ -404,7 +404,7 @@ def _going_on(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, An
     return np.unwrap(np.array(column, dtype=np.float64), period=turn)
 
 
-def _ahead(
+def _note_errors_ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
     """Note by how much straight lines miss the samples; times_s (n,)."""
@@ -460,8 +460,8 @@ def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
     if isinstance(t, BoolType):
         if isinstance(cell, bool):
             return cell
-        said = TRUTHS.get(str(cell).lower())
-        return (False, True)[_between(0, whole_number(cell), 1)] if said is None else said
+        truth = TRUTHS.get(str(cell).lower())
+        return (False, True)[_between(0, whole_number(cell), 1)] if truth is None else truth
     if isinstance(t, EnumType):
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):

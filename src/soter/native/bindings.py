@@ -142,14 +142,14 @@ def require_named(systems: Sequence[System], name: str) -> None:
         return
     externs = [x for s in systems for x in _all_externs(s, lower(s))]
     if not _is_named(externs, name):
-        own = [d for s in systems if (d := _own_code(s, name)) is not None]
+        coded = [d for s in systems if (d := _own_code(s, name)) is not None]
         raise SoterError(
-            (own[0] if own else _unknown_extern("no system of this program", externs, name),)
+            (coded[0] if coded else _unknown_extern("no system of this program", externs, name),)
         )
 
 
-def bind(system: System, given: Mapping[str, object]) -> Bindings:
-    """Binds every extern of the system; `given` overrides the program.
+def bind(system: System, bound: Mapping[str, object]) -> Bindings:
+    """Binds every extern of the system; `bound` overrides the program.
 
     A name is a full one (`d.M.Learned`), the last part of it, or that of the declaration; the
     most exact wins, and one name may stand for several instances. Bindings to C are entered in
@@ -157,10 +157,10 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
     """
     core = lower(system)
     externs = list(_all_externs(system, core))
-    problems = [_no_extern(system, externs, name) for name in given if not _is_named(externs, name)]
+    problems = [_no_extern(system, externs, name) for name in bound if not _is_named(externs, name)]
     if problems:
         raise SoterError(tuple(problems))
-    _assign(externs, given)
+    _assign(externs, bound)
     _enter_c(core, externs)
     return Bindings(system, core, externs)
 
@@ -186,10 +186,10 @@ def require_read(externs: Iterable[Extern], read: Callable[[Extern], object]) ->
         raise SoterError(tuple(problems))
 
 
-def bind_again(bindings: Bindings, given: Mapping[str, object]) -> Bindings:
+def bind_again(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
     """The same system with other Python objects under the same names and texts."""
     externs = [replace(x) for x in bindings.externs]
-    _assign(externs, given)
+    _assign(externs, targets)
     return Bindings(bindings.system, bindings.core, externs)
 
 
@@ -203,18 +203,18 @@ def bound_alike(bindings: Bindings, derived: System) -> Bindings:
     return Bindings(derived, core, bindings.externs)
 
 
-def _assign(externs: list[Extern], given: Mapping[str, object]) -> None:
+def _assign(externs: list[Extern], targets: Mapping[str, object]) -> None:
     for exactness in (2, 1, 0):
-        for name, target in given.items():
+        for name, target in targets.items():
             for extern in externs:
                 if exactness in _match_levels(extern, name):
                     extern.bound = check_text(name, target) if isinstance(target, str) else target
 
 
-def bind_somewhere(systems: Sequence[System], given: Mapping[str, object]) -> None:
+def bind_somewhere(systems: Sequence[System], targets: Mapping[str, object]) -> None:
     """SoterError U005 for a name that no system of a program has an extern for."""
     problems: list[Diagnostic] = []
-    for name, target in given.items():
+    for name, target in targets.items():
         problem_lists = [_problems_of_binding(system, name, target) for system in systems]
         if all(problem_lists):
             problems += problem_lists[0] if problem_lists else ()
@@ -280,12 +280,12 @@ def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
 def _own_code(system: System, name: str) -> Diagnostic | None:
     """The error for a name that stands for something that is no extern; None: it is unknown."""
     for x in system.components:
-        own = x.node or x.plant
-        if own is not None and name in (x.name, x.name.rpartition(".")[2], own.name):
+        symbol = x.node or x.plant
+        if symbol is not None and name in (x.name, x.name.rpartition(".")[2], symbol.name):
             return Diagnostic(
                 "U005",
                 f"`{name}` has code of its own: only an extern can be bound",
-                Label(own.span, "declared here"),
+                Label(symbol.span, "declared here"),
                 helps=("declare it as `extern`, or `replace` it by an extern in a system",),
             )
     return None
@@ -301,9 +301,9 @@ def _unknown_extern(where: str, externs: list[Extern], name: str) -> Diagnostic:
 
 def not_callable(name: str, bound: object) -> Diagnostic:
     """X002 for an object that can answer no extern."""
-    what = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
+    bound_text = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
     help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
-    return Diagnostic("X002", f"extern `{name}` is bound to {what}", helps=(help_,))
+    return Diagnostic("X002", f"extern `{name}` is bound to {bound_text}", helps=(help_,))
 
 
 def binding_text(bound: object) -> str:

@@ -64,12 +64,12 @@ def cache_dir() -> Path:
 
 def digest(parts: Iterable[str]) -> str:
     """A hash of a sequence of texts, which tells where one ends."""
-    told = hashlib.sha256()
+    sha = hashlib.sha256()
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
-        told.update(len(data).to_bytes(8, "little"))
-        told.update(data)
-    return told.hexdigest()
+        sha.update(len(data).to_bytes(8, "little"))
+        sha.update(data)
+    return sha.hexdigest()
 
 
 def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
@@ -189,9 +189,9 @@ def _refuse_a_folder_of_others(folder: Path) -> None:
         return  # it is not there yet; making it says what is wrong
     if not is_ours(status):
         mine = status.st_uid in {os.geteuid(), 0}
-        what = "others may write to it" if mine else "it belongs to another user"
+        why = "others may write to it" if mine else "it belongs to another user"
         fix = (f"if nobody has: chmod go-w '{folder}'",) if mine else ()
-        message = f"the cache folder `{folder}` is not used: {what}"
+        message = f"the cache folder `{folder}` is not used: {why}"
         note = "what is in it is loaded and run"
         raise _unusable(message, (note,), fix)
 
@@ -343,20 +343,20 @@ def files_below(folder: Path, *patterns: str) -> list[Path]:
     names = [f"{at}{os.sep}{n}" for at, _, files in os.walk(folder) for n in files if wanted(n)]
     paths = [Path(name) for name in sorted(names, key=lambda name: name.replace(os.sep, "\0"))]
     if not paths:
-        what = ", ".join(patterns)
-        raise FileNotFoundError(f"soter is not whole: no {what} below {folder.name}/")
+        shown = ", ".join(patterns)
+        raise FileNotFoundError(f"soter is not whole: no {shown} below {folder.name}/")
     return paths
 
 
 @cache
 def soter_sha256() -> str:
     """A hash of every file of Soter, the prelude too."""
-    told = hashlib.sha256()
+    sha = hashlib.sha256()
     below = len(SOTER.as_posix()) + 1
     for path in files_below(SOTER, "*.py", "*.c", "*.h", "*.soter"):
-        told.update(path.as_posix()[below:].encode())
-        told.update(hashlib.sha256(path.read_bytes()).digest())
-    return told.hexdigest()
+        sha.update(path.as_posix()[below:].encode())
+        sha.update(hashlib.sha256(path.read_bytes()).digest())
+    return sha.hexdigest()
 
 
 INCLUDE = re.compile(
@@ -398,8 +398,8 @@ def computes_names(texts: Collection[str]) -> bool:
     joined = [t.replace("\\\n", "") for t in texts]
     for name, rest in (found for t in joined for found in OF_A_MACRO.findall(t)):
         defined = re.compile(rf"^[ \t]*(?:#|%:)[ \t]*define[ \t]+{name}\b(?!\()(.*)$", re.MULTILINE)
-        given = [d.strip() for t in joined for d in defined.findall(t)]
-        if rest.lstrip().startswith("(") or not given or any(d[:1] not in '"<' for d in given):
+        names = [d.strip() for t in joined for d in defined.findall(t)]
+        if rest.lstrip().startswith("(") or not names or any(d[:1] not in '"<' for d in names):
             return True
     return False
 

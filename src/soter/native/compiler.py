@@ -89,7 +89,7 @@ def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> Compiler
     )
     _running.add(process.pid)
     try:
-        said, why = _read(process, time.monotonic() + limit_s, limit_s)
+        output, why = _read(process, time.monotonic() + limit_s, limit_s)
         code = None if why else process.wait()
     finally:
         _end(process.pid)
@@ -98,7 +98,7 @@ def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> Compiler
             assert stream is not None
             stream.close()
         process.wait()
-    return CompilerOutput(code, said.decode("utf-8", "replace"), why)
+    return CompilerOutput(code, output.decode("utf-8", "replace"), why)
 
 
 _running: set[int] = set()
@@ -119,17 +119,17 @@ def _end(group: int) -> None:
 def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
     """Its output, and why it was not read to the end; "" where it was."""
     assert process.stdout is not None
-    said, source = bytearray(), process.stdout.fileno()
+    output, source = bytearray(), process.stdout.fileno()
     while (left := end - time.monotonic()) > 0:
         if select.select([source], [], [], min(left, LOOK_S))[0]:
             part = os.read(source, 2**16)
             if not part:
-                return bytes(said), ""
-            said += part
-            if len(said) > OUTPUT_MAX:
+                return bytes(output), ""
+            output += part
+            if len(output) > OUTPUT_MAX:
                 why = f"the compiler was ended: it wrote more than {OUTPUT_MAX:,} bytes"
-                return bytes(said), why
-    return bytes(said), f"the compiler was ended after {limit_s:g} s"
+                return bytes(output), why
+    return bytes(output), f"the compiler was ended after {limit_s:g} s"
 
 
 def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
@@ -148,9 +148,9 @@ FAST = ("-fno-trapping-math",)
 """No floating-point flags of the processor are read, so clang may compute both ways of a choice."""
 
 
-def of_processor(said: str) -> tuple[str, ...]:
+def of_processor(cpuinfo: str) -> tuple[str, ...]:
     """The flags that all cores support according to Linux's text about the processor."""
-    cores = [line.split() for line in said.splitlines() if line.startswith("flags")]
+    cores = [line.split() for line in cpuinfo.splitlines() if line.startswith("flags")]
     for flags in VECTORS:
         if cores and all(flag.removeprefix("-m") in core for flag in flags for core in cores):
             return flags
@@ -207,8 +207,8 @@ def _identity(command: tuple[str, ...]) -> str | None:
         stat = os.stat(os.path.realpath(path))  # noqa: PTH116 - follows links on purpose
     except OSError:
         return None
-    said = (os.path.realpath(path), stat.st_size, stat.st_mtime_ns, *command[1:])
-    return hashlib.sha256(" ".join(map(str, said)).encode()).hexdigest()
+    parts = (os.path.realpath(path), stat.st_size, stat.st_mtime_ns, *command[1:])
+    return hashlib.sha256(" ".join(map(str, parts)).encode()).hexdigest()
 
 
 def _zig() -> Compiler | None:
@@ -236,12 +236,12 @@ def find() -> Compiler:
     zig = None if chosen else _zig()
     if zig is not None:
         return zig
-    what = f"`{' '.join(chosen)}` (from SOTER_CC)" if chosen else "`cc`, `gcc` or `clang`"
+    tried = f"`{' '.join(chosen)}` (from SOTER_CC)" if chosen else "`cc`, `gcc` or `clang`"
     raise SoterError(
         (
             Diagnostic(
                 "X005",
-                f"there is no C compiler: {what} was not found",
+                f"there is no C compiler: {tried} was not found",
                 helps=(
                     *(("take the system's: unset SOTER_CC",) if chosen else ()),
                     f"install one as a Python package: {pip_install('compiler')}",

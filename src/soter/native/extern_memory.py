@@ -90,7 +90,7 @@ def unknown_of(unit: Unit) -> str:
     return _examined(unit, UNKNOWN)
 
 
-def _examined(unit: Unit, told: str) -> str:
+def _examined(unit: Unit, file_name: str) -> str:
     for source in unit.c_sources:
         if Path(source).suffix != ".c":
             return f"`{Path(source).name}` is no file of C"
@@ -106,9 +106,9 @@ def _examined(unit: Unit, told: str) -> str:
         objects = [work / f"extern_{k + 1}.o" for k in range(len(files))]
         wanted = [f for f in flags if f != "-shared" and not f.startswith("-Wl,")]
         for file, built in zip(files, objects, strict=True):
-            own = [*wanted, *include_flags(), f"-I{work}", "-MMD", "-MF", f"{built}.d"]
-            own += ["-c", file, "-o", str(built)]
-            compile_with([*compiler.command, *own], work, "the C of an extern does not compile")
+            words = [*wanted, *include_flags(), f"-I{work}", "-MMD", "-MF", f"{built}.d"]
+            words += ["-c", file, "-o", str(built)]
+            compile_with([*compiler.command, *words], work, "the C of an extern does not compile")
         made = [o.read_bytes() for o in objects]
         (work / TOLD).write_text(_why_it_keeps_state(made), encoding="utf-8")
         read = (Path(f"{o}.d").read_text(errors="surrogateescape") for o in objects)
@@ -116,7 +116,7 @@ def _examined(unit: Unit, told: str) -> str:
         (work / UNKNOWN).write_text(unknown, encoding="utf-8", errors="replace")
 
     folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD, UNKNOWN), make)
-    return (folder / told).read_text(encoding="utf-8")
+    return (folder / file_name).read_text(encoding="utf-8")
 
 
 def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:

@@ -72,10 +72,7 @@ def without_link(flags: Iterable[str]) -> tuple[str, ...]:
 
 
 def library(
-    unit: Unit,
-    optimise: str = "-O2",
-    extra: tuple[str, ...] = (),
-    engine: tuple[Path, ...] = (),
+    unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = (), engine: tuple[Path, ...] = ()
 ) -> Path:
     """The shared library of a unit, from the cache or freshly compiled.
 
@@ -95,9 +92,9 @@ def library(
 
     path = cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
     if unit.decisions:
-        from soter.codegen.conditions import compiled  # noqa: PLC0415 - only then
+        from soter.codegen.conditions import note_library  # noqa: PLC0415 - only then
 
-        compiled(unit.decisions, path)
+        note_library(unit.decisions, path)
     return path
 
 
@@ -138,7 +135,7 @@ def _helps(unit: Unit) -> tuple[str, ...]:
 
 
 def include_flags(*files: Path) -> tuple[str, ...]:
-    """Where the compiler looks for headers: beside these files, in the run-time, in `native/c/`."""
+    """Flags that find headers: beside these files, in the run-time, in `native/c/`."""
     folders = dict.fromkeys((*(f.parent for f in files), RUNTIME, NEVER_SHIPPED))
     return tuple(f"-I{folder}" for folder in folders)
 
@@ -160,11 +157,11 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     message = "the C of this program does not compile"
     helps = _helps(unit) if unit.c_sources else (DEFECT,)
     externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
-    own = [*find().command, *without_link(library_flags()), *include_flags(), f"-I{work}"]
+    words = [*find().command, *without_link(library_flags()), *include_flags(), f"-I{work}"]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):
             externs[i] = f"{work / f'extern_{i + 1}.o'}"
-            command = [*own, "-c", extern, "-o", externs[i]]
+            command = [*words, "-c", extern, "-o", externs[i]]
             compile_with(command, work, message, helps, TELLING)
     command = [*compiler, "-o", str(built), str(source), *externs, *runtime, "-lm"]
     compile_with(command, work, message, helps, TELLING)
@@ -313,9 +310,9 @@ class Library:
 
     def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
         """A value from outside, measured at `time_ns`; 0, or why not. `state`: (bytes,)."""
-        given = self.ffi.cast("void *", self.ffi.from_buffer(value))
+        pointer = self.ffi.cast("void *", self.ffi.from_buffer(value))
         return int(
-            self.lib.soter_publish(self._program, self._pointer(state), topic, given, time_ns)
+            self.lib.soter_publish(self._program, self._pointer(state), topic, pointer, time_ns)
         )
 
     def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:

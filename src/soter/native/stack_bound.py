@@ -99,11 +99,11 @@ def stack_of(
             stack = _measured(work, list(compiler.command), flags, files, entries, left, below)
         (work / FOUND).write_text(json.dumps(vars(stack)), encoding="utf-8")
 
-    told = json.loads(
+    stored = json.loads(
         (cached("stack", content, (FOUND,), make) / FOUND).read_text(encoding="utf-8")
     )
-    way, rest = tuple(told["way"]), tuple(told["not_counted"])
-    return StackBound(told["bytes"], told["compiler"], way, rest, told["why"])
+    way, rest = tuple(stored["way"]), tuple(stored["not_counted"])
+    return StackBound(stored["bytes"], stored["compiler"], way, rest, stored["why"])
 
 
 def _measured(
@@ -119,7 +119,7 @@ def _measured(
         (work / name).write_text(text, encoding="utf-8")
     sources = [name for name in files if name.endswith(".c")]
     version = run_compiler([*command, "--version"], work, TIMEOUT_S).text
-    said = (version.splitlines() or [""])[0]
+    first_line = (version.splitlines() or [""])[0]
     graph: StackGraph | None = None
 
     def done(*words: str) -> bool:
@@ -134,9 +134,9 @@ def _measured(
     for path in work.iterdir():
         path.unlink()
     if graph is None or not graph.frames:
-        return StackBound(None, said, why=SILENT)
+        return StackBound(None, first_line, why=SILENT)
     pointed = {name for text in files.values() for _, name in TABLE.findall(text)}
-    return _bound(graph, said, entries, pointed - {"NULL", *left_out}, below)
+    return _bound(graph, first_line, entries, pointed - {"NULL", *left_out}, below)
 
 
 # ---------------------------------------------------------------- what compilers say
@@ -164,14 +164,14 @@ def _of_clang(work: Path) -> StackGraph:
     """Frames of every `.su` file, calls of every `.s` file."""
     graph = StackGraph()
     for path in sorted(work.glob("*.su")):
-        own = path.with_suffix(".c").name
+        file_name = path.with_suffix(".c").name
         assembly = path.with_suffix(".s").read_text(encoding="utf-8")
         open_ = set(re.findall(r"^\s+\.globl\s+(\S+)", assembly, re.MULTILINE))
         here: dict[str, str] = {}
         for line in path.read_text(encoding="utf-8").splitlines():
             place, size, kind = line.rsplit("\t", 2)
             name = place.rpartition(":")[2]
-            here[name] = name if name in open_ else f"{own}:{name}"
+            here[name] = name if name in open_ else f"{file_name}:{name}"
             graph.frames[here[name]] = int(size) + RETURNS_HERE
             if "dynamic" in kind:
                 graph.unbounded.append(here[name])
@@ -234,8 +234,8 @@ def _bound(
             raise _EndlessError(f"the frame of `{_plain(title)}` depends on data")
         below = [deepest(t, (*above, title)) for t in sorted(graph.calls.get(title, ()))]
         most, way = max(below, default=(0, ()), key=lambda x: x[0])
-        own = () if title == INDIRECT else (_plain(title),)
-        known[title] = most + graph.frames.get(title, 0), (*own, *way)
+        here = () if title == INDIRECT else (_plain(title),)
+        known[title] = most + graph.frames.get(title, 0), (*here, *way)
         return known[title]
 
     starts = [t for t in graph.frames if ":" not in t and t.startswith(entries)]

@@ -20,9 +20,9 @@ def main() -> int:
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="gets index.html")
     parser.add_argument("--pyodide", metavar="PATH", help="the npm package, or its folder")
     parser.add_argument("--examples", metavar="DIR", help="programs to offer; by default a cart")
-    given = parser.parse_args()
+    args = parser.parse_args()
     try:
-        path = write_playground(given.output, given.pyodide, given.examples)
+        path = write_playground(args.output, args.pyodide, args.examples)
     except SoterError as error:
         print(render_all(error.diagnostics), file=sys.stderr)
         return 1

@@ -135,9 +135,9 @@ def layout(path: str, text: str) -> str:
     """The text well laid out; as it was, with diagnostics, where it does not parse."""
     diagnostics = Diagnostics()
     done = format_source(Source(path, text), diagnostics)
-    told = render_all(diagnostics.items)
+    shown = render_all(diagnostics.items)
     return json.dumps(
-        {"ok": done is not None, "program": text if done is None else done, "text": told}
+        {"ok": done is not None, "program": text if done is None else done, "text": shown}
     )
 
 
@@ -242,8 +242,8 @@ class PlaygroundSession:
         """A row of the table of samples: time, modes, signals."""
         c = self._configuration
         values = [s.of(c) for s in self.signals]
-        told = [v if math.isfinite(v) else None for v in values]
-        return [c.ct / 1e9, [int(m == AC) for m in self._modes], told]
+        finite = [v if math.isfinite(v) else None for v in values]
+        return [c.ct / 1e9, [int(m == AC) for m in self._modes], finite]
 
     def _changes(self, events: list[dict[str, object]]) -> bool:
         """Note changes of mode and new violations; whether a mode changed."""
@@ -268,8 +268,8 @@ class PlaygroundSession:
         for i, p in enumerate(self._record.properties):
             if p.count and not self._told[i]:
                 self._told[i] = True
-                what = self.system.properties[i].text
-                events.append({"time_s": time_s, "what": what, "why": "violated", "bad": True})
+                text = self.system.properties[i].text
+                events.append({"time_s": time_s, "what": text, "why": "violated", "bad": True})
         return changed
 
 

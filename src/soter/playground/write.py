@@ -111,13 +111,13 @@ FILES = (
 FETCH_S = 300.0
 
 
-def runtime_files(given: str | Path | None = None) -> dict[str, bytes]:
-    """The files by name; `given`: a folder with them, or a file as `npm pack pyodide` makes it.
+def runtime_files(source: str | Path | None = None) -> dict[str, bytes]:
+    """The files by name; `source`: a folder with them, or a file as `npm pack pyodide` makes it.
 
     Without it npm is asked. SoterError D007 where there is none, D006 where files are missing.
     """
-    if given is not None:
-        return _folder(Path(given)) if Path(given).is_dir() else _package(Path(given))
+    if source is not None:
+        return _folder(Path(source)) if Path(source).is_dir() else _package(Path(source))
     npm = shutil.which("npm")
     if npm is None:
         raise mistake(

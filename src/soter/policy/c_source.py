@@ -13,14 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.codegen.c_names import field_name
-from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    RecordType,
-)
+from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
 from soter.policy.network import (
     Activation,
     Affine,
@@ -72,11 +65,11 @@ def c_source(
     the policy has their numbers. SoterError X014 where the policy has other numbers.
     """
     network = policy.network
-    given = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
+    places = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
     rows = frame_rows(policy.path, policy.shapes.get("", ()), network.inputs, reads)
-    body = _observation_code(policy, given, rows)
+    body = _observation_code(policy, places, rows)
     size, at = network.inputs, "x0"
     for number, layer in enumerate(network.layers, 1):
         constants, steps = _layer(layer, number, size, at)
@@ -84,7 +77,7 @@ def c_source(
         body += steps
         size, at = _size(layer, size), f"x{number}"
     body += _answer_code(policy, writes, size, at)
-    statics = list(_statics(policy, len(given)))
+    statics = list(_statics(policy, len(places)))
     head = f"int {function}(const {name}_in *in, {name}_out *out) {{"
     return "\n".join([*lines, *statics, head, *(f"  {line}" for line in body), "}"]) + "\n"
 
@@ -104,17 +97,17 @@ def _statics(policy: Policy, frame: int) -> Iterator[str]:
     yield ""
 
 
-def _observation_code(policy: Policy, given: Sequence[str], rows: int) -> list[str]:
+def _observation_code(policy: Policy, sources: Sequence[str], rows: int) -> list[str]:
     """Statements that make the observation: older frames move down, a new one is read."""
-    inputs, frame, row = policy.network.inputs, len(given), len(given) // rows
+    inputs, frame, row = policy.network.inputs, len(sources), len(sources) // rows
     places = np.arange(inputs).reshape(rows, -1)[:, -row:].ravel().tolist()
     lines = [f"float x0[{inputs}];"]
     if inputs > frame:
         lines = [f"memmove(x0, x0 + {row}, {inputs - row} * sizeof x0[0]);"]
-    lines += [f"x0[{k}] = (float){place};" for k, place in zip(places, given, strict=True)]
-    if (own := policy.per_frame) is not None:
-        lines += [*_table("MEAN", own.mean), *_table("DEVIATION", own.deviation)]
-        lines += _table("LIMIT", own.limit)
+    lines += [f"x0[{k}] = (float){place};" for k, place in zip(places, sources, strict=True)]
+    if (scale := policy.per_frame) is not None:
+        lines += [*_table("MEAN", scale.mean), *_table("DEVIATION", scale.deviation)]
+        lines += _table("LIMIT", scale.limit)
         at = f"x0[i / {row} * {inputs // rows} + {inputs // rows - row} + i % {row}]"
         clipped = f"fmin(fmax(({at} - MEAN[i]) / DEVIATION[i], -LIMIT[i]), LIMIT[i])"
         lines.append(f"for (int i = 0; i < {frame}; i++) {at} = (float)({clipped});")
@@ -129,44 +122,44 @@ def _size(layer: Layer, size: int) -> int:
 
 def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
     """Constants and statements: `x{number}` is made of `at`, which has `size` numbers."""
-    here, own = f"x{number}", f"L{number}"
+    here, name = f"x{number}", f"L{number}"
     if isinstance(layer, Lstm):
         return _memory(layer, number, size, at)
     if isinstance(layer, OneHot):
         return [], [f"float {here}[{layer.outputs}];", *_one_hot(layer, here, at)]
     if isinstance(layer, Affine):
         rows = len(layer.bias)
-        constants = [*_table(f"{own}_W", layer.weight), *_table(f"{own}_B", layer.bias)]
+        constants = [*_table(f"{name}_W", layer.weight), *_table(f"{name}_B", layer.bias)]
         return constants, [
             f"float {here}[{rows}];",
             f"for (int i = 0; i < {rows}; i++) {{",
-            f"  double sum = {own}_B[i];",
-            f"  for (int j = 0; j < {size}; j++) sum += (double){own}_W[i][j] * (double){at}[j];",
+            f"  double sum = {name}_B[i];",
+            f"  for (int j = 0; j < {size}; j++) sum += (double){name}_W[i][j] * (double){at}[j];",
             f"  {here}[i] = (float)sum;",
             "}",
         ]
-    constants, told = _elementwise(layer, own)
+    constants, value = _elementwise(layer, name)
     return constants, [
         f"float {here}[{size}];",
         f"for (int i = 0; i < {size}; i++) {{",
         f"  double x = (double){at}[i];",
-        f"  {here}[i] = (float)({told});",
+        f"  {here}[i] = (float)({value});",
         "}",
     ]
 
 
-def _elementwise(layer: Layer, own: str) -> tuple[list[str], str]:
+def _elementwise(layer: Layer, prefix: str) -> tuple[list[str], str]:
     """Constants, and the C expression of the layer's result for a number `x`."""
     if isinstance(layer, Standardised):
         parts = {"MEAN": layer.mean, "DEVIATION": layer.deviation, "LIMIT": layer.limit}
-        constants = [line for n, a in parts.items() for line in _table(f"{own}_{n}", a)]
-        scaled = f"(x - {own}_MEAN[i]) / {own}_DEVIATION[i]"
-        return constants, f"fmin(fmax({scaled}, -{own}_LIMIT[i]), {own}_LIMIT[i])"
+        constants = [line for n, a in parts.items() for line in _table(f"{prefix}_{n}", a)]
+        scaled = f"(x - {prefix}_MEAN[i]) / {prefix}_DEVIATION[i]"
+        return constants, f"fmin(fmax({scaled}, -{prefix}_LIMIT[i]), {prefix}_LIMIT[i])"
     if isinstance(layer, Elementwise):
-        return _table(f"{own}_BY", layer.operand), f"x {layer.operation} (double){own}_BY[i]"
+        return _table(f"{prefix}_BY", layer.operand), f"x {layer.operation} (double){prefix}_BY[i]"
     if isinstance(layer, Clipped):
-        constants = [*_table(f"{own}_LOW", layer.low), *_table(f"{own}_HIGH", layer.high)]
-        return constants, f"fmin(fmax(x, (double){own}_LOW[i]), (double){own}_HIGH[i])"
+        constants = [*_table(f"{prefix}_LOW", layer.low), *_table(f"{prefix}_HIGH", layer.high)]
+        return constants, f"fmin(fmax(x, (double){prefix}_LOW[i]), (double){prefix}_HIGH[i])"
     if isinstance(layer, Activation):
         return [], ACTIVATIONS[layer.name]
     return [], "fmax(x, 0.0)" if isinstance(layer, Relu) else "tanh(x)"
@@ -187,18 +180,18 @@ def _one_hot(layer: OneHot, here: str, at: str) -> Iterator[str]:
 
 def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
     """The C of an LSTM: its gates are made of the input and of the answer before."""
-    here, own, kept, n = f"x{number}", f"L{number}", f"kept{number}", layer.outputs
-    constants = [*_table(f"{own}_W", layer.weight), *_table(f"{own}_B", layer.bias)]
+    here, prefix, kept, n = f"x{number}", f"L{number}", f"kept{number}", layer.outputs
+    constants = [*_table(f"{prefix}_W", layer.weight), *_table(f"{prefix}_B", layer.bias)]
     gates = [SIGMOID.replace("x", f"g{number}[{k} * {n} + i]") for k in (0, 1, 3)]
     new = f"tanh(g{number}[2 * {n} + i])"
     return constants, [
         f"double g{number}[{4 * n}];",
         f"for (int i = 0; i < {4 * n}; i++) {{",
-        f"  g{number}[i] = {own}_B[i];",
+        f"  g{number}[i] = {prefix}_B[i];",
         f"  for (int j = 0; j < {size}; j++)",
-        f"    g{number}[i] += (double){own}_W[i][j] * (double){at}[j];",
+        f"    g{number}[i] += (double){prefix}_W[i][j] * (double){at}[j];",
         f"  for (int j = 0; j < {n}; j++)",
-        f"    g{number}[i] += (double){own}_W[i][{size} + j] * (double){here}[j];",
+        f"    g{number}[i] += (double){prefix}_W[i][{size} + j] * (double){here}[j];",
         "}",
         f"for (int i = 0; i < {n}; i++) {{",
         f"  {kept}[i] = (float)(({gates[1]}) * (double){kept}[i] + ({gates[0]}) * {new});",

@@ -76,7 +76,7 @@ class Tanh:
 
 @dataclass(frozen=True)
 class Activation:
-    """One of `ACTIVATIONS`, number by number, named as torch names it."""
+    """A function of `ACTIVATIONS`, number by number, named as torch names it."""
 
     name: str
 
@@ -306,12 +306,12 @@ def _elementwise_steps(layer: Layer, x: Floats, out: Floats) -> list[Callable[[]
         of = ACTIVATIONS[layer.name]
         return [lambda: np.copyto(out, of(x))]
     if isinstance(layer, OneHot):
-        return [partial(_one_hot, layer.sizes, x, out)]
+        return [partial(_write_one_hot, layer.sizes, x, out)]
     assert isinstance(layer, Standardised)
     return [lambda: np.copyto(out, standardise(layer, x.astype(np.float64)))]
 
 
-def _one_hot(sizes: Sequence[int], x: Floats, out: Floats) -> None:
+def _write_one_hot(sizes: Sequence[int], x: Floats, out: Floats) -> None:
     out[:] = 0.0
     at = 0
     for number, size in zip(x.tolist(), sizes, strict=True):

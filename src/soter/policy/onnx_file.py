@@ -91,8 +91,8 @@ def onnx_content(path: Path) -> OnnxContent:
             room -= len(tensor.raw_data)
     if not files:
         return OnnxContent(data, {})
-    told = {name: hashlib.sha256(raw).hexdigest() for name, raw in sorted(files.items())}
-    return OnnxContent(model.SerializeToString(), told)
+    hashes = {name: hashlib.sha256(raw).hexdigest() for name, raw in sorted(files.items())}
+    return OnnxContent(model.SerializeToString(), hashes)
 
 
 def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
@@ -123,14 +123,14 @@ def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) ->
 
     `files`: those that were read so far.
     """
-    said = {entry.key: entry.value for entry in tensor.external_data}
-    name = said.get("location", "")
+    entries = {entry.key: entry.value for entry in tensor.external_data}
+    name = entries.get("location", "")
     if name not in files:
         files[name] = _beside(path, tensor.name, name, FILE_MAX - sum(map(len, files.values())))
     raw = files[name]
     try:
-        start = int(said.get("offset", "0"))
-        size = int(said.get("length", str(len(raw) - start)))
+        start = int(entries.get("offset", "0"))
+        size = int(entries.get("length", str(len(raw) - start)))
     except ValueError:
         start = size = -1
     if start < 0 or size < 0 or start + size > len(raw):
@@ -182,7 +182,7 @@ def read_onnx(path: Path) -> Policy:
     model = parse_model(path, content.data)
     graph = model.graph
     try:
-        given, answered, network = _network(graph)
+        observation, answered, network = _network(graph)
         why = network_problem(network)
     except (_UnreadError, ValueError, TypeError, LookupError) as error:
         ask = f'asked as it is by onnxruntime: `extern node ... from "onnx:{path}" {{ ... }}`'
@@ -193,13 +193,13 @@ def read_onnx(path: Path) -> Policy:
     versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
     facts = {
         "file": f"ONNX, operators of version {versions}",
-        "observation": f"`{given}`, {numbers_text(network.inputs)}",
+        "observation": f"`{observation}`, {numbers_text(network.inputs)}",
         "answer": f"`{answered}`, "
         + ("the index of the largest" if network.choices else numbers_text(network.outputs)),
     }
     if content.beside:
-        told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
-        facts["weights"] = "in " + "; ".join(told)
+        hashes = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
+        facts["weights"] = "in " + "; ".join(hashes)
     others = [x.name for x in graph.output if x.name != answered]
     assumed = (f"of its outputs `{answered}` is the answer",) if others else ()
     return Policy(str(path), network, facts, assumed)
@@ -208,13 +208,13 @@ def read_onnx(path: Path) -> Policy:
 def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     """The names of observation and answer, and the layers between."""
     constants = _constants(graph)
-    given = [x for x in graph.input if x.name not in constants]
-    if len(given) != 1 or not graph.output:
-        counts = f"{len(given)} inputs and {len(graph.output)} outputs"
+    inputs = [x for x in graph.input if x.name not in constants]
+    if len(inputs) != 1 or not graph.output:
+        counts = f"{len(inputs)} inputs and {len(graph.output)} outputs"
         raise _UnreadError(f"it has {counts}, and a function of one observation is written")
     answered = ([x.name for x in graph.output if x.name in NAMES] or [graph.output[0].name])[0]
-    size = _size(given[0])
-    chain = _chain(graph, constants, given[0].name, answered)
+    size = _size(inputs[0])
+    chain = _chain(graph, constants, inputs[0].name, answered)
     choice = chain[-1].op_type == "ArgMax"
     if choice:
         _require_choice(chain.pop())
@@ -224,7 +224,7 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
         layers += _find_maker(node)(node, constants, network.outputs)
     network = Network(size, tuple(layers))
     choices = (network.outputs,) if choice else ()
-    return given[0].name, answered, Network(size, tuple(layers), choices)
+    return inputs[0].name, answered, Network(size, tuple(layers), choices)
 
 
 def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
@@ -251,24 +251,24 @@ def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
         elif node.op_type == "Identity" and node.input[0] in constants:
             constants[node.output[0]] = constants[node.input[0]]  # a weight that is used twice
         elif node.op_type == "Expand" and {*node.input} <= constants.keys():
-            given, shape = (constants[name] for name in node.input)
-            sizes = np.broadcast_shapes(given.shape, shape.reshape(-1).tolist())
+            constant, shape = (constants[name] for name in node.input)
+            sizes = np.broadcast_shapes(constant.shape, shape.reshape(-1).tolist())
             if prod(sizes) > EXPANDED_MAX:
                 raise _UnreadError(f"its Expand makes more than {EXPANDED_MAX:,} numbers")
-            constants[node.output[0]] = np.broadcast_to(given, sizes)
+            constants[node.output[0]] = np.broadcast_to(constant, sizes)
     return constants
 
 
-def _size(given: Any) -> int:  # noqa: ANN401
+def _size(value: Any) -> int:  # noqa: ANN401
     """How many numbers an observation has, by the shape of the input."""
     from onnx import TensorProto  # noqa: PLC0415 - as above
 
-    tensor = given.type.tensor_type
+    tensor = value.type.tensor_type
     sizes = [axis.dim_value for axis in tensor.shape.dim]
     if tensor.elem_type != TensorProto.FLOAT or not sizes or sizes[-1] <= 0:
-        raise _UnreadError(f"its input `{given.name}` is no float32 of a fixed last axis")
+        raise _UnreadError(f"its input `{value.name}` is no float32 of a fixed last axis")
     if any(x not in (0, 1) for x in sizes[:-1]):
-        raise _UnreadError(f"its input `{given.name}` has the shape {sizes}: one axis is read")
+        raise _UnreadError(f"its input `{value.name}` has the shape {sizes}: one axis is read")
     return int(sizes[-1])
 
 
@@ -316,10 +316,10 @@ def _vector(array: npt.NDArray[Any], size: int) -> Floats:
 
 
 def _gemm(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    said = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes(node)
-    if said["alpha"] != 1.0 or said["beta"] != 1.0 or said["transA"] or node.input[0] in constants:
+    how = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes(node)
+    if how["alpha"] != 1.0 or how["beta"] != 1.0 or how["transA"] or node.input[0] in constants:
         raise _UnreadError("its Gemm has factors, or an observation on another side")
-    weight = _matrix(constants.get(node.input[1]), size, transposed=bool(said["transB"]))
+    weight = _matrix(constants.get(node.input[1]), size, transposed=bool(how["transB"]))
     bias = np.zeros(1, np.float32) if len(node.input) < 3 else constants[node.input[2]]
     return [Affine(weight, _vector(bias, weight.shape[0]))]
 
@@ -348,8 +348,8 @@ def _arithmetic(node: Any, constants: Constants, size: int) -> list[Layer]:  # n
 
 
 def _clip(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    said = _attributes(node)
-    bounds = [np.float32(said.get("min", -np.inf)), np.float32(said.get("max", np.inf))]
+    attributes = _attributes(node)
+    bounds = [np.float32(attributes.get("min", -np.inf)), np.float32(attributes.get("max", np.inf))]
     for place, name in enumerate(node.input[1:3]):
         if name:
             bounds[place] = constants[name]
@@ -376,8 +376,8 @@ def _no_layer(node: Any, constants: Constants, size: int) -> list[Layer]:  # noq
 
 
 def _require_choice(node: Any) -> None:  # noqa: ANN401
-    said = {"axis": 0, "select_last_index": 0} | _attributes(node)
-    if said["axis"] not in (-1, 1) or said["select_last_index"]:
+    attributes = {"axis": 0, "select_last_index": 0} | _attributes(node)
+    if attributes["axis"] not in (-1, 1) or attributes["select_last_index"]:
         raise _UnreadError("its ArgMax is not of the last axis, or takes the last of equal numbers")
 
 

@@ -82,9 +82,9 @@ def _declared_pairs(
     pairs = dict(part.split("=") for part in text.split(","))
     for before, after in pairs.items():
         if before not in names[0] or after not in names[1]:
-            told = [", ".join(f"`{n}`" for n in sorted(side)[:8]) for side in names]
+            texts = [", ".join(f"`{n}`" for n in sorted(side)[:8]) for side in names]
             why = f"`{before}={after}`"[:80] + " is no input and output of it"
-            raise bad_policy(path, why, f"its inputs are {told[0]}, its outputs {told[1]}", SAY)
+            raise bad_policy(path, why, f"its inputs are {texts[0]}, its outputs {texts[1]}", SAY)
     return pairs
 
 
@@ -122,20 +122,20 @@ class OnnxSession:
         rest = [x for x in outputs if x.name not in pairs.values() or x.name in NAMES]
         output, self.assumed = _answer_output(path, rest)
         if pairs and not memory:
-            told = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
-            self.assumed += (f"it remembers: {told}, zeros at the start",)
+            text = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
+            self.assumed += (f"it remembers: {text}, zeros at the start",)
         self.assumed += ("observations are not normalised, unless the file does it",)
-        self.observation, given = _observation(path, seen, output)
+        self.observation, zeros = _observation(path, seen, output)
         many = len(seen) > 1
-        self.keys = tuple((x.name, given[x.name].size) for x in seen) if many else ()
+        self.keys = tuple((x.name, zeros[x.name].size) for x in seen) if many else ()
         kept = {x.name: _zeros(path, x) for x in inputs if x.name in pairs}
-        first = _asked_once(path, session, given | kept, [output.name, *pairs.values()])
+        first = _asked_once(path, session, zeros | kept, [output.name, *pairs.values()])
         answer = first[output.name]
-        if not answer.size or answer.ndim > max(x.ndim for x in given.values()) + 1:
+        if not answer.size or answer.ndim > max(x.ndim for x in zeros.values()) + 1:
             raise bad_policy(path, f"it answers an array of shape {answer.shape}")
         _require_alike(path, pairs, kept, first)
         self.is_whole, self.shape = answer.dtype == np.int64, answer.shape
-        values = {name: ort_value(array) for name, array in (given | kept).items()}
+        values = {name: ort_value(array) for name, array in (zeros | kept).items()}
         out = {name: ort_value(np.ascontiguousarray(array)) for name, array in first.items()}
         self._binding = session.io_binding()
         for name, value in values.items():
@@ -189,8 +189,8 @@ def _observation(
             why = f"it answers a {output.type} for an input of shape {x.shape}"
             raise bad_policy(path, why, "one observation is asked at a time: leading axes are 1")
     if len({x.type for x in seen}) > 1:
-        told = ", ".join(f"`{x.name}` {x.type}" for x in seen)
-        raise bad_policy(path, f"its inputs have other types: {told}", SAY)
+        types = ", ".join(f"`{x.name}` {x.type}" for x in seen)
+        raise bad_policy(path, f"its inputs have other types: {types}", SAY)
     sizes = [int(shape[-1] or 0) for shape in shapes]
     if sum(sizes) > NUMBERS_MAX:
         raise bad_policy(path, f"it observes {sum(sizes)} numbers, more than are read")
@@ -212,14 +212,14 @@ def _zeros(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
 def _asked_once(
     path: Path,
     session: Any,  # noqa: ANN401 - no types
-    given: dict[str, npt.NDArray[Any]],
+    inputs: dict[str, npt.NDArray[Any]],
     names: list[str],
 ) -> dict[str, npt.NDArray[Any]]:
     """The outputs for inputs of zeros, by name."""
     once = list(dict.fromkeys(names))
     try:
-        told = session.run(once, given)
-        return {name: np.asarray(x) for name, x in zip(once, told, strict=True)}
+        answers = session.run(once, inputs)
+        return {name: np.asarray(x) for name, x in zip(once, answers, strict=True)}
     except Exception as error:
         why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
         raise bad_policy(path, why) from error

@@ -43,7 +43,7 @@ class Name:
 
 @dataclass
 class Made:
-    """Something that a pickle makes by a call: the name of what is called, and its arguments."""
+    """A value that a pickle makes by a call: the name of what is called, and its arguments."""
 
     name: str
     arguments: tuple[Any, ...]
@@ -60,7 +60,7 @@ class Persistent:
 
 
 class _Mark:
-    """Where the parts of a tuple, list or dict begin."""
+    """The mark at which the parts of a tuple, list or dict begin."""
 
 
 def read_pickle(data: bytes) -> Any:  # noqa: ANN401 - whatever it holds
@@ -107,9 +107,9 @@ class _Machine:
         elif name == "STOP":
             self.result, self.ended = stack.pop(), True
         else:
-            self._compose(name, argument)
+            self._push_composed(name, argument)
 
-    def _compose(self, name: str, argument: Any) -> None:  # noqa: ANN401 - as above
+    def _push_composed(self, name: str, argument: Any) -> None:  # noqa: ANN401 - as above
         stack = self.stack
         if name == "EMPTY_DICT":
             stack.append({})
@@ -139,8 +139,8 @@ class _Machine:
         if name == "GLOBAL":
             stack.append(Name(argument.replace(" ", ".", 1)))
         elif name == "STACK_GLOBAL":
-            own, module = stack.pop(), stack.pop()
-            stack.append(Name(f"{module}.{own}"))
+            local, module = stack.pop(), stack.pop()
+            stack.append(Name(f"{module}.{local}"))
         elif name in {"REDUCE", "NEWOBJ"}:
             arguments, called = stack.pop(), stack.pop()
             if not isinstance(called, Name) or not isinstance(arguments, tuple):
@@ -209,7 +209,7 @@ def read_array(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it ho
 
 
 def read_dtype(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
-    """One of `DTYPES` that a pickle names; PickleError."""
+    """The type of `DTYPES` that a pickle names; PickleError for another one."""
     if isinstance(value, Made) and value.name == "numpy.dtype" and value.arguments:
         text, state = value.arguments[0], value.state
         big = isinstance(state, tuple) and len(state) > 1 and state[1] == ">"

@@ -17,14 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    RecordType,
-)
+from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
 from soter.native.bindings import FilePolicy
 from soter.policy.network import Clipped, made_ready, numbers_text, standardise
 from soter.policy.onnx_file import onnx_content
@@ -78,19 +71,19 @@ class PolicyExtern(FilePolicy):
         self._older = size > count
         self._frame = policy.observation.reshape(rows, -1)[:, -self._row :]
         order = ", ".join(p if n == 1 else f"{p} ({n} numbers)" for p, n in places)
-        told = [f"its observation is {order}", *policy.assumed]
+        assumed = [f"its observation is {order}", *policy.assumed]
         if frames > 1:
             along = " along the last axis" if rows > 1 else ""
-            told.append(
+            assumed.append(
                 f"{frames} frames are stacked{along}, the oldest first, zeros before the first"
             )
             if len(whole := policy.shapes.get("", ())) > 1 and whole[0] == frames:
-                told[-1] += f", {OTHER_START}"
+                assumed[-1] += f", {OTHER_START}"
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
             frame = numbers_text(self._per_frame.mean.size)
             raise bad_policy(path, f"a frame of it has {frame}, the node reads {count}")
-        self.assumed = tuple(told)
+        self.assumed = tuple(assumed)
         _require_answers(path, policy, answers)
 
     def reset(self, _seed: int) -> None:
@@ -104,8 +97,8 @@ class PolicyExtern(FilePolicy):
             x = self._observation
             x[: -self._row] = x[self._row :]
         assert self._get is not None
-        given = self._get(inputs)
-        frame = np.asarray(_join_numbers(given) if self._blocks else given, self._frame.dtype)
+        reads = self._get(inputs)
+        frame = np.asarray(_join_numbers(reads) if self._blocks else reads, self._frame.dtype)
         if self._per_frame is not None:
             frame = standardise(self._per_frame, frame.astype(np.float64))
         self._frame[...] = frame.reshape(self._frame.shape)
@@ -113,9 +106,9 @@ class PolicyExtern(FilePolicy):
         return Converted([build(numbers) for build in self._build])
 
 
-def _join_numbers(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
+def _join_numbers(reads: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
     """The numbers of one value, or of several, in one array."""
-    parts = given if isinstance(given, tuple) else (given,)
+    parts = reads if isinstance(reads, tuple) else (reads,)
     return np.concatenate([np.ravel(part) for part in parts])
 
 
@@ -193,9 +186,9 @@ def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shape
             rows["".join(f"[{n}]" for n in reversed(frame))] = prod(whole[:axis])
     if len(rows) == 1:
         return rows.popitem()[1] if frames > 1 else 1
-    told = f" ({' x '.join(map(str, whole))})" if len(whole) > 1 else ""
+    product = f" ({' x '.join(map(str, whole))})" if len(whole) > 1 else ""
     names = ", ".join(f"`{name}`" for name, _ in reads)
-    why = f"it takes {numbers_text(size)}{told}, the node reads {count} ({names})"
+    why = f"it takes {numbers_text(size)}{product}, the node reads {count} ({names})"
     help_ = "what a node `subscribes` is its observation, in this order"
     if rows:
         why += f": {frames} frames, along the first axis or the last"
@@ -226,9 +219,9 @@ def reads_by_name(
         help_ = "name topics like that, or one topic that is a record with these fields"
         raise bad_policy(path, why, help_, *helps)
     for key, count in keys:
-        given = sum(n for _, n in _number_paths(path, *known[key]))
-        if given != count:
-            raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {given}")
+        read = sum(n for _, n in _number_paths(path, *known[key]))
+        if read != count:
+            raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {read}")
         frame_rows(path, shapes.get(key, ()), count, [known[key]])  # in the shape that it has
     return [known[key] for key, _ in keys]
 
@@ -239,11 +232,11 @@ def sha256_of_files(binding: BindingText) -> dict[str, str]:
     if binding.kind == "sb3" and not binding.name:
         found = statistics_beside(Path(binding.file))
     names = (*binding.files, *([str(found)] if found else []))
-    told = {name: sha256(read_policy_bytes(Path(name))).hexdigest() for name in names}
+    hashes = {name: sha256(read_policy_bytes(Path(name))).hexdigest() for name in names}
     if binding.kind == "onnx":
         path = Path(binding.file)
-        told |= {str(path.parent / n): sha for n, sha in onnx_content(path).beside.items()}
-    return told
+        hashes |= {str(path.parent / n): sha for n, sha in onnx_content(path).beside.items()}
+    return hashes
 
 
 def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
@@ -330,11 +323,11 @@ def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> Non
 
 def require_axes(path: Path | str, acted: tuple[int, ...], answers: Shapes) -> None:
     """X014 where the answer's numbers would stand in other rows of the topic than in its own."""
-    axes, own = ([n for n in sizes if n > 1] for sizes in (_axes(answers[0][1]), acted))
-    if len(answers) == 1 and min(len(axes), len(own)) > 1 and axes != own:
+    axes, acted_axes = ([n for n in sizes if n > 1] for sizes in (_axes(answers[0][1]), acted))
+    if len(answers) == 1 and min(len(axes), len(acted_axes)) > 1 and axes != acted_axes:
         name, shape = answers[0][0], " x ".join(map(str, acted))
-        rows = "".join(f"[{n}]" for n in reversed(own))
-        help_ = f"publish `float{rows}`, or `float[{prod(own)}]` for all in one row"
+        rows = "".join(f"[{n}]" for n in reversed(acted_axes))
+        help_ = f"publish `float{rows}`, or `float[{prod(acted_axes)}]` for all in one row"
         raise bad_policy(path, f"it answers {shape} numbers, `{name}` has other rows", help_)
 
 

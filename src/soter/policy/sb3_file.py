@@ -144,16 +144,16 @@ def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
 
 
 def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
-    said = settings(path, parts)
-    kind, name = _kind(path, said)
-    seen = read_observation(path, decode_value(path, said.get("observation_space")))
+    data = settings(path, parts)
+    kind, name = _kind(path, data)
+    seen = read_observation(path, decode_value(path, data.get("observation_space")))
     actions = require_space(
-        path, decode_value(path, said.get("action_space")), "action space", ACTED
+        path, decode_value(path, data.get("action_space")), "action space", ACTED
     )
     weights = tensors(path, part(path, parts, "policy.pth"))
     if any("features_extractor." in key for key in weights):
         raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
-    options = _options(path, said)
+    options = _options(path, data)
     squashed = space_kind(actions) == "Box" and truth(
         path, options, "squash_output", default=kind.squashed
     )
@@ -191,9 +191,9 @@ def _assumed(kind: _Kind) -> tuple[str, ...]:
 # ---------------------------------------------------------------- what the settings say
 
 
-def _kind(path: Path, said: Mapping[str, Any]) -> tuple[_Kind, str]:
+def _kind(path: Path, data: Mapping[str, Any]) -> tuple[_Kind, str]:
     """How the class of policies keeps its network, and its name."""
-    value = decode_value(path, said.get("policy_class"))
+    value = decode_value(path, data.get("policy_class"))
     name = value.text if isinstance(value, Name) else "of its own"
     if name not in KINDS:
         known = ", ".join(dict.fromkeys(k.algorithms for k in KINDS.values()))
@@ -202,9 +202,9 @@ def _kind(path: Path, said: Mapping[str, Any]) -> tuple[_Kind, str]:
     return KINDS[name], name.rpartition(".")[2]
 
 
-def _options(path: Path, said: Mapping[str, Any]) -> dict[str, Any]:
+def _options(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
     """The `policy_kwargs`; X014 where one of them changes what is answered and is not read."""
-    options = decode_value(path, said.get("policy_kwargs"))
+    options = decode_value(path, data.get("policy_kwargs"))
     if not isinstance(options, dict):
         raise bad_policy(path, "its `policy_kwargs` are no dict")
     if more := sorted(set(options) - IGNORED):
@@ -214,15 +214,15 @@ def _options(path: Path, said: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _activation(path: Path, kind: _Kind, options: Mapping[str, Any]) -> list[Layer]:
-    given = options.get("activation_fn")
-    if given is None:
+    chosen = options.get("activation_fn")
+    if chosen is None:
         return [kind.activation]
-    text = given.text if isinstance(given, Name) else str(given)
+    text = chosen.text if isinstance(chosen, Name) else str(chosen)
     module, _, name = text.rpartition(".")
-    own: dict[str, list[Layer]] = {"Tanh": [Tanh()], "ReLU": [Relu()], "Identity": []}
-    if module.startswith("torch.nn.modules.") and name in own | ACTIVATIONS:
-        return own[name] if name in own else [Activation(name)]
-    known = ", ".join(sorted([*own, *ACTIVATIONS]))
+    layers: dict[str, list[Layer]] = {"Tanh": [Tanh()], "ReLU": [Relu()], "Identity": []}
+    if module.startswith("torch.nn.modules.") and name in layers | ACTIVATIONS:
+        return layers[name] if name in layers else [Activation(name)]
+    known = ", ".join(sorted([*layers, *ACTIVATIONS]))
     raise bad_policy(path, f"its activation is `{text[:60]}`", f"{known} are read", EXPORT)
 
 

@@ -71,12 +71,12 @@ def part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
 def settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
     """The settings of the policy, from its JSON, by name; X014 where there is none."""
     try:
-        said = json.loads(part(path, parts, "data"))
+        data = json.loads(part(path, parts, "data"))
     except (ValueError, RecursionError) as error:
         raise bad_policy(path, f"its part `data` is no JSON: {error}") from error
-    if not isinstance(said, dict):
+    if not isinstance(data, dict):
         raise bad_policy(path, "its part `data` is no JSON object")
-    return said
+    return data
 
 
 def version(parts: zipfile.ZipFile) -> str:
@@ -99,9 +99,9 @@ def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever i
         raise bad_policy(path, f"a value of its part `data` is no base64: {error}") from error
 
 
-def truth(path: Path, said: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
+def truth(path: Path, data: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
     """A setting that is True or False; X014 of anything else, which Python may take as either."""
-    value = said.get(name, default)
+    value = data.get(name, default)
     if not isinstance(value, bool):
         raise bad_policy(path, f"its `{name}` is neither True nor False", EXPORT)
     return value
@@ -358,12 +358,12 @@ def statistics_beside(path: Path) -> Path | None:
     if saved := CHECKPOINT.fullmatch(path.stem):
         names.append(f"{saved[1]}_vecnormalize_{saved[2]}.pkl")
     for group in (names, OF_FOLDER):
-        there = [at for name in group if (at := path.parent / name).is_file()]
-        if len(there) > 1:
-            why = f"`{there[0].name}` and `{there[1].name}` lie beside it"
-            raise bad_policy(path, why, *_ways(path, there[0]))
-        if there:
-            return there[0]
+        files = [at for name in group if (at := path.parent / name).is_file()]
+        if len(files) > 1:
+            why = f"`{files[0].name}` and `{files[1].name}` lie beside it"
+            raise bad_policy(path, why, *_ways(path, files[0]))
+        if files:
+            return files[0]
     return None
 
 

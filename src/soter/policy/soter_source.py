@@ -132,25 +132,22 @@ def _affine(layer: Affine, x: _Numbers) -> _Numbers:
     low = positive @ x.low + negative @ x.high + bias
     high = positive @ x.high + negative @ x.low + bias
     error = []
-    for before, unit, tiny in (
-        (x.single, SINGLE, SINGLE_TINY),
-        (x.double, DOUBLE, DOUBLE_TINY),
-    ):
+    for before, unit, tiny in ((x.single, SINGLE, SINGLE_TINY), (x.double, DOUBLE, DOUBLE_TINY)):
         summed = sizes @ (x.largest + before) + np.abs(bias)
         lost = _gamma(count, unit) * summed + 2.0 * count * tiny
         error.append((sizes @ before + lost) * SLACK)
     # the ends of the exact range, computed here, are widened by what their own sums can have lost
-    own = _gamma(2 * count, DOUBLE) * (sizes @ x.largest + np.abs(bias)) + count * DOUBLE_TINY
+    rounding = _gamma(2 * count, DOUBLE) * (sizes @ x.largest + np.abs(bias)) + count * DOUBLE_TINY
     largest = sizes @ (x.largest + x.single) + np.abs(bias)
-    return _Numbers(low - own, high + own, _overflown(largest, error[0]), error[1])
+    return _Numbers(low - rounding, high + rounding, _overflown(largest, error[0]), error[1])
 
 
 def _tanh(x: _Numbers) -> _Numbers:
     error = []
-    for before, own in ((x.single, TANH_SINGLE), (x.double, TANH_DOUBLE)):
+    for before, rounding in ((x.single, TANH_SINGLE), (x.double, TANH_DOUBLE)):
         nearest = np.maximum(np.maximum(x.low - before, -(x.high + before)), 0.0)
         steepest = 1.0 - np.tanh(nearest) ** 2 + TANH_DOUBLE
-        error.append((np.minimum(steepest, 1.0) * before + own) * SLACK)
+        error.append((np.minimum(steepest, 1.0) * before + rounding) * SLACK)
     low, high = np.tanh(x.low) - TANH_DOUBLE, np.tanh(x.high) + TANH_DOUBLE
     return _Numbers(low, high, error[0], error[1])
 
@@ -168,15 +165,12 @@ def _elementwise(layer: Elementwise, x: _Numbers) -> _Numbers:
         )
         shift = np.zeros_like(operand)
     error = []
-    for before, unit, tiny in (
-        (x.single, SINGLE, SINGLE_TINY),
-        (x.double, DOUBLE, DOUBLE_TINY),
-    ):
+    for before, unit, tiny in ((x.single, SINGLE, SINGLE_TINY), (x.double, DOUBLE, DOUBLE_TINY)):
         size = np.abs(factor) * (x.largest + before) + np.abs(shift)
         error.append((np.abs(factor) * before + _gamma(1, unit) * size + tiny) * SLACK)
-    own = 4.0 * DOUBLE * (np.abs(factor) * x.largest + np.abs(shift)) + DOUBLE_TINY
+    rounding = 4.0 * DOUBLE * (np.abs(factor) * x.largest + np.abs(shift)) + DOUBLE_TINY
     size = np.abs(factor) * (x.largest + x.single) + np.abs(shift)
-    return _Numbers(ends[0] - own, ends[1] + own, _overflown(size, error[0]), error[1])
+    return _Numbers(ends[0] - rounding, ends[1] + rounding, _overflown(size, error[0]), error[1])
 
 
 def _standardised_text(layer: Standardised, x: _Numbers) -> _Numbers:
@@ -186,9 +180,9 @@ def _standardised_text(layer: Standardised, x: _Numbers) -> _Numbers:
     for before in (x.single, x.double):
         size = (x.largest + before + np.abs(layer.mean)) / deviation
         error.append(before / deviation + _gamma(2, DOUBLE) * size + DOUBLE_TINY)
-    own = 4.0 * DOUBLE * (x.largest + np.abs(layer.mean)) / deviation + DOUBLE_TINY
-    low = np.clip((x.low - layer.mean) / deviation - own, -limit, limit)
-    high = np.clip((x.high - layer.mean) / deviation + own, -limit, limit)
+    rounding = 4.0 * DOUBLE * (x.largest + np.abs(layer.mean)) / deviation + DOUBLE_TINY
+    low = np.clip((x.low - layer.mean) / deviation - rounding, -limit, limit)
+    high = np.clip((x.high - layer.mean) / deviation + rounding, -limit, limit)
     largest = np.maximum(np.abs(low), np.abs(high))
     single = error[0] + SINGLE * np.minimum(largest + error[0], limit) + SINGLE_TINY
     return _Numbers(low, high, single * SLACK, error[1] * SLACK)
@@ -277,20 +271,20 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
         parts = (layer.mean, layer.deviation, _finite(layer.limit))
         constants = [line for n, part in zip(names, parts, strict=True) for line in _table(n, part)]
         limit = f"{names[2]}[i]"
-        told = f"min(max(({at}[i] - {names[0]}[i]) / {names[1]}[i], -{limit}), {limit})"
+        value = f"min(max(({at}[i] - {names[0]}[i]) / {names[1]}[i], -{limit}), {limit})"
     elif isinstance(layer, Elementwise):
         constants = _table(f"{letter}_OPERAND", layer.operand)
-        told = f"{at}[i] {layer.operation} {letter}_OPERAND[i]"
+        value = f"{at}[i] {layer.operation} {letter}_OPERAND[i]"
     elif isinstance(layer, Clipped):
         low, high = (_finite(a) for a in layer.decimals)
         constants = [*_table(f"{letter}_LOW", low), *_table(f"{letter}_HIGH", high)]
-        told = f"min(max({at}[i], {letter}_LOW[i]), {letter}_HIGH[i])"
+        value = f"min(max({at}[i], {letter}_LOW[i]), {letter}_HIGH[i])"
     else:
         constants = []
-        told = f"max({at}[i], 0.0)" if isinstance(layer, Relu) else f"tanh({at}[i])"
+        value = f"max({at}[i], 0.0)" if isinstance(layer, Relu) else f"tanh({at}[i])"
     return constants, [
         f"  var {here}: float[{size}] = {at};",
-        f"  for i in 0 .. {size} {{ {here}[i] = {told}; }}",
+        f"  for i in 0 .. {size} {{ {here}[i] = {value}; }}",
     ]
 
 

@@ -44,8 +44,8 @@ def require_report_package() -> None:
 
 
 def _without_plotly() -> SoterError:
-    what = "reports are drawn with the package `plotly`, which is not installed"
-    return mistake("D007", what, f"install it: {pip_install('report')}")
+    message = "reports are drawn with the package `plotly`, which is not installed"
+    return mistake("D007", message, f"install it: {pip_install('report')}")
 
 
 def write_html(

@@ -255,8 +255,8 @@ class McapLog:
             with suppress(OSError):  # after a failed write, closing fails as well
                 self._file.__exit__(type(error), error, error.__traceback__)
             if isinstance(error, OSError):
-                told = f"cannot write the log {self.path}: {reason(error)}"
-                raise LogError(mistake("D006", told)) from error
+                message = f"cannot write the log {self.path}: {reason(error)}"
+                raise LogError(mistake("D006", message)) from error
             raise
 
     def add(self, channels: Iterable[LogChannel]) -> None:
@@ -307,8 +307,8 @@ def _open_writer(
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:
-        told = f"logs are written with mcap, which is not installed: {pip_install('logs')}"
-        raise LogError(mistake("D007", told)) from error
+        message = f"logs are written with mcap, which is not installed: {pip_install('logs')}"
+        raise LogError(mistake("D007", message)) from error
     writer = Writer(
         stream,
         chunk_size=CHUNK_BYTES,

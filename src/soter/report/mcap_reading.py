@@ -63,8 +63,8 @@ MERGED = "put logs together with `mcap merge`, which gives ids anew, or give the
 class DamagedMcapError(ValueError):
     """A file contradicts itself; the text says where and how, `remedy` what to do."""
 
-    def __init__(self, told: str, remedy: str = REMEDY) -> None:
-        super().__init__(told)
+    def __init__(self, text: str, remedy: str = REMEDY) -> None:
+        super().__init__(text)
         self.remedy = remedy
 
 
@@ -123,12 +123,12 @@ class McapRecords:
             first = False
             if kind == DATA_END and summary_at is None:
                 self._end_of_index(at)
-                said = _read("DataEnd", body, at).data_section_crc
-                _same_crc(said, crc, "its data section (all up to its summary)")
-                self.unchecked = self._loose and not said
+                stored = _read("DataEnd", body, at).data_section_crc
+                _compare_crc(stored, crc, "its data section (all up to its summary)")
+                self.unchecked = self._loose and not stored
                 summary_at = self.file.tell()
             elif kind == FOOTER:
-                self._footer(body, at, summary_at)
+                self._check_footer(body, at, summary_at)
                 return
             else:
                 self._require_kind(kind, IN_DATA if summary_at is None else IN_SUMMARY, at)
@@ -136,7 +136,7 @@ class McapRecords:
                     crc = zlib.crc32(body, zlib.crc32(head, crc))
                     yield from self._data(kind, body, at)
                 else:
-                    self._summary(kind, body, at)
+                    self._read_summary(kind, body, at)
 
     def _require_kind(self, kind: int, known: tuple[int, ...], at: int) -> None:
         if kind >= PRIVATE:
@@ -164,22 +164,22 @@ class McapRecords:
         elif kind in (SCHEMA, CHANNEL):
             self._define(kind, body, at)
         elif kind == MESSAGE_INDEX:
-            self._message_index(body, at)
+            self._check_message_index(body, at)
         elif kind == METADATA:
             record = _read("Metadata", body, at)
             self.metadata.setdefault(record.name, dict(record.metadata))
         elif kind == ATTACHMENT and len(body) > 4:
-            (said,) = struct.unpack("<I", body[-4:])
-            _same_crc(said, zlib.crc32(memoryview(body)[:-4]), f"the attachment at byte {at}")
+            (crc,) = struct.unpack("<I", body[-4:])
+            _compare_crc(crc, zlib.crc32(memoryview(body)[:-4]), f"the attachment at byte {at}")
 
     def _chunk(self, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
         chunk = _read("Chunk", body, at)
         data = self._unpacked(chunk)
         where = f"the chunk at byte {at}"
         if len(data) != chunk.uncompressed_size:
-            said = f"it says {chunk.uncompressed_size:,} bytes and has {len(data):,}"
-            raise DamagedMcapError(f"{where} is damaged: {said}")
-        _same_crc(chunk.uncompressed_crc, zlib.crc32(data), where)
+            text = f"it says {chunk.uncompressed_size:,} bytes and has {len(data):,}"
+            raise DamagedMcapError(f"{where} is damaged: {text}")
+        _compare_crc(chunk.uncompressed_crc, zlib.crc32(data), where)
         self._loose |= not chunk.uncompressed_crc
         self._chunks[at] = chunk, RECORD.size + len(body)
         chunk.data = b""
@@ -196,10 +196,10 @@ class McapRecords:
             if place > len(data):
                 raise DamagedMcapError(f"a record is cut {here}")
             if kind == MESSAGE:
-                given = self._message(bytes(inside[begin:place]), here)
-                channel, _, message = given
+                triple = self._message(bytes(inside[begin:place]), here)
+                channel, _, message = triple
                 self._of_chunk.setdefault(channel.id, []).append(message.log_time)
-                yield given
+                yield triple
             elif kind in (SCHEMA, CHANNEL):
                 self._define(kind, bytes(inside[begin:place]), at)
             else:
@@ -243,17 +243,17 @@ class McapRecords:
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
         if before != record:
-            what, name = ("schema", "name") if kind == SCHEMA else ("channel", "topic")
+            kind_name, name = ("schema", "name") if kind == SCHEMA else ("channel", "topic")
             was, now = (getattr(r, name)[:80] for r in (before, record))
-            told = f"{what} {record.id} is `{was}`, and from byte {at} on another, `{now}`"
-            raise DamagedMcapError(told, MERGED)
+            text = f"{kind_name} {record.id} is `{was}`, and from byte {at} on another, `{now}`"
+            raise DamagedMcapError(text, MERGED)
 
-    def _message_index(self, body: bytes, at: int) -> None:
+    def _check_message_index(self, body: bytes, at: int) -> None:
         record = _read("MessageIndex", body, at)
         times = self._of_chunk.get(record.channel_id, [])
         if sorted(t for t, _ in record.records) != sorted(times):
-            told = f"the index at byte {at} has other messages of channel {record.channel_id}"
-            raise DamagedMcapError(f"{told} than the chunk before it")
+            text = f"the index at byte {at} has other messages of channel {record.channel_id}"
+            raise DamagedMcapError(f"{text} than the chunk before it")
         self._indexed[record.channel_id] += 1
 
     def _end_of_index(self, at: int) -> None:
@@ -265,59 +265,59 @@ class McapRecords:
 
     # ------------------------------------------------------------ what it says of itself
 
-    def _summary(self, kind: int, body: bytes, at: int) -> None:
+    def _read_summary(self, kind: int, body: bytes, at: int) -> None:
         if kind in (SCHEMA, CHANNEL):
             self._define(kind, body, at)
         elif kind == STATISTICS:
-            self._statistics(_read("Statistics", body, at))
+            self._check_statistics(_read("Statistics", body, at))
         elif kind == CHUNK_INDEX:
-            said = _read("ChunkIndex", body, at)
-            self._indexed[said.chunk_start_offset] += 1
-            chunk, length = self._chunks.get(said.chunk_start_offset, (None, 0))
+            entry = _read("ChunkIndex", body, at)
+            self._indexed[entry.chunk_start_offset] += 1
+            chunk, length = self._chunks.get(entry.chunk_start_offset, (None, 0))
             names = ["message_start_time", "message_end_time", "compression", "uncompressed_size"]
             if (
                 chunk is None
-                or length != said.chunk_length
-                or any(getattr(chunk, name) != getattr(said, name) for name in names)
+                or length != entry.chunk_length
+                or any(getattr(chunk, name) != getattr(entry, name) for name in names)
             ):
-                told = f"its index names a chunk at byte {said.chunk_start_offset}"
-                raise DamagedMcapError(f"{told} that does not stand there so")
+                text = f"its index names a chunk at byte {entry.chunk_start_offset}"
+                raise DamagedMcapError(f"{text} that does not stand there so")
 
-    def _statistics(self, said: Any) -> None:  # noqa: ANN401 - a record
+    def _check_statistics(self, record: Any) -> None:  # noqa: ANN401 - a record
         read = {
-            "messages": (said.message_count, self._counts.total()),
-            "chunks": (said.chunk_count, self._kinds[CHUNK]),
-            "attachments": (said.attachment_count, self._kinds[ATTACHMENT]),
-            "metadata": (said.metadata_count, self._kinds[METADATA]),
+            "messages": (record.message_count, self._counts.total()),
+            "chunks": (record.chunk_count, self._kinds[CHUNK]),
+            "attachments": (record.attachment_count, self._kinds[ATTACHMENT]),
+            "metadata": (record.metadata_count, self._kinds[METADATA]),
         }
-        for channel_id in sorted({*said.channel_message_counts, *self._counts}):
+        for channel_id in sorted({*record.channel_message_counts, *self._counts}):
             name = getattr(self._channels.get(channel_id), "topic", str(channel_id))
-            counts = said.channel_message_counts.get(channel_id, 0), self._counts[channel_id]
+            counts = record.channel_message_counts.get(channel_id, 0), self._counts[channel_id]
             read[f"messages of `{name[:80]}`"] = counts
-        for what, (of_file, counted) in read.items():
+        for things, (of_file, counted) in read.items():
             if of_file != counted:
-                told = f"its statistics count {of_file:,} {what}, and {counted:,} stand there"
-                raise DamagedMcapError(told)
-        times = said.message_start_time, said.message_end_time
+                text = f"its statistics count {of_file:,} {things}, and {counted:,} stand there"
+                raise DamagedMcapError(text)
+        times = record.message_start_time, record.message_end_time
         if self._times is not None and times != self._times:
             raise DamagedMcapError("its messages are of other times than its statistics say")
 
-    def _footer(self, body: bytes, at: int, summary_at: int | None) -> None:
+    def _check_footer(self, body: bytes, at: int, summary_at: int | None) -> None:
         footer = _read("Footer", body, at)
         if summary_at is None:
             raise DamagedMcapError("the end of its data section is missing")
         if self._exactly(len(MAGIC)) != MAGIC:
             raise CutMcapError(ENDS)
         if self.file.read(1):
-            told = f"more bytes stand behind its end, from byte {self.file.tell() - 1} on"
-            raise DamagedMcapError(f"{told}: are two logs in it?", MERGED)
+            text = f"more bytes stand behind its end, from byte {self.file.tell() - 1} on"
+            raise DamagedMcapError(f"{text}: are two logs in it?", MERGED)
         if self._indexed and set(self._indexed) != set(self._chunks):
             raise DamagedMcapError("its index does not name all of its chunks")
         if footer.summary_start not in (0, summary_at):
             raise DamagedMcapError("its summary does not stand where its end says")
         if footer.summary_crc:
             crc = crc_between(self.file, summary_at, at + RECORD.size + len(body) - 4)
-            _same_crc(footer.summary_crc, crc, "its summary")
+            _compare_crc(footer.summary_crc, crc, "its summary")
 
 
 class _StrictBytes(BytesIO):
@@ -345,11 +345,11 @@ def _read(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of
     return record
 
 
-def _same_crc(said: int, counted: int, what: str) -> None:
+def _compare_crc(stored: int, counted: int, part: str) -> None:
     """Raises DamagedMcapError if the file has a checksum and it differs from the counted one."""
-    if said and said != counted:
-        told = f"{what} is damaged: its checksum is {said:08x}, and its bytes give {counted:08x}"
-        raise DamagedMcapError(told)
+    if stored and stored != counted:
+        text = f"{part} is damaged: its checksum is {stored:08x}, and its bytes give {counted:08x}"
+        raise DamagedMcapError(text)
 
 
 def _size(file: BinaryIO) -> int:
@@ -408,10 +408,10 @@ def messages(
     with _records(path) as records:
         for channel, _, message in _up_to_cut(records, cut):
             if message.log_time < last_ns:
-                told = (
+                text = (
                     f"time goes back from {last_ns / 1e9:.9g} s to {message.log_time / 1e9:.9g} s"
                 )
-                raise unreadable(path, f"{told} at a message of `{channel.topic}`")
+                raise unreadable(path, f"{text} at a message of `{channel.topic}`")
             last_ns = message.log_time
             yield message.log_time, channel.topic, json.loads(message.data)
         ended = records.metadata.get(END_NAME, {}).get("ended", "")
@@ -437,9 +437,9 @@ def damaged(error: Exception) -> str:
     """
     from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
 
-    told = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
-    said = str(error)[:200] if told else ""
-    return said or "it is no MCAP file, or damaged"
+    by_mcap = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
+    text = str(error)[:200] if by_mcap else ""
+    return text or "it is no MCAP file, or damaged"
 
 
 def unreadable(path: Path, why: str) -> SoterError:

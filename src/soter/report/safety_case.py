@@ -156,7 +156,7 @@ class ConditionTrace:
 
     @property
     def reached(self) -> list[TracedCondition]:
-        """Those that a row of hazards reaches."""
+        """The conditions that a row of hazards reaches."""
         return [x for x in self.conditions if x.reached_by]
 
     @property
@@ -360,11 +360,11 @@ def _requirement(case: SafetyCase, n: CaseNode, parents: list[str]) -> Iterator[
     yield from ("[REQUIREMENT]", f"UID: {n.id}", f"STATUS: {case.status(n)}")
     yield f"TITLE: {_line(f'{n.kind}: {n.text}')[:120]}"
     yield from ("STATEMENT: >>>", *_text(n.text), "<<<")
-    told = [n.why] if n.why else []
-    told += [f"sha256 {n.sha256} {n.path}".rstrip()] if n.sha256 else []
-    told += [f"in the context of {', '.join(n.in_context_of)}"] if n.in_context_of else []
-    if told:
-        yield from ("COMMENT: >>>", *_text("\n\n".join(told)), "<<<")
+    texts = [n.why] if n.why else []
+    texts += [f"sha256 {n.sha256} {n.path}".rstrip()] if n.sha256 else []
+    texts += [f"in the context of {', '.join(n.in_context_of)}"] if n.in_context_of else []
+    if texts:
+        yield from ("COMMENT: >>>", *_text("\n\n".join(texts)), "<<<")
     if parents:
         yield "RELATIONS:"
         for parent in parents:

@@ -204,7 +204,7 @@ def _place_rows(rows: list[list[_Spot]]) -> float:
             s.y = y
         for s in circles:
             s.x = sum(a.x for a in above[id(s)]) / len(above[id(s)])
-        _apart(circles)
+        _move_apart(circles)
         y += max(s.height for s in row) + GAP
     return y
 
@@ -215,7 +215,7 @@ def _move(spot: _Spot, by: float) -> None:
         _move(s, by)
 
 
-def _apart(spots: Sequence[_Spot]) -> None:
+def _move_apart(spots: Sequence[_Spot]) -> None:
     """Circles of a row, in their order, so that none covers another."""
     least = RADIUS + 0.0
     for s in sorted(spots, key=lambda s: s.x):
@@ -356,8 +356,8 @@ def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
 
 def body(case: SafetyCase) -> str:
     """The main part of the page."""
-    said = [f"program SHA-256 {case.program_sha256}"]
-    said += [f"{name} {case.provenance[name]}" for name in ON_EVERY_PAGE if name in case.provenance]
+    text = [f"program SHA-256 {case.program_sha256}"]
+    text += [f"{name} {case.provenance[name]}" for name in ON_EVERY_PAGE if name in case.provenance]
     open_goals = [g for g in case.goals if case.status(g) != SUPPORTED]
     below = {i for n in case.nodes for i in n.supported_by}
     count = Counter(item.kind for item in case.traceability.open)
@@ -379,7 +379,7 @@ def body(case: SafetyCase) -> str:
         evidence=_evidence(case),
         meanings=MEANINGS,
         formula=_formula,
-        identified=said,
+        identified=text,
     )
 
 
@@ -422,10 +422,10 @@ def _traced(case: SafetyCase) -> list[tuple[str, list[tuple[TracedItem, list[Tra
 def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
     """What a supported row still depends on, as text: assumptions of proofs, flights."""
     count = sum(item.kind == "assumption" for item in case.traceability.open)
-    said = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []
+    parts = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []
     if any(p.status == "not flown" for p in behind):
-        said.append("flights are missing")
-    return "; ".join(said)
+        parts.append("flights are missing")
+    return "; ".join(parts)
 
 
 def _evidence(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:

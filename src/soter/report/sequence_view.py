@@ -275,8 +275,8 @@ def table_text(
         gap = Styled(f"... {left_out:,} steps left out", "muted")
         made[first : first + left_out] = [[_NOTHING, _NOTHING, _NOTHING, gap, _NOTHING, _NOTHING]]
     lines = table(HEADERS, made, color=color, width=width).splitlines()
-    said = explanation(view)
-    return [*lines, "", said] if said else lines
+    text = explanation(view)
+    return [*lines, "", text] if text else lines
 
 
 def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:

@@ -72,7 +72,7 @@ def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> f
 
 
 class Draws(Protocol):
-    """Something that makes the environment's free choices: by default chance (`SeededDraws`)."""
+    """The environment's free choices, made by chance unless said otherwise (`SeededDraws`)."""
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
         """A float of [low, high]."""
@@ -81,7 +81,7 @@ class Draws(Protocol):
         """A value of a scalar type within its bound."""
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Which of `count` alternatives, count >= 1."""
+        """The number of one of `count` alternatives, count >= 1."""
 
 
 CHOICES_A_STEP = 4096
@@ -212,7 +212,7 @@ class AnsweredDraws:
         return self._ask(stream, min(high - low + 1, MANY), lambda pick: low + pick)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """One of `count` alternatives."""
+        """The number of one of `count` alternatives."""
         if stream in self._by_chance:
             return self._chance.choice(stream, index, count)
         pick: int = self._ask(stream, count, int)
@@ -340,7 +340,7 @@ class Recorder:
         return value
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Which of some alternatives."""
+        """The number of one of some alternatives."""
         pick = self.draws.choice(stream, index, count)
         self._note(stream, index, pick)
         return pick

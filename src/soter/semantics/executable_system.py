@@ -247,11 +247,7 @@ class ExecutableSystem:
     """
 
     def __init__(
-        self,
-        system: System,
-        seed: int,
-        externs: Mapping[str, object],
-        draws: Draws | None = None,
+        self, system: System, seed: int, externs: Mapping[str, object], draws: Draws | None = None
     ) -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), STACK_DEPTH))
         self.system = system
@@ -332,9 +328,9 @@ class ExecutableSystem:
             self.plants[component.index] = self._plant(component)
         else:
             self.nodes[component.index] = self._node(component)
-            self._shield(component)
+            self._enter_shield(component)
 
-    def _shield(self, component: Component) -> None:
+    def _enter_shield(self, component: Component) -> None:
         """The shield of the module whose AC or SC it is; none where it could not be computed."""
         if component.module is None:
             return

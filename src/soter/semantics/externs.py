@@ -114,8 +114,8 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
         answers = convert_answer(shapes, step(inputs))
         for (index, burst), value in zip(writes, answers, strict=True):
             if value is not None and not (burst and not value):  # no message is no publication
-                given = [rounded_to_ends(topics[index], m) for m in (value if burst else (value,))]
-                env.published[index] = tuple(given) if burst else given[0]
+                ends = [rounded_to_ends(topics[index], m) for m in (value if burst else (value,))]
+                env.published[index] = tuple(ends) if burst else ends[0]
 
     return _guard_step(component, run)
 

@@ -113,8 +113,8 @@ def _awaited_release(system: System, on: int, seed: int, nominal: int) -> int | 
     since = nominal - other.phase_ns
     if since < 0:
         return None
-    own = [f for f in system.faults if f.component == on and f.of_time]
-    return happens(system, own, other, seed, since // other.period_ns)
+    faults = [f for f in system.faults if f.component == on and f.of_time]
+    return happens(system, faults, other, seed, since // other.period_ns)
 
 
 def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
@@ -135,8 +135,8 @@ def next_release(system: System, faults: Sequence[Fault], c: Component, seed: in
 
 def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
     """How much longer a step lasts that begins at ct, ns."""
-    own = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
-    return sum(int(f.amount[0]) for f in own)
+    active = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
+    return sum(int(f.amount[0]) for f in active)
 
 
 def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:

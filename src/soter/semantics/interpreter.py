@@ -407,7 +407,7 @@ class Interpreter:
         choose_input: ChooseInput | None = None,
         record: Record | None = None,
     ) -> Configuration:
-        """One whole instant: time progresses, inputs change, all of FN fires.
+        """An instant as a whole: time progresses, inputs change, all of FN fires.
 
         `choose_node` gets a configuration and picks from its FN; `choose_input` gives the
         inputs, (topic index, value), of the instant that begins. A `record` is added to.

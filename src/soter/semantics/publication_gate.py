@@ -122,8 +122,8 @@ def _map_leaves(
     if isinstance(t, ArrayType):
         return tuple([_map_leaves(leaf, t.element, bounds, part) for part in value])
     if isinstance(t, ListType):
-        own = [next(bounds) for _ in leaves(t.element)]
-        return tuple([_map_leaves(leaf, t.element, iter(own), part) for part in value])
+        element_bounds = [next(bounds) for _ in leaves(t.element)]
+        return tuple([_map_leaves(leaf, t.element, iter(element_bounds), part) for part in value])
     return leaf(t, next(bounds), value)
 
 
@@ -183,14 +183,14 @@ def _push(queue: Topic, values: list[Value], stamps: list[int], value: Value) ->
         stamps[queue.index] = LOST
 
 
-def must_not_lose(c: Configuration, queues: Iterable[int], span: Span) -> None:
+def require_nothing_lost(c: Configuration, queues: Iterable[int], span: Span) -> None:
     """StepFault where one of a node's queues lost a value that it may not lose."""
     if any(c.stamps[q] == LOST for q in queues):
         raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
 
 
 def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Empty those of these queues that lost a value, after the fault of `must_not_lose`."""
+    """Empty those of these queues that lost a value, after the fault of `require_nothing_lost`."""
     for q in queues:
         if c.stamps[q] == LOST:
             c = replace(empty_queues(c, (q,)), stamps=put(c.stamps, q, NEVER))

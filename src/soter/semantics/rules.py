@@ -40,9 +40,9 @@ from soter.semantics.publication_gate import (
     count_clean_step,
     empty_queues,
     latch,
-    must_not_lose,
     publish,
     refuse,
+    require_nothing_lost,
 )
 
 if TYPE_CHECKING:
@@ -71,11 +71,11 @@ def violated_contracts(
     machine: ExecutableSystem, c: Configuration, component: Component, kind: str
 ) -> dict[int, bool]:
     """The contracts of a node of one kind, by property index: whether each is violated."""
-    own = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
-    if not own:
+    indices = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
+    if not indices:
         return {}
     env = machine.environment(c, component)
-    return {i: _is_violated(machine, i, env) for i in own}
+    return {i: _is_violated(machine, i, env) for i in indices}
 
 
 def judging_fault(
@@ -112,10 +112,7 @@ class Shielded:
 
 
 def apply_shield(
-    machine: ExecutableSystem,
-    c: Configuration,
-    component: Component,
-    published: dict[int, Value],
+    machine: ExecutableSystem, c: Configuration, component: Component, published: dict[int, Value]
 ) -> Shielded:
     """What a step of AC or SC publishes after its module's shield; unchanged without one.
 
@@ -434,12 +431,12 @@ def _transition(
     control_is_new = c.OE[n] and not c.had_control[n]
     takeover = code.takeover if control_is_new else None
     if not component.extern:
-        must_not_lose(c, code.queues, component.span)
+        require_nothing_lost(c, code.queues, component.span)
         if takeover is not None:
             takeover(env)
     code.step(env)
     if component.extern:  # which is asked first, and sees no locals
-        must_not_lose(c, code.queues, component.span)
+        require_nothing_lost(c, code.queues, component.span)
         if takeover is not None:
             takeover(env)
     return code.store(tuple([env.variables[v] for v in code.locals])), env.published

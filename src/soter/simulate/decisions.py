@@ -253,15 +253,15 @@ def _watch_function(source: str, name: str, before: str, after: str) -> str:
     signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
     found = re.search(signature, source, re.MULTILINE)
     assert found is not None, name
-    result, given = (" ".join(part.split()) for part in found.groups())
-    names = re.findall(r"(\w+)(?:,|$)", given)
+    result, parameters = (" ".join(part.split()) for part in found.groups())
+    names = re.findall(r"(\w+)(?:,|$)", parameters)
     call, back = f"{name}({', '.join(names)});", ""
     if result != "void":
         call, back = f"const {result} led_said = {call}", "return led_said;"
     lines = [line.format(*names) for line in (before, call, after, back)]
     body = "\n".join(f"  {line}" for line in lines if line)
     end = source.index("\n}\n", found.end()) + len("\n}\n")
-    watched = f"SOTER_INLINE {result} {name}_noted({given}) {{\n{body}\n}}\n"
+    watched = f"SOTER_INLINE {result} {name}_noted({parameters}) {{\n{body}\n}}\n"
     return f"{source[:end]}{watched}#define {name} {name}_noted\n{source[end:]}"
 
 
@@ -473,8 +473,8 @@ def _margin_s(module: Module, after: Mode, saw: PredicateValues) -> float:
 
 def _differs(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
     """Whether a step saw or did something else than the one before."""
-    told = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
-    return before is None or bool(now[module][told] != before[module][told])
+    facts = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
+    return before is None or bool(now[module][facts] != before[module][facts])
 
 
 def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:

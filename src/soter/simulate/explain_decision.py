@@ -148,7 +148,7 @@ class Explainer:
         return self._reader(module).explain(before, at)
 
     def reads(self, module: int, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
-        """What that DM step read; empty where steps come in any order, as it is not known then."""
+        """Reads of that DM step; none if steps come in any order, as they are not known then."""
         return () if self.system.shuffled else self._reader(module).reads(before, at)
 
     def _reader(self, module: int) -> _PredicateReader:
@@ -329,13 +329,13 @@ class _PredicateReader:
         if isinstance(e, typed.TypedBinary) and e.op in COMPARED:
             sides = [(s, self._evaluator.expression(s)) for s in (e.left, e.right)]
         scalar = (FloatType, IntType, BoolType, EnumType)
-        told = bool(sides) and all(isinstance(s.type, scalar) for s, _ in sides)
+        scalars = bool(sides) and all(isinstance(s.type, scalar) for s, _ in sides)
         plain = _text(e)
 
         def part(env: Environment) -> PredicatePart:
             try:
                 value = bool(whole(env))
-                operands = [Operand(_text(s), _number(s, of(env))) for s, of in sides if told]
+                operands = [Operand(_text(s), _number(s, of(env))) for s, of in sides if scalars]
             except StepFault as fault:
                 return PredicatePart(plain, None, (), fault.kind.name.lower())
             if not operands:
@@ -347,13 +347,13 @@ class _PredicateReader:
         return part
 
     def _near_an_end(self, leaf: typed.TypedExpr, x: Operand, env: Environment) -> str:
-        """That the grid ends near an estimate, and `safe` does not; "" where that is not so."""
+        """Says that the grid ends near an estimate, and `safe` does not; "" if that is not so."""
         low, high = self.module.grid_ends.get(x.text, (-math.inf, math.inf))
         for end, out in ((low, low - high), (high, high - low)):
             if (end - float(x.value)) / out < NEAR:
-                there = copy(env)
-                there.topics = self._with(leaf, end + BEYOND * out, env.topics)
-                return NEAR_AN_END.format(x.text, _short(end)) if self._is_safe(there) else ""
+                beyond_end = copy(env)
+                beyond_end.topics = self._with(leaf, end + BEYOND * out, env.topics)
+                return NEAR_AN_END.format(x.text, _short(end)) if self._is_safe(beyond_end) else ""
         return ""
 
     def _with(self, leaf: typed.TypedExpr, x: float, topics: Sequence[Value]) -> Sequence[Value]:
@@ -382,8 +382,8 @@ class _PredicateReader:
 
         def part(env: Environment) -> PredicatePart:
             estimate = [Operand(name, float(of(env))) for name, of in arguments]
-            told = self._level_known
-            level_value = int(level(env)) if told is None else told
+            known_level = self._level_known
+            level_value = int(level(env)) if known_level is None else known_level
             where = ", ".join(f"{o.text} = {_short(o.value)}" for o in estimate)
             value = level_value < below if for_ttf else level_value > 1
             text = f"{where} {outside if for_ttf else inside}"
@@ -465,8 +465,8 @@ def _comparison_text(left: Operand, op: str, right: Operand, of: typed.TypedExpr
     a, b = _short(left.value), _short(right.value)
     if a == b and left.value != right.value:
         a, b = repr(left.value), repr(right.value)
-    told = right.text if isinstance(of, typed.Literal) and not of.name else f"{right.text} = {b}"
-    return f"{left.text} = {a} {op} {told}"
+    side = right.text if isinstance(of, typed.Literal) and not of.name else f"{right.text} = {b}"
+    return f"{left.text} = {a} {op} {side}"
 
 
 def _short(value: Number) -> str:

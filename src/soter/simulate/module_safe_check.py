@@ -87,8 +87,8 @@ class JudgedUnit(UnitBuilder):
         if not rows:
             return []
         table, kind = f"{self.prefix}_safe", "soter_property_info"
-        given = c.Initializer(tuple(rows))
-        return [*functions, c.VariableDef(kind, table, given, array=True, static=False)]
+        initializer = c.Initializer(tuple(rows))
+        return [*functions, c.VariableDef(kind, table, initializer, array=True, static=False)]
 
 
 def _called_functions(p: Predicate) -> set[str]:
@@ -168,10 +168,10 @@ class SafeTally:
         """Takes the next states, (n,), and which modules have just looked in them, (n, modules)."""
         fresh = due & (states["modules"]["stale"] == 0)
         for module, needed in enumerate(self._inputs):
-            own = fresh[:, module]
+            of_module = fresh[:, module]
             if needed:
-                own = own & (states["stamps"][:, needed] != NEVER).all(axis=1)
-            rows = np.flatnonzero(own).tolist()
+                of_module = of_module & (states["stamps"][:, needed] != NEVER).all(axis=1)
+            rows = np.flatnonzero(of_module).tolist()
             false = self._judge.is_false(module, states, rows)
             if false is not None:
                 before = self.looks[module]

@@ -130,13 +130,13 @@ class FlightRecording:
         if first != FIRST_LINE:
             raise self._cannot_read("it does not begin as a recording does")
         fields_of_head = dict(line.partition("=")[::2] for line in lines)
-        seed, own = fields_of_head.pop("seed", ""), head_of(self.system, self._layout)
-        for name in sorted(own.keys() | fields_of_head.keys()):
-            was, here = fields_of_head.get(name, "the default"), own.get(name, "the default")
+        seed, now = fields_of_head.pop("seed", ""), head_of(self.system, self._layout)
+        for name in sorted(now.keys() | fields_of_head.keys()):
+            was, here = (fields_of_head.get(name, "the default"), now.get(name, "the default"))
             if was != here:
-                what = visible(name.removeprefix("param "))
+                name_shown = visible(name.removeprefix("param "))
                 raise self._another_flight(
-                    f"{what} was {visible(was)[:80]} in it, and is {here} here"
+                    f"{name_shown} was {visible(was)[:80]} in it, and is {here} here"
                 )
         if not seed.isdecimal():
             raise self._cannot_read("it does not say its seed")
@@ -146,7 +146,7 @@ class FlightRecording:
         """The states in blocks, (n, size) bytes, up to where something is missing."""
         with self._open_file() as file:
             self._read_head(file)
-            begin, said, size = file.tell(), self._read_end(file), self._record.itemsize
+            begin, announced, size = file.tell(), self._read_end(file), self._record.itemsize
             file.seek(begin)
             number = 0
             while data := file.read(size * BLOCK):
@@ -159,12 +159,12 @@ class FlightRecording:
                     missing = int(records["number"][len(whole)]) - number
                     self.cut = self._missing_text(missing)
                     return
-        if said is None:
+        if announced is None:
             self.cut = CUT
-        elif said < number:
+        elif announced < number:
             raise self._cannot_read("it is damaged: it has more instants than its end says")
-        elif said > number:
-            self.cut = self._missing_text(said - number)
+        elif announced > number:
+            self.cut = self._missing_text(announced - number)
 
     def _read_end(self, file: BinaryIO) -> int | None:
         """How many instants it claims to have, with its hash compared; None: its end is missing."""
@@ -393,12 +393,12 @@ def _run_driver(
             write_spec(bindings.system, node, seed, spec)
             words = python_module("soter.simulate.externs.extern_process", str(spec))
             command += ["--worker", f"{node.name}=exec {shlex.join(words)}"]
-    out, said = (os.fdopen(os.memfd_create(name), "w+b") for name in ("report", "said"))
-    with out, said:  # on no disk, which may be full
+    out, errors = (os.fdopen(os.memfd_create(name), "w+b") for name in ("report", "said"))
+    with out, errors:  # on no disk, which may be full
         process = subprocess.Popen(
             command,
             stdout=out,
-            stderr=said if quiet else None,
+            stderr=errors if quiet else None,
             preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509 - no thread runs yet
         )
         while process.poll() is None:
@@ -407,9 +407,9 @@ def _run_driver(
             resume(process.pid)
             time.sleep(LOOK_S)
         out.seek(0)
-        said.seek(0)
+        errors.seek(0)
         text = out.read().decode("utf-8", "replace")
-        words = said.read().decode("utf-8", "replace").splitlines()
+        words = errors.read().decode("utf-8", "replace").splitlines()
     if process.returncode not in FINE or not text:
         raise SoterError((_without_report(process.returncode, words),))
     document: dict[str, Any] = json.loads(text)
@@ -425,9 +425,9 @@ def _executable_copy(built: BuiltPackage, work: Path) -> Path:
     return work / built.program
 
 
-def _without_report(status: int, said: list[str]) -> Diagnostic:
+def _without_report(status: int, error_lines: list[str]) -> Diagnostic:
     return Diagnostic(
         "X011",
         "the process of the real-time driver is gone, without a report",
-        notes=(f"its exit status is {status}", *said[-4:]),
+        notes=(f"its exit status is {status}", *error_lines[-4:]),
     )

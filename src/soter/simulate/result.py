@@ -164,9 +164,7 @@ class Run:
         often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._faults.items()}
         for name, steps in self.never_answered.items():
             often[name] = f"in every step ({steps:,}), nothing of it was tried"
-        return [
-            f"{n} failed {often.get(n, '')}: {said}" for n, said in self.extern_failures.items()
-        ]
+        return [f"{n} failed {often.get(n, '')}: {why}" for n, why in self.extern_failures.items()]
 
     @property
     def _faults(self) -> Counter[str]:
@@ -183,9 +181,9 @@ class Run:
         ]
         heads = ("module", "AC share", "SC to AC", "AC to SC", "gate faults")
         broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
-        told = notebook_table(repr(self)[1:-1], heads, rows, [*broken, *self.failures, *self.notes])
+        html = notebook_table(repr(self)[1:-1], heads, rows, [*broken, *self.failures, *self.notes])
         page = self.page(self) if self.page is not None else ""
-        return told + framed(page) if page else told
+        return html + framed(page) if page else html
 
     @property
     def notes(self) -> list[str]:
@@ -215,9 +213,9 @@ class Run:
             row = self.final["properties"][prop.index]
             if row["count"]:
                 first_s = int(row["first_ns"]) / 1e9
-                what = f"{prop.kind} {prop.text}"
+                text = f"{prop.kind} {prop.text}"
                 violations.append(
-                    Violation(what, "property", first_s, int(row["count"]), prop.span)
+                    Violation(text, "property", first_s, int(row["count"]), prop.span)
                 )
         for component in self.system.components:
             row = self.final["components"][component.index]
@@ -299,7 +297,7 @@ class Run:
         return margins(self.system, *self._traced_module(module))
 
     def moved(self, module: str) -> npt.NDArray[np.bool_]:
-        """At which instants a shield `toward sc` moved the command that AC published, (n,).
+        """Whether a shield `toward sc` moved the command that AC published, at each instant, (n,).
 
         What AC would have published is in the topic `<module>.proposed`. SoterError U001 where the
         trace has only parts.

@@ -78,8 +78,8 @@ def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Pr
     rest = [m.name for m in free if m.name not in proofs]
     if rest:
         which = ", ".join(rest)
-        said = f"{which}: {' '.join(ASSUMED)} assumed, not checked {_checker_of_runs(system)}"
-        assumptions.append(said)
+        sentence = f"{which}: {' '.join(ASSUMED)} assumed, not checked {_checker_of_runs(system)}"
+        assumptions.append(sentence)
     return assumptions
 
 
@@ -225,8 +225,8 @@ def _plant_assumptions(system: System, x: Component) -> list[str]:
         ]
         assumptions.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
     if x.measured:
-        said = _error_bounds(system, x)
-        assumptions.append(f"{x.name}: measurement errors within {said}, drawn evenly")
+        bounds = _error_bounds(system, x)
+        assumptions.append(f"{x.name}: measurement errors within {bounds}, drawn evenly")
     return assumptions
 
 

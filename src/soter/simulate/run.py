@@ -194,8 +194,8 @@ class NativeProgram:
         self.unit: Unit = builder.run()
         self.layout = self.unit.layout
         self.dtype = state_dtype(self.layout)
-        own = "-O2" if len(self.unit.source) < LARGE_C else "-Og"
-        path = library(self.unit, optimise or own, extra)
+        level = "-O2" if len(self.unit.source) < LARGE_C else "-Og"
+        path = library(self.unit, optimise or level, extra)
         self._builder, self._path = builder, path
         self._owners = linked_symbols(system, core)
         self._shared = self._open(path)

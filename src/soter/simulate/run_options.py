@@ -128,37 +128,37 @@ _NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
 # ---------------------------------------------------------------- lengths of time
 
 
-def until_ns(given: float | str) -> int:
+def until_ns(until: float | str) -> int:
     """The length of a run in ns; `SoterError` U001 unless it is a time longer than zero."""
     try:
-        ns = duration_ns(given)
+        ns = duration_ns(until)
     except WrongTextError as error:
-        raise mistake("U001", f"`until` cannot be `{_short(given)}`: {error}") from error
+        raise mistake("U001", f"`until` cannot be `{_short(until)}`: {error}") from error
     if ns <= 0:
-        raise mistake("U001", f"`until` cannot be `{_short(given)}`: a run takes time")
+        raise mistake("U001", f"`until` cannot be `{_short(until)}`: a run takes time")
     return ns
 
 
-def seed_value(given: object) -> int:
+def seed_value(seed: object) -> int:
     """A seed as an int, from anything that is a whole number; `SoterError` U001."""
     try:
-        number = operator.index(given)  # type: ignore[arg-type]  # it checks
+        number = operator.index(seed)  # type: ignore[arg-type]  # it checks
     except TypeError:
         number = -1
     if not 0 <= number < 2**64:
         help_ = "a seed is a whole number, 0 to 2^64 - 1"
-        raise mistake("U001", f"`seed` cannot be `{_short(given)}`", help_)
+        raise mistake("U001", f"`seed` cannot be `{_short(seed)}`", help_)
     return number
 
 
 # ---------------------------------------------------------------- parameters
 
 
-def param_values(program: TypedProgram, given: Mapping[str, object]) -> dict[str, Value]:
+def param_values(program: TypedProgram, values_by_name: Mapping[str, object]) -> dict[str, Value]:
     """The values of parameters by full name; `SoterError` U001, U004 with all mistakes at once."""
     values: dict[str, Value] = {}
     problems: list[Diagnostic] = []
-    for name, value in given.items():
+    for name, value in values_by_name.items():
         param = program.param(name)
         if param is not None and not has_param(program, program.systems.values(), name):
             path = name[: -len(param.name) - 1]
@@ -179,14 +179,14 @@ def param_values(program: TypedProgram, given: Mapping[str, object]) -> dict[str
     return values
 
 
-def _param_value(t: Type, given: object) -> Value:
+def _param_value(t: Type, choice: object) -> Value:
     if isinstance(t, DurationType):
-        return duration_ns(given)  # type: ignore[arg-type]  # it checks
-    if isinstance(given, str) and not isinstance(t, EnumType):
-        return _value_of_text(t, given.strip())
-    if isinstance(t, EnumType) and not (isinstance(given, str) and given in t.members):
+        return duration_ns(choice)  # type: ignore[arg-type]  # it checks
+    if isinstance(choice, str) and not isinstance(t, EnumType):
+        return _value_of_text(t, choice.strip())
+    if isinstance(t, EnumType) and not (isinstance(choice, str) and choice in t.members):
         raise WrongTextError(f"it is one of {', '.join(t.members)}")
-    value = from_python(t, given)
+    value = from_python(t, choice)
     if isinstance(t, FloatType) and not math.isfinite(value):
         raise WrongTextError("a parameter is finite")
     return value

@@ -1,4 +1,4 @@
-"""Which reads of a decision module were stale, and why.
+"""The stale reads of a decision module, and why they were stale.
 
 Purpose: `stale_reads` names each topic that a step of a DM found older than its `max_age`, or of
 another instant than one that it reads together with it.

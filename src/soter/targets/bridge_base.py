@@ -81,9 +81,9 @@ def _age_mistakes(topic: Topic, m: TopicMap, promise: SourcePromise, e: External
         terms = [("every", promise.every_ns), ("delayed", promise.delayed_ns)]
         terms = [("after", promise.after_ns), *terms] if promise.rank else terms
         figures = " + ".join(f"{name} {show_ns(ns)}" for name, ns in terms)
-        what = "when it takes over" if promise.rank else "alone"
+        when = "when it takes over" if promise.rank else "alone"
         yield (
-            f"`{topic.name}` may be {show_ns(promise.oldest_ns)} old with {m.channel} {what} "
+            f"`{topic.name}` may be {show_ns(promise.oldest_ns)} old with {m.channel} {when} "
             f"({figures}), and the system declares {_declared_age(e)}"
         )
 
@@ -92,11 +92,11 @@ def _error_mistakes(
     topic: Topic, m: TopicMap, promise: SourcePromise, e: External
 ) -> Iterator[str]:
     for (path, t), most in zip(leaves(topic.type), e.errors, strict=True):
-        own = promise.errors.get(path)
-        if most is None or not isinstance(t, FloatType) or (own is not None and own <= most):
+        error = promise.errors.get(path)
+        if most is None or not isinstance(t, FloatType) or (error is not None and error <= most):
             continue
         name = ".".join((topic.name, *path))
-        exactness = "does not say how exact it is" if own is None else f"is within {own!r}"
+        exactness = "does not say how exact it is" if error is None else f"is within {error!r}"
         yield f"`{name}` from {m.channel} {exactness}, and the system declares within {most!r}"
 
 
@@ -167,9 +167,9 @@ def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMa
 
 def _unmapped_mistakes(system: System, mapping: LogMap) -> Iterator[str]:
     """Yields a mistake for each topic that comes from the world and that the mapping leaves out."""
-    given = {m.topic.index for m in mapping.topics}
+    mapped = {m.topic.index for m in mapping.topics}
     for topic in (system.topics[e.topic] for e in system.externals):
-        if topic.driver == "input" and topic.index not in given:
+        if topic.driver == "input" and topic.index not in mapped:
             yield f"`{topic.name}` comes from the world, and the mapping does not say how"
 
 
@@ -251,11 +251,11 @@ def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
 
 def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
     """A note on the topics that go out and are not mapped; none where all are."""
-    said = {m.topic.index for m in mapped}
+    named = {m.topic.index for m in mapped}
     names = [
         system.topics[e.topic].name
         for e in system.externals
-        if e.topic not in said and system.topics[e.topic].driver != "input"
+        if e.topic not in named and system.topics[e.topic].driver != "input"
     ]
     text = f"not published {where}, as the mapping does not name it: {', '.join(names)}"
     return [text] if names else []
@@ -376,9 +376,9 @@ class BridgedSystem:
 def require_world(system: System) -> None:
     """SoterError U001 for a system that has its plants inside: no mapping would change that."""
     if not system.externals:
-        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
+        text = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
         help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
-        raise mistake("U001", what, help_)
+        raise mistake("U001", text, help_)
 
 
 def in_folder(folder: str, file: PackageFile) -> PackageFile:

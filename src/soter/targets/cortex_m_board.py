@@ -68,24 +68,24 @@ class Board:
         return CORES[self.core]
 
 
-def read_board(given: str) -> Board:
+def read_board(board: str) -> Board:
     """The board of that name, or of that file; SoterError X017 where it is none."""
-    path = BOARDS / f"{given.replace('-', '_')}.c"
+    path = BOARDS / f"{board.replace('-', '_')}.c"
     if not path.is_file():
-        path = Path(given)
+        path = Path(board)
         if path.suffix != ".c":
             known = ", ".join(f"`{name}`" for name in board_names())
             raise _unusable(
-                given,
+                board,
                 "there is none of that name, and no such file",
                 f"there are {known}, or a file: --board my_board.c",
             )
     try:
         text = read_bytes(path).decode("utf-8")
     except OSError as error:
-        raise _unusable(given, reason(error)) from error
+        raise _unusable(board, reason(error)) from error
     except UnicodeDecodeError as error:
-        raise _unusable(given, "it is no text") from error
+        raise _unusable(board, "it is no text") from error
     return board_of(path.stem, text)
 
 
@@ -146,15 +146,12 @@ def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
 
 
 def _problems_of_the_map(board: Board) -> Iterable[str]:
-    regions = (
-        ("flash", board.flash_at, board.flash_bytes),
-        ("RAM", board.ram_at, board.ram_bytes),
-    )
-    for what, at, size in regions:
+    regions = (("flash", board.flash_at, board.flash_bytes), ("RAM", board.ram_at, board.ram_bytes))
+    for region, at, size in regions:
         if size == 0 or at + size > END:
-            yield f"{what} of {size:,} bytes at {at:#x} is empty, or goes beyond 4 GiB"
+            yield f"{region} of {size:,} bytes at {at:#x} is empty, or goes beyond 4 GiB"
         if at % 8 != 0 or size % 8 != 0:
-            yield f"{what} does not begin or end at a multiple of 8 bytes"
+            yield f"{region} does not begin or end at a multiple of 8 bytes"
     (_, one, first), (_, other, second) = regions
     common = min(one + first, other + second) - max(one, other)
     if common > 0:
@@ -176,8 +173,8 @@ def _problems_of_the_map(board: Board) -> Iterable[str]:
 
 
 def _unusable(name: str, why: str, *helps: str, notes: Iterable[str] = ()) -> SoterError:
-    what = f"the board `{name}` cannot be used: {why}"
-    return mistake("X017", what, *helps, notes=tuple(notes))
+    message = f"the board `{name}` cannot be used: {why}"
+    return mistake("X017", message, *helps, notes=tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -79,8 +79,8 @@ def tick_of(system: System, board: Board) -> LoopTick:
         counts, rest = divmod(board.clock_hz * tick, SECOND)
         if tick <= TICK_MOST and rest == 0 and 1 < counts < SYSTICK_MOST:
             return LoopTick(tick, _why_no_loop(system))
-    what = f"no tick of whole counts of {board.clock_hz:,} Hz divides {show_ns(common)}"
-    return LoopTick(min(common, TICK_MOST), what)
+    why = f"no tick of whole counts of {board.clock_hz:,} Hz divides {show_ns(common)}"
+    return LoopTick(min(common, TICK_MOST), why)
 
 
 def _why_no_loop(system: System) -> str:
@@ -342,8 +342,8 @@ def missing_tools(board: Board) -> str:
 
 def compiler_version() -> str:
     """The first line of what the compiler says of its version."""
-    said = run_compiler([CC, "--version"], Path.cwd(), TIMEOUT_S)
-    return visible((said.text.splitlines() or [""])[0])
+    output = run_compiler([CC, "--version"], Path.cwd(), TIMEOUT_S)
+    return visible((output.text.splitlines() or [""])[0])
 
 
 def cross_compiler(board: Board) -> Compiler | None:
@@ -359,8 +359,8 @@ def require_stack(bound: StackBound, board: Board) -> None:
     if bound.bytes is None or bound.bytes <= board.stack_bytes:
         return
     over = bound.bytes - board.stack_bytes
-    what = f"the program does not fit onto `{board.name}`: {over:,} bytes too many for its stack"
-    raise mistake("X015", what, notes=(f"{bound.bytes:,} bytes: {' > '.join(bound.way)}",))
+    message = f"the program does not fit onto `{board.name}`: {over:,} bytes too many for its stack"
+    raise mistake("X015", message, notes=(f"{bound.bytes:,} bytes: {' > '.join(bound.way)}",))
 
 
 def build_image(package: Package, board: Board) -> Image:
@@ -375,13 +375,11 @@ def build_image(package: Package, board: Board) -> Image:
     if not board.qemu or shutil.which(QEMU) is None:
         absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
         return Image(**sized, why=f"it was not run: {absent}")  # type: ignore[arg-type]
-    ran, said = _run_in_qemu(package)
-    stack, trace, test = (x.search(said) for x in (STACK, TRACE, SELF_TEST))
-    counts = [
-        StepCount(name, *(int(x) for x in numbers)) for name, *numbers in COUNTS.findall(said)
-    ]
+    ran, log = _run_in_qemu(package)
+    stack, trace, test = (x.search(log) for x in (STACK, TRACE, SELF_TEST))
+    counts = [StepCount(name, *(int(x) for x in numbers)) for name, *numbers in COUNTS.findall(log)]
     if not counts or trace is None or test is None:
-        raise _run_error(f"the image does not run in QEMU: {visible((said or ran).strip()[-300:])}")
+        raise _run_error(f"the image does not run in QEMU: {visible((log or ran).strip()[-300:])}")
     instant, *steps = counts
     return Image(
         **sized,  # type: ignore[arg-type]
@@ -400,18 +398,18 @@ def _run_in_qemu(package: Package) -> tuple[str, str]:
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
     if ran.code is None or "it has not ended within" in ran.text:
         raise _run_error(f"the run in QEMU does not end within {LIMIT_S} s")
-    said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
-    if (refused := re.search(r"^not run: (.*)$", said, re.MULTILINE)) is not None:
+    output = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
+    if (refused := re.search(r"^not run: (.*)$", output, re.MULTILINE)) is not None:
         raise _run_error(f"the image refuses to run: {visible(refused[1])}")
     if re.search("another trace than on the host", ran.text):
         raise _run_error("the image computes another trace than this machine")
-    return ran.text, said
+    return ran.text, output
 
 
 def _sizes(image: Path, board: Board) -> tuple[int, int]:
     """Bytes of flash, and of RAM beside the stack."""
-    said = run_compiler(["arm-none-eabi-size", image.name], image.parent, TIMEOUT_S).text
-    text, data, bss = (int(x) for x in said.splitlines()[1].split()[:3])
+    output = run_compiler(["arm-none-eabi-size", image.name], image.parent, TIMEOUT_S).text
+    text, data, bss = (int(x) for x in output.splitlines()[1].split()[:3])
     return text + data, data + bss - board.stack_bytes
 
 
@@ -419,26 +417,26 @@ def _link_error(package: Package, board: Board, text: str) -> SoterError:
     over = dict(OVERFLOW.findall(text))
     if not over:
         lines = [visible(x[:300]) for x in text.splitlines() if SAID.search(x)]
-        what = f"`{CC}` does not make an image of the package `{package.folder}`"
-        return mistake("X004", what, notes=tuple(lines[:8]))
+        message = f"`{CC}` does not make an image of the package `{package.folder}`"
+        return mistake("X004", message, notes=tuple(lines[:8]))
     sizes = {"FLASH": ("flash", board.flash_bytes), "RAM": ("RAM", board.ram_bytes)}
     parts = [
         f"{int(by):,} bytes too many for {sizes[region][0]} of {sizes[region][1]:,}"
         for region, by in over.items()
     ]
-    what = f"the program does not fit onto `{board.name}`: {', '.join(parts)}"
+    message = f"the program does not fit onto `{board.name}`: {', '.join(parts)}"
     largest = _largest(package, "trdw" if "FLASH" in over else "bd")
-    return mistake("X015", what, notes=(f"largest: {', '.join(largest)}",))
+    return mistake("X015", message, notes=(f"largest: {', '.join(largest)}",))
 
 
 def _largest(package: Package, kinds: str) -> list[str]:
     """The largest symbols of some kinds of nm, of an image that the linker makes all the same."""
     _make(package, package.image, "CFLAGS=-Os -Wl,--noinhibit-exec")
     words = ["arm-none-eabi-nm", "--print-size", "--radix=d", package.image]
-    said = run_compiler(words, package.folder, TIMEOUT_S).text
+    output = run_compiler(words, package.folder, TIMEOUT_S).text
     (package.folder / package.image).unlink(missing_ok=True)
     found = [
-        (int(size), name) for size, kind, name in SYMBOL.findall(said) if kind.lower() in kinds
+        (int(size), name) for size, kind, name in SYMBOL.findall(output) if kind.lower() in kinds
     ]
     return [f"`{name}` {size:,} bytes" for size, name in sorted(found, reverse=True)[:LARGEST]]
 
@@ -448,5 +446,5 @@ def _make(package: Package, *words: str) -> CompilerOutput:
     return run_compiler(["make", *words, zig], package.folder, TIMEOUT_S)
 
 
-def _run_error(what: str) -> SoterError:
-    return mistake("X016", what, 'docs/bare-metal.md, "When the image refuses to run"')
+def _run_error(message: str) -> SoterError:
+    return mistake("X016", message, 'docs/bare-metal.md, "When the image refuses to run"')

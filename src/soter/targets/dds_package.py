@@ -161,10 +161,10 @@ def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) 
 
 def _topic_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
     """The template's values for a topic, whichever way it goes."""
-    index, message, said = mapped.topic.index, _message(mapped), mapped.qos
+    index, message, qos = mapped.topic.index, _message(mapped), mapped.qos
     inward = bridged.is_inward(index)
-    reliable = (said.reliability or ("best_effort" if inward else "reliable")) == "reliable"
-    depth = (SENSOR_DEPTH if inward else DEFAULT_DEPTH) if said.depth is None else said.depth
+    reliable = (qos.reliability or ("best_effort" if inward else "reliable")) == "reliable"
+    depth = (SENSOR_DEPTH if inward else DEFAULT_DEPTH) if qos.depth is None else qos.depth
     return {
         "topic": mapped.topic.name,
         "c_name": bridged.world.names[index],
@@ -175,7 +175,7 @@ def _topic_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]
         "type": dds_type(message),
         "c_type": c_type(message),
         "reliable": _bool_word(reliable),
-        "latched": _bool_word(said.durability == "transient_local"),
+        "latched": _bool_word(qos.durability == "transient_local"),
         "depth": depth,
     }
 
@@ -184,8 +184,8 @@ def _inward_values(mapped: TopicMap) -> dict[str, object]:
     converter = MessageConverter(mapped, ROS, CYCLONE, "(*m)")
     frame = "true"
     if mapped.frame_id is not None:
-        there = converter.path("header.frame_id")
-        frame = CYCLONE.same_text.format(there, text_literal(mapped.frame_id))
+        frame_id = converter.path("header.frame_id")
+        frame = CYCLONE.same_text.format(frame_id, text_literal(mapped.frame_id))
     return {
         "frame": frame,
         "stamp": _stamp(mapped, converter),
@@ -254,8 +254,8 @@ def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap)
     _require_bridgeable(system, mapped)
     bridged = BridgedSystem(system, core, folder)
     name = bridged.unit.prefix
-    own = [f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES)]
-    context = {"name": name, "bridged": bridged, "sources": [*own, *bridged.linked]}
+    sources = [f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES)]
+    context = {"name": name, "bridged": bridged, "sources": [*sources, *bridged.linked]}
     files = [
         PackageFile(f"idl/{name}_messages.idl", _idl(system, mapped)),
         PackageFile("src/soter_dds_messages.h", f'#include "{name}_messages.h"\n'),

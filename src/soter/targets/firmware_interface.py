@@ -344,8 +344,8 @@ class _Firmware:
                     c.Binary(">", VALUE, c.Number(_number(high))),
                 )
                 yield c.IfStmt(outside, (c.Return(c.Name("SOTER_NO_VALUE")),))
-            given = c.Cast(s.c_type, VALUE) if s.c_type != "double" else VALUE
-            yield c.Declare(s.c_type, "stored", given, const=True)
+            value = c.Cast(s.c_type, VALUE) if s.c_type != "double" else VALUE
+            yield c.Declare(s.c_type, "stored", value, const=True)
             pointer = c.Unary("&", c.Name("stored"))
         arguments = (
             LOOP,
@@ -443,8 +443,8 @@ def _number(value: int) -> str:
 
 def _name_without_file(t: Topic) -> str:
     """The name of a topic without the import that its declaration came by."""
-    own = t.symbol.name
-    return legal(t.name.removesuffix(own) + own.rpartition(".")[2])
+    name = t.symbol.name
+    return legal(t.name.removesuffix(name) + name.rpartition(".")[2])
 
 
 def _topic_comment(t: Topic) -> str:

@@ -149,12 +149,12 @@ def _equality_test(
     message: MavlinkMessage, path: str, value: object, converter: MessageConverter
 ) -> str:
     """A C condition: a field has the value that the mapping says in `set`."""
-    what, kind = converter.path(path), message.leaf(path)
+    field, kind = converter.path(path), message.leaf(path)
     if isinstance(value, str):
-        return f"({MAVLINK_C.same_text.format(what, text(value))})"
+        return f"({MAVLINK_C.same_text.format(field, text(value))})"
     if kind in FLOATS:
-        return f"{what} == {f'(float){float(str(value))!r}' if kind == 'float32' else value}"
-    return f"(int64_t){what} == INT64_C({value})"
+        return f"{field} == {f'(float){float(str(value))!r}' if kind == 'float32' else value}"
+    return f"(int64_t){field} == INT64_C({value})"
 
 
 def _refuse_version_1(mapped: TopicMap) -> Iterator[str]:
@@ -170,22 +170,22 @@ def _refuse_unknown_values(mapped: TopicMap, converter: MessageConverter) -> Ite
     message = _message(mapped)
     for name in mapped.names:
         (field, _), *inside = path_steps(message, name, MAVLINK)
-        said = message.invalid.get(field, "").strip("[]").partition(",")[0].rstrip(":")
+        unknown = message.invalid.get(field, "").strip("[]").partition(",")[0].rstrip(":")
         kind = message.leaf(name)
         names = dict.fromkeys([name, *([f"{field}.0"] if inside else [])])
-        tests = [_unknown_value_test(converter.path(n), kind, said) for n in names]
-        if said and all(tests):
+        tests = [_unknown_value_test(converter.path(n), kind, unknown) for n in names]
+        if unknown and all(tests):
             yield from refused_where(" || ".join(tests))
 
 
-def _unknown_value_test(what: str, kind: str, said: str) -> str:
-    """A C condition: a field is the number that MAVLink names (`said`); "" where it names none."""
+def _unknown_value_test(at: str, kind: str, none: str) -> str:
+    """A C condition: a field is the number that MAVLink names (`none`); "" where it names none."""
     if kind in FLOATS:
-        if said.upper() == "NAN":
-            return f"{what} != {what}"
-        return f"{what} == {float(said)!r}" if re.fullmatch(r"-?\d+(\.\d+)?", said) else ""
-    if kind in INTEGERS and (_LIMIT.fullmatch(said) or re.fullmatch(r"-?\d+|0x[0-9A-F]+", said)):
-        return f"(int64_t){what} == (int64_t){said}"
+        if none.upper() == "NAN":
+            return f"{at} != {at}"
+        return f"{at} == {float(none)!r}" if re.fullmatch(r"-?\d+(\.\d+)?", none) else ""
+    if kind in INTEGERS and (_LIMIT.fullmatch(none) or re.fullmatch(r"-?\d+|0x[0-9A-F]+", none)):
+        return f"(int64_t){at} == (int64_t){none}"
     return ""
 
 
@@ -193,12 +193,12 @@ def _set_address(mapped: TopicMap) -> Iterator[str]:
     """C that sets to whom a message goes, and when, unless the mapping says it."""
     message = _message(mapped)
     filled = {*mapped.names, *mapped.constants}
-    own = {"target_system": "e->to.system", "target_component": "e->to.component"}
-    own |= {n: f"(uint64_t)(e->written_ns / {unit})" for n, unit in STAMPED.items()}
+    stamped = {"target_system": "e->to.system", "target_component": "e->to.component"}
+    stamped |= {n: f"(uint64_t)(e->written_ns / {unit})" for n, unit in STAMPED.items()}
     for name in message.fields_in_order:
-        if name in own and name not in filled:
+        if name in stamped and name not in filled:
             cast = "(uint32_t)" if message.leaf(name) == "uint32" else ""
-            yield f"m.{name} = {cast}{own[name]};"
+            yield f"m.{name} = {cast}{stamped[name]};"
 
 
 FOLDER = "mavlink"
@@ -214,14 +214,14 @@ def dialect_headers(dialect: MavlinkDialect, used: Iterable[str]) -> list[Packag
     names = sorted({*OF_EVERY_BRIDGE, *used})
     generated = _generate_headers(dialect.xml, {*PROTOCOL, *map(_file, names)})
     files = [PackageFile(f"{FOLDER}/{name}", text) for name, text in sorted(generated.items())]
-    own = filled_file(
+    header = filled_file(
         f"{FOLDER}/soter_mavlink_dialect.h",
         "mavlink/soter_mavlink_dialect.h",
         title=comment_text(dialect.name),
         checksums=dialect.checksums,
         headers=[_file(name) for name in names],
     )
-    return [*files, own]
+    return [*files, header]
 
 
 def _file(message: str) -> str:
@@ -281,12 +281,12 @@ def set_point_problems(mapped: TopicMap) -> list[str]:
     if not isinstance(mask, int):
         return [f"{named} `type_mask` is a constant of the mapping: say it in `set`"]
     filled = {*mapped.names, *mapped.constants}
-    said = [(name, bool(mask & bit)) for bit, fields in bits.items() for name in fields]
+    bits_set = [(name, bool(mask & bit)) for bit, fields in bits.items() for name in fields]
     return [
         f"{named} `type_mask` {mask} ignores `{name}`, which is filled"
         if ignored
         else f"{named} `type_mask` {mask} commands `{name}`, which nobody fills"
-        for name, ignored in said
+        for name, ignored in bits_set
         if ignored == (name in filled)
     ]
 
@@ -386,8 +386,8 @@ def _source_mistakes(m: TopicMap) -> list[str]:
     if parse_source(m.publisher) is None:
         return [f"`publisher` of {named} is a system and a component, as 1/191: {m.publisher!r}"]
     if m.stamp is not None:
-        what = f"`publisher` {m.publisher} has a clock of its own, which nobody synchronises"
-        return [f'{named}: {what}: `stamp` is "arrival"']
+        problem = f"`publisher` {m.publisher} has a clock of its own, which nobody synchronises"
+        return [f'{named}: {problem}: `stamp` is "arrival"']
     return []
 
 

@@ -113,36 +113,36 @@ class MessageConverter:
         if isinstance(leaf, NearestSource):
             return [*self._nearest_in(path, leaf, to)]
         if not isinstance(leaf, SignalSource):
-            what = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
-            raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
-        what, kind = self.path(leaf.name), self.type.leaf(leaf.name, self.ros)
+            field = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
+            raise unmappable(f"`{self.mapped.name_of(path)}` {field}")
+        field, kind = self.path(leaf.name), self.type.leaf(leaf.name, self.ros)
         if isinstance(t, FloatType):
-            return [f"{to} = {_scaling_code(f'(double){what}', leaf)};"]
+            return [f"{to} = {_scaling_code(f'(double){field}', leaf)};"]
         if isinstance(t, BoolType):
-            return [f"{to} = {what} ? 1U : 0U;"]
+            return [f"{to} = {field} ? 1U : 0U;"]
         if isinstance(t, EnumType):
-            return [*self._enum_in(t, what, to)]
+            return [*self._enum_in(t, field, to)]
         assert isinstance(t, (IntType, DurationType)), t
-        return [*self._int_in(path, t, what, kind, to)]
+        return [*self._int_in(path, t, field, kind, to)]
 
     def _nearest_in(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterable[str]:
         """A call of soter_scan.hpp, which is C++."""
         if self.dialect is not CPP:
-            what = "is what is nearest in a scan, which only the bridges of ROS can tell"
-            raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
+            problem = "is what is nearest in a scan, which only the bridges of ROS can tell"
+            raise unmappable(f"`{self.mapped.name_of(path)}` {problem}")
         limits = f"{leaf.most!r}, {leaf.unseen}U"
         return refused_where(f"!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})")
 
-    def _enum_in(self, t: EnumType, what: str, to: str) -> Iterator[str]:
+    def _enum_in(self, t: EnumType, field: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
             word = "if" if k == 0 else "} else if"
-            yield f"{word} ({self.dialect.same_text.format(what, text_literal(member))}) {{"
+            yield f"{word} ({self.dialect.same_text.format(field, text_literal(member))}) {{"
             yield f"  {to} = {k}U;"
         yield "} else {"
         yield "  return false;"
         yield "}"
 
-    def _int_in(self, path: LeafPath, t: Type, what: str, kind: str, to: str) -> Iterator[str]:
+    def _int_in(self, path: LeafPath, t: Type, field: str, kind: str, to: str) -> Iterator[str]:
         if kind not in self.integers:
             raise unmappable(f"`{self.mapped.name_of(path)}` is `{t}`, the field a `{kind}`")
         s = scalar(t)
@@ -150,13 +150,13 @@ class MessageConverter:
         (low, high), (least, most) = storage_range(s), self.integers[kind]
         tests = []
         if least < low:
-            tests.append(f"(int64_t){what} < {_int(low)}")
+            tests.append(f"(int64_t){field} < {_int(low)}")
         if most > high:
             cast = "(uint64_t)" if least >= 0 else "(int64_t)"
-            tests.append(f"{cast}{what} > {_int(high, unsigned=least >= 0)}")
+            tests.append(f"{cast}{field} > {_int(high, unsigned=least >= 0)}")
         if tests:
             yield from refused_where(" || ".join(tests))
-        yield f"{to} = ({s.c_type}){what};"
+        yield f"{to} = ({s.c_type}){field};"
 
     def _sequences(self) -> list[tuple[str, int]]:
         """Sequences that are indexed, and the greatest index of each."""
@@ -188,7 +188,7 @@ class MessageConverter:
             lines.append(self._set(name, constant))
         return lines
 
-    def _leaf_out(self, path: LeafPath, leaf: SignalSource, what: str) -> list[str]:
+    def _leaf_out(self, path: LeafPath, leaf: SignalSource, value: str) -> list[str]:
         t, to = self.types[path], self.path(leaf.name)
         field = self.type.field(leaf.name, self.ros)
         named = f"`{self.mapped.name_of(path)}`"
@@ -196,18 +196,18 @@ class MessageConverter:
             raise unmappable(f"{named} goes into an element of a sequence, which is empty")
         if isinstance(t, FloatType) and field.type in FLOATS:
             cast = "(float)" if field.type == "float32" else ""
-            return [f"{to} = {cast}({_unscaling_code(what, leaf)});"]
+            return [f"{to} = {cast}({_unscaling_code(value, leaf)});"]
         if isinstance(t, BoolType) and field.type in ("bool", "uint8"):
-            return [f"{to} = {what} != 0U;"]
+            return [f"{to} = {value} != 0U;"]
         if isinstance(t, EnumType) and field.type == "string":
             *first, last = [text_literal(m) for m in t.members]
-            chain = "".join(f"{what} == {k}U ? {m} : " for k, m in enumerate(first))
+            chain = "".join(f"{value} == {k}U ? {m} : " for k, m in enumerate(first))
             return [self._set_text(leaf.name, t.members, f"({chain}{last})")]
         if isinstance(t, IntType) and field.type in self.integers:
             low, high = self.integers[field.type]
             if t.low < low or t.high > high:
                 raise unmappable(f"{named} is `{t}`, which a `{field.type}` cannot hold")
-            return [f"{to} = {what};"]
+            return [f"{to} = {value};"]
         raise unmappable(f"{named} is `{t}`, and the field that it goes into a `{field.type}`")
 
     def _set(self, name: str, constant: object) -> str:
@@ -268,27 +268,27 @@ def topic_tests(topic: Topic, value: str) -> list[str]:
     """C++ conditions that hold of what the trusted part takes: finite, and in the topic's set."""
     tests = []
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
-        what = f"{value}{MessageConverter.member(path)}"
+        field = f"{value}{MessageConverter.member(path)}"
         if isinstance(t, FloatType):
-            tests.append(f"std::isfinite({what})")
+            tests.append(f"std::isfinite({field})")
         if bound is not None and isinstance(t, FloatType):
-            tests.append(f"{what} >= {float(bound.low)!r} && {what} <= {float(bound.high)!r}")
+            tests.append(f"{field} >= {float(bound.low)!r} && {field} <= {float(bound.high)!r}")
         elif bound is not None and isinstance(t, IntType):
             low, high = math.ceil(bound.low), math.floor(bound.high)
-            tests.append(f"(int64_t){what} >= {_int(low)} && (int64_t){what} <= {_int(high)}")
+            tests.append(f"(int64_t){field} >= {_int(low)} && (int64_t){field} <= {_int(high)}")
     return tests
 
 
-def _scaling_code(what: str, leaf: SignalSource) -> str:
+def _scaling_code(code: str, leaf: SignalSource) -> str:
     if leaf.scale != 1.0:
-        what = f"{leaf.scale!r} * {what}"
-    return what if leaf.offset == 0.0 else f"{what} + {leaf.offset!r}"
+        code = f"{leaf.scale!r} * {code}"
+    return code if leaf.offset == 0.0 else f"{code} + {leaf.offset!r}"
 
 
-def _unscaling_code(what: str, leaf: SignalSource) -> str:
+def _unscaling_code(code: str, leaf: SignalSource) -> str:
     if leaf.offset != 0.0:
-        what = f"({what} - {leaf.offset!r})"
-    return what if leaf.scale == 1.0 else f"{what} / {leaf.scale!r}"
+        code = f"({code} - {leaf.offset!r})"
+    return code if leaf.scale == 1.0 else f"{code} / {leaf.scale!r}"
 
 
 def _int(value: int, *, unsigned: bool = False) -> str:

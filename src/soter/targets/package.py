@@ -197,9 +197,9 @@ def build_package(
     else an extern is bound to does not leave this machine.
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
-    given = onto or (() if mapping is None else (mapping,))
+    others = onto or (() if mapping is None else (mapping,))
     module, _, name = TARGETS[target].make.partition(":")
-    package: Package = getattr(by_name(module), name)(system, core, folder, *given)
+    package: Package = getattr(by_name(module), name)(system, core, folder, *others)
     package.target = target
     package.files += more
     return package.write() if write else package
@@ -216,8 +216,8 @@ def require_options(target: str, *, mapping: bool, board: bool) -> None:
         help_ = "leave --board out" if board else "--board NAME or FILE (docs/bare-metal.md)"
         raise mistake("U001", f"the target `{target}` {verb}", help_)
     if wants.mapped and not mapping:
-        what = f"the target `{target}` needs a mapping: which topic is which of its messages"
-        raise mistake("U001", what, "--map FILE (docs/mapping.md)")
+        message = f"the target `{target}` needs a mapping: which topic is which of its messages"
+        raise mistake("U001", message, "--map FILE (docs/mapping.md)")
     if mapping and not wants.mapped:
-        what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
-        raise mistake("U001", what, "leave --map out")
+        message = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
+        raise mistake("U001", message, "leave --map out")

@@ -145,9 +145,9 @@ def refuse_apart(system: System) -> None:
         why = "keeps locals (`var`) in the state" if x.node.locals else ""
         why = "has steps that take time (`takes`, `overrun`)" if x.held is not None else why
         if why:
-            what = f"extern node `{x.name}` {why}: as a process of its own it cannot"
+            message = f"extern node `{x.name}` {why}: as a process of its own it cannot"
             notes = ("a process keeps its own memory, and takes the time that it takes",)
-            diagnostics.error("X008", what, x.span, "declared here", notes=notes)
+            diagnostics.error("X008", message, x.span, "declared here", notes=notes)
     diagnostics.raise_errors()
 
 
@@ -200,12 +200,12 @@ def _worker_files(
             filled_file(f"{folder}/{name}", f"posix/{name}", w=w, prefix=unit.prefix)
             for name in ("soter_worker_app.h", "worker.c")
         ]
-        own = c99.STUBS
+        extern_file = c99.STUBS
         if w.source != c99.STUBS:
-            own = f"{folder}/extern/{Path(w.source).name}"
+            extern_file = f"{folder}/extern/{Path(w.source).name}"
             copied = c99.extern_files([w.source])
             files += [PackageFile(f"{folder}/{f.path}", f.text) for f in copied]
-        sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK, own]
+        sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK, extern_file]
         sources_by_program[w.program] = sources
     return sources_by_program
 

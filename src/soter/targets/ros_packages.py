@@ -267,10 +267,7 @@ TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called: NodeHandles take no `~`."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
-OF_ROS = {
-    1: ("ros1", SIMULATION),
-    2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
-}
+OF_ROS = {1: ("ros1", SIMULATION), 2: ("ros2", (*SIMULATION, "soter_publishers.hpp"))}
 """Version of ROS -> (folder of the C++ that ships, files of it that the simulation needs)."""
 OF_BOTH = (
     "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
@@ -319,7 +316,7 @@ def _package(
     simulated = c99_package(system, core, folder)
     name = package_name(bridged.unit.prefix)
     nodes = NodeSources(bridged, name, mapped, version)
-    own, of_simulation = OF_ROS[version]
+    of_version, of_simulation = OF_ROS[version]
     code = [
         in_folder(SIMULATED, f)
         for f in simulated.files
@@ -330,13 +327,13 @@ def _package(
         *code,
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
-        *(shipped(RUNTIME / own / n, "src/") for n in of_simulation),
+        *(shipped(RUNTIME / of_version / n, "src/") for n in of_simulation),
         *(shipped(RUNTIME / "bridge" / n, "src/") for n in OF_BOTH),
     ]
     if system.externals:
         files += [
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
-            shipped(RUNTIME / own / "soter_bridge.hpp", "src/"),
+            shipped(RUNTIME / of_version / "soter_bridge.hpp", "src/"),
             shipped(RUNTIME / "bridge" / "soter_bridge_core.hpp", "src/"),
         ]
     package = Package(

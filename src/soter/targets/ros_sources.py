@@ -222,13 +222,13 @@ class NodeSources:
 
 def _qos(mapped: TopicMap, *, inward: bool) -> str:
     """The C++ expression of the QoS in ROS 2; SoterError D015 where it may not be so."""
-    said = mapped.qos
+    qos = mapped.qos
     for problem in qos_problems(mapped, inward=inward):
         raise unmappable(problem)
-    depth = 1 if said.depth is None else said.depth
+    depth = 1 if qos.depth is None else qos.depth
     history = f"KeepLast({depth}U)" if depth else "KeepAll()"
-    reliability = said.reliability or ("best_effort" if inward else "reliable")
-    kept = ".transient_local()" if said.durability == "transient_local" else ""
+    reliability = qos.reliability or ("best_effort" if inward else "reliable")
+    kept = ".transient_local()" if qos.durability == "transient_local" else ""
     return f"rclcpp::QoS(rclcpp::{history}).{reliability}(){kept}"
 
 

@@ -1,4 +1,4 @@
-"""Where a program in real time meets the world: channels, `channels.json`, leases, actuators.
+"""The world of a program in real time: channels, `channels.json`, leases, actuators.
 
 Purpose: `WorldTables` has the tables by which the driver of `runtime/posix/` speaks with other
 programs: a channel for each external topic, and for each module with a fail-safe law one for its
@@ -77,9 +77,9 @@ def layout_number(topic: Topic) -> int:
     return number_of_layout(described(topic.type))
 
 
-def number_of_layout(what: object) -> int:
+def number_of_layout(layout: object) -> int:
     """64 bits of the SHA-256 of what `described` says."""
-    text = json.dumps(what, sort_keys=True, separators=(",", ":"))
+    text = json.dumps(layout, sort_keys=True, separators=(",", ":"))
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 
@@ -166,11 +166,11 @@ class WorldTables:
         self.granted: list[LeasedModule] = []
         self.notes: list[str] = []
         for module in leased(system):
-            self._grant(module)
+            self._note_grant(module)
         by_lease = {i for g in self.granted for i in g.module.outputs}
         self.topics = [system.topics[e.topic] for e in system.externals if e.topic not in by_lease]
 
-    def _grant(self, module: Module) -> None:
+    def _note_grant(self, module: Module) -> None:
         times = lease_times(self.system, module)
         index = {x.name: x.index for x in self.system.components}
         if slow := lasting(self.system, module):
@@ -259,8 +259,8 @@ class WorldTables:
         """The program of the actuators; none where no module has a law."""
         if not self.granted:
             return []
-        own = (self._file(n, n) for n in APP)
-        return [*own, replace(self._file("actuate.c", "actuate.c"), yours=True)]
+        files = (self._file(n, n) for n in APP)
+        return [*files, replace(self._file("actuate.c", "actuate.c"), yours=True)]
 
     def _file(self, path: str, template: str) -> PackageFile:
         of = {"world": self, "system": self.system, "prefix": self.unit.prefix}

@@ -85,10 +85,10 @@ def fork_under_supervisor(parent: int) -> int:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
         os._exit(1)
-    own = os.getpid()
+    pid = os.getpid()
     child = os.fork()
     if child == 0:
-        return own
+        return pid
     os.closerange(3, CLOSED_TO)
     code = _exit_code(child)
     end_children()
@@ -97,7 +97,7 @@ def fork_under_supervisor(parent: int) -> int:
         with suppress(OSError):  # SIGKILL has no handler
             signal.signal(-code, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
-        os.kill(own, -code)
+        os.kill(pid, -code)
     os._exit(code if code >= 0 else 1)
 
 
@@ -203,13 +203,13 @@ class Child:
     def _send(self, data: bytes, end: float | None) -> None:
         left = memoryview(data)
         while left:
-            _ready(self._socket, end, write=True)
+            _wait_until_ready(self._socket, end, write=True)
             left = left[self._socket.send(left) :]
 
     def _receive(self, count: int, end: float | None) -> bytes:
         data = bytearray()
         while len(data) < count:
-            _ready(self._socket, end, write=False)
+            _wait_until_ready(self._socket, end, write=False)
             part = self._socket.recv(min(count - len(data), 2**20))
             if not part:
                 raise ConnectionResetError
@@ -225,7 +225,7 @@ def _has_ended(process: int) -> bool:
     return status is not None
 
 
-def _ready(side: socket.socket, end: float | None, *, write: bool) -> None:
+def _wait_until_ready(side: socket.socket, end: float | None, *, write: bool) -> None:
     """Wait until a socket may be read or written; TimeoutError."""
     while True:
         left = SLEEPY_S if end is None else end - time.monotonic()
@@ -243,12 +243,12 @@ def _live(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes]
     """The whole life of a child, with none of the parent's files open; it never returns."""
     status = 1
     try:
-        _alone(side, parent)
+        _leave_parent(side, parent)
         answer = serve()
         while True:
             (length,) = HEAD.unpack(_exactly(side, HEAD.size))
-            said = answer(_exactly(side, length))
-            side.sendall(HEAD.pack(len(said)) + said)
+            reply = answer(_exactly(side, length))
+            side.sendall(HEAD.pack(len(reply)) + reply)
     except (EOFError, OSError):
         status = 0
     finally:
@@ -258,7 +258,7 @@ def _live(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes]
         os._exit(status)
 
 
-def _alone(side: socket.socket, parent: int) -> None:
+def _leave_parent(side: socket.socket, parent: int) -> None:
     os.setsid()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
@@ -268,9 +268,9 @@ def _alone(side: socket.socket, parent: int) -> None:
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         wanted = MEMORY if most == resource.RLIM_INFINITY else min(MEMORY, most)
         resource.setrlimit(resource.RLIMIT_AS, (wanted, wanted))
-    own = side.fileno()
-    os.closerange(3, own)
-    os.closerange(own + 1, CLOSED_TO)
+    kept = side.fileno()
+    os.closerange(3, kept)
+    os.closerange(kept + 1, CLOSED_TO)
 
 
 def end_with(parent: int) -> None:

@@ -119,7 +119,7 @@ class Channel:
         self._last = 0
         self._futex = _Futex(self._asked)
 
-    def ready(self) -> None:
+    def announce_ready(self) -> None:
         """Tell the driver that this side waits for requests."""
         self._write(0, 0, 0, bytes(self._sizes[1]))
 
@@ -144,16 +144,16 @@ class Channel:
         self._write(request.number, request.time_ns, fault, data or bytes(self._sizes[1]))
 
     def _write(self, number: int, time_ns: int, fault: int, data: bytes) -> None:
-        there = self._given
-        new = np.zeros_like(there)
+        words = self._given
+        new = np.zeros_like(words)
         new[1:6] = [self._number, self._sizes[1], number, time_ns, fault]
-        padded = data.ljust(8 * (len(there) - HEAD_WORDS), b"\0")
+        padded = data.ljust(8 * (len(words) - HEAD_WORDS), b"\0")
         new[HEAD_WORDS:] = np.frombuffer(padded, dtype=np.uint64)
         new[6] = _sum(new)
-        odd = int(there[0]) | 1
-        there[0] = odd
-        there[1:] = new[1:]
-        there[0] = (odd + 1) & MASK
+        odd = int(words[0]) | 1
+        words[0] = odd
+        words[1:] = new[1:]
+        words[0] = (odd + 1) & MASK
 
 
 def _words(fd: int, size: int, *, write: bool) -> Words:
@@ -165,11 +165,11 @@ def _words(fd: int, size: int, *, write: bool) -> Words:
 
 def _sum(words: Words) -> int:
     """FNV-1a over the head, without sequence and sum, and the value."""
-    told = BASIS
+    total = BASIS
     listed = words.tolist()
     for word in (*listed[1:6], *listed[7:]):
-        told = ((told ^ word) * PRIME) & MASK
-    return told
+        total = ((total ^ word) * PRIME) & MASK
+    return total
 
 
 class _Futex:

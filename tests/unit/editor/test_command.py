@@ -96,13 +96,13 @@ def test_a_program_may_end_anywhere(name: str) -> None:
     text = path.read_text(encoding="utf-8")
     documents = Documents(lambda *_: None)
     uri = uri_of(path)
-    documents.opened(uri, 1, text)
+    documents.open(uri, 1, text)
     document = documents.get(uri)
     assert document is not None
     documents.settle(document)
     for end in range(0, len(text), STEP):
         for part in (text[:end], text[:end] + text[end + STEP // 2 :]):
-            documents.changed(uri, 1, part)
+            documents.update(uri, 1, part)
             documents.settle(document)
             loaded, index = documents.parsed_names(document)
             main = loaded.main

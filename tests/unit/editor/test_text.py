@@ -75,7 +75,7 @@ def test_a_fix_of_all_places_is_offered_at_each(served: Editor, tmp_path: Path) 
 def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
     documents = Documents(lambda *_: None)
     uri = uri_of(path)
-    documents.opened(uri, 1, path.read_bytes().decode("utf-8", "replace"))
+    documents.open(uri, 1, path.read_bytes().decode("utf-8", "replace"))
     document = documents.get(uri)
     assert document is not None
     documents.settle(document)

@@ -35,7 +35,7 @@ AGAIN_S = 1.0
 """A second signal after more seconds than these kills the child: a person will not wait."""
 
 
-def in_child_process(console: Console, rescue: Rescue) -> None:
+def fork_into_child(console: Console, rescue: Rescue) -> None:
     """Forks if this process is the command itself; only the child returns from here.
 
     The parent raises `ChildResult` with the child's result; without one `SoterError` X011, or
@@ -59,13 +59,13 @@ def in_child_process(console: Console, rescue: Rescue) -> None:
         console.leave_to(verdict.leave)
         return
     adopt_orphans()
-    status, told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
+    status, was_told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
     end_children()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     if (exception := verdict.found()) is not None:
         raise exception
     saved = rescue(child)
-    if told:
+    if was_told:
         for text in saved:
             console.note(text)
         raise KeyboardInterrupt

@@ -49,10 +49,10 @@ def case(suite: ET.Element, file: str, name: str, seconds: float = 0.0) -> ET.El
     return ET.SubElement(suite, "testcase", named)
 
 
-def said(case_: ET.Element, kind: str, text: str, **attributes: str) -> None:
+def put_element(case_: ET.Element, kind: str, text: str, **attributes: str) -> None:
     """Put `failure`, `error`, `skipped` or `system-out` into a case or a suite."""
-    told = {k: clean(v) for k, v in attributes.items()}
-    ET.SubElement(case_, kind, told).text = clean(text) or None
+    cleaned = {k: clean(v) for k, v in attributes.items()}
+    ET.SubElement(case_, kind, cleaned).text = clean(text) or None
 
 
 def document(root: ET.Element) -> str:
@@ -137,19 +137,19 @@ def junit(command: str, files: Sequence[str], findings: Sequence[CiFinding]) -> 
     first = next(iter(by_file))
     for f in findings:
         at = place(f.span)
-        own = first if f.span is None else f.span.source.name if at is None else at[0]
-        by_file.setdefault(own, []).append(f)
+        file = first if f.span is None else f.span.source.name if at is None else at[0]
+        by_file.setdefault(file, []).append(f)
     root = ET.Element("testsuites", {"name": f"soter {command}", **_counts(findings, by_file)})
     for name, mine in by_file.items():
         one = {name: mine}
         suite = ET.SubElement(root, "testsuite", {"name": clean(name), **_counts(mine, one)})
         cases = [f for f in mine if f.kind != "warning"]
         for f in cases:
-            _case(suite, name, f)
+            _put_case(suite, name, f)
         if not cases:
             case(suite, name, command)
         if warnings := [_text(f) for f in mine if f.kind == "warning"]:
-            said(suite, "system-out", "\n\n".join(warnings))
+            put_element(suite, "system-out", "\n\n".join(warnings))
     return document(root)
 
 
@@ -165,13 +165,13 @@ def _counts(findings: Sequence[CiFinding], files: dict[str, list[CiFinding]]) ->
     }
 
 
-def _case(suite: ET.Element, file: str, f: CiFinding) -> None:
+def _put_case(suite: ET.Element, file: str, f: CiFinding) -> None:
     one = case(suite, file, f.name, f.seconds)
     if f.kind == "pass":
-        said(one, "system-out", "\n".join((f.text, *f.details)))
+        put_element(one, "system-out", "\n".join((f.text, *f.details)))
         return
     word = "failure" if f.kind == "fail" else "error"
-    said(one, word, _text(f), type=f.rule, message=f.text)
+    put_element(one, word, _text(f), type=f.rule, message=f.text)
 
 
 def _text(f: CiFinding) -> str:
@@ -192,9 +192,9 @@ def _command(finding: CiFinding) -> str:
         properties |= {"file": name, "line": str(line), "endLine": str(end_line)}
         if line == end_line:  # else GitHub refuses columns
             properties |= {"col": str(column), "endColumn": str(end_column)}
-    told = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
+    text_of_properties = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
     text = "\n".join((finding.text, *finding.details))
-    return f"::{LEVELS[finding.kind]} {told}::{_data(text)}"
+    return f"::{LEVELS[finding.kind]} {text_of_properties}::{_data(text)}"
 
 
 def _data(text: str) -> str:
@@ -217,10 +217,10 @@ def document_of_tests(report: ExploreReport) -> str:
     }
     suites, suite = _suite(report.path, figures, seconds)
     for test in report.tests:
-        _case_of_test(suite, report, test)
+        _put_case_of_test(suite, report, test)
     for name in report.not_started:
         one = case(suite, report.path, name)
-        said(one, "skipped", "", message="not started: one before was interrupted")
+        put_element(one, "skipped", "", message="not started: one before was interrupted")
     return document(suites)
 
 
@@ -235,7 +235,7 @@ def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
         if d.primary is not None:
             where += f":{d.primary.span.line}:{d.primary.span.column}"
         text = "\n".join(filter(None, (where, *d.notes, *d.helps)))
-        said(case(suite, file, d.code), "error", text, type=d.code, message=d.message)
+        put_element(case(suite, file, d.code), "error", text, type=d.code, message=d.message)
     return document(suites)
 
 
@@ -246,15 +246,15 @@ def _suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Eleme
     return suites, ET.SubElement(suites, "testsuite", {"name": clean(file), **counted})
 
 
-def _case_of_test(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
+def _put_case_of_test(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
     one = case(suite, report.path, test.name, test.seconds + test.minimise_s)
     if test.verdict == VIOLATED:
-        what = test.broken.text if test.broken is not None else ""
+        broken = test.broken.text if test.broken is not None else ""
         trace = "" if test.trace is None else f"soter replay {test.trace}"
-        said(one, "failure", trace, type=VIOLATED, message=what)
+        put_element(one, "failure", trace, type=VIOLATED, message=broken)
     elif test.verdict == BOUND:
         assert test.bound is not None
         parts = "; ".join(f"{name} {p.reached}/{p.total}" for name, p in test.coverage.parts())
         why = "; ".join(filter(None, (test.why, test.covered)))
-        said(one, "error", parts, type=test.bound, message=why)
-    said(one, "system-out", "\n".join(("rests on", *test.assumptions)))
+        put_element(one, "error", parts, type=test.bound, message=why)
+    put_element(one, "system-out", "\n".join(("rests on", *test.assumptions)))

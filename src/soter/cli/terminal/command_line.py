@@ -237,13 +237,13 @@ class CommandParser(argparse.ArgumentParser):
         defaults = {action.dest: action.default for action in self._actions}
         dashed = {action.dest for action in self._actions if action.option_strings}
         args = self.parse_args(line, argparse.Namespace(**dict.fromkeys(defaults)))
-        told = {n: v for n, v in vars(args).items() if v is not None}
-        written = {n for n, v in told.items() if n in dashed or v != defaults[n]}
-        return argparse.Namespace(**{**defaults, **told, "written": written})
+        given_values = {n: v for n, v in vars(args).items() if v is not None}
+        written = {n for n, v in given_values.items() if n in dashed or v != defaults[n]}
+        return argparse.Namespace(**{**defaults, **given_values, "written": written})
 
     def subject(self, args: argparse.Namespace) -> dict[str, object]:
         """Fields of the document that say what the command was about, however it ends."""
-        return {told: getattr(args, name) for name, told in self._about.items()}
+        return {field_name: getattr(args, name) for name, field_name in self._about.items()}
 
     def _add_argument_of(self, name: str, known: Option) -> None:
         """Adds the option or the positional argument that `Option.flags` of a field describes."""
@@ -268,8 +268,8 @@ class CommandParser(argparse.ArgumentParser):
             self.add_argument(name, choices=known.kind.names or None, **how)
             return
         if kind == "several":
-            given = None if known.given is None else list(known.given)
-            how |= {"action": "append", "default": given}
+            default = None if known.given is None else list(known.given)
+            how |= {"action": "append", "default": default}
         elif metavar.startswith("["):
             how["const"] = ""
         self.add_argument(*flags, dest=name, required=needed, **how)
@@ -313,7 +313,7 @@ def report_option(what: str, ending: str, flags: str = "--report") -> Any:  # no
 
 
 def report_path(report: str, of: str, ending: str) -> Path:
-    """Where --report writes: the path given, else one in `.soter/` named after `of`."""
+    """The file that --report writes: the path given, else one in `.soter/` named after `of`."""
     stem = Path(of).resolve().name.removesuffix(".soter").removesuffix(".trace.json")
     return Path(report or Path(".soter") / f"{stem}{ending}")
 
@@ -421,7 +421,7 @@ def warned_of_files(program: Program, console: Console) -> Program:
     missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
     if console.json:
         console.of_program += missing
-    console.diagnostics(missing)
+    console.write_diagnostics(missing)
     return program
 
 
@@ -443,10 +443,10 @@ def standard_input() -> str:
         return ""
     data = getattr(stream, "buffer", stream).read(MAX_FILE_BYTES + 1)
     if len(data) > MAX_FILE_BYTES:
-        what = f"it is larger than {MAX_FILE_BYTES >> 20} MiB"
-        raise mistake("D005", f"cannot read standard input: {what}")
+        why = f"it is larger than {MAX_FILE_BYTES >> 20} MiB"
+        raise mistake("D005", f"cannot read standard input: {why}")
     try:
         return data if isinstance(data, str) else data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        what = f"standard input is not UTF-8: byte {error.start} is wrong"
-        raise mistake("D005", what) from error
+        why = f"standard input is not UTF-8: byte {error.start} is wrong"
+        raise mistake("D005", why) from error

@@ -178,7 +178,7 @@ class Console:
         if self._saved is not None:
             self._unguard()
 
-    def during(self, context: AbstractContextManager[None]) -> None:
+    def enter_until_end(self, context: AbstractContextManager[None]) -> None:
         """Enters a context that lasts as long as the command."""
         self._during.enter_context(context)
 
@@ -190,7 +190,7 @@ class Console:
             receiving_signals,
         )
 
-        self.during(receiving_signals(StopRequest(), ANY_END))
+        self.enter_until_end(receiving_signals(StopRequest(), ANY_END))
 
     # ------------------------------------------------------------ a child that prints nothing
 
@@ -214,7 +214,7 @@ class Console:
         if not self.json:
             self.write(legible(text, color=self.color_out, words=self.words) + "\n")
 
-    def document(self, text: str) -> None:
+    def write_document(self, text: str) -> None:
         """Writes the document: JSON, or a format of continuous integration."""
         self.write(text + "\n")
 
@@ -226,7 +226,7 @@ class Console:
                 self.err.write((plainly(text) if self._plain_err else text) + "\n")
                 self.err.flush()
 
-    def diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
+    def write_diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
         """Writes diagnostics to standard error, for people; nothing with `--json`."""
         if items and not self.json:
             from soter.diagnostics.render import render_all  # noqa: PLC0415 - only for diagnostics
@@ -256,7 +256,7 @@ class Console:
             try:
                 self.out.flush()
             except (OSError, ValueError) as error:
-                self._lost(error)
+                self._note_lost_output(error)
 
     def write(self, text: str) -> None:
         """What stands on standard output as it is, such as that of a child."""
@@ -265,9 +265,9 @@ class Console:
         try:
             self.out.write(plainly(text) if self._plain_out else text)
         except (OSError, ValueError) as error:
-            self._lost(error)
+            self._note_lost_output(error)
 
-    def _lost(self, error: OSError | ValueError) -> None:
+    def _note_lost_output(self, error: OSError | ValueError) -> None:
         """Notes that standard output takes no more, and keeps Python from complaining at exit."""
         self.output_error = error if isinstance(error, OSError) else OSError(str(error))
         with suppress(OSError, ValueError, AttributeError):

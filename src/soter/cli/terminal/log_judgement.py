@@ -162,16 +162,16 @@ def verdict_of(m: ModuleOfLog) -> str:
         parts.append(f"nothing was heard of {names}")
     if m.beyond_s > 0.0:
         parts.append(f"to the last row that counts, {m.beyond_s:.3f} s before the file ends")
-    told = ", ".join(parts)
-    return told if m.damage is None else f"{m.damage}: {told}"
+    verdict = ", ".join(parts)
+    return verdict if m.damage is None else f"{m.damage}: {verdict}"
 
 
 def unheard(m: ModuleOfLog) -> tuple[str, ...]:
     """A sentence for what follows if the log lacks the topics that let AC have control."""
     if not m.unheard:
         return ()
-    told = f"the log does not give {', '.join(m.unheard)}: for its DM nobody ever gave control back"
-    return (f"{told}, so AC never has it, and when it would have switched is not judged",)
+    text = f"the log does not give {', '.join(m.unheard)}: for its DM nobody ever gave control back"
+    return (f"{text}, so AC never has it, and when it would have switched is not judged",)
 
 
 def _outcome(m: ModuleOfLog) -> Iterator[str]:
@@ -221,13 +221,13 @@ def _module_lines(m: ModuleOfLog) -> Iterator[str]:
 
 def lost_of(j: LogJudgement) -> Iterator[str]:
     """Lines for samples that were not used, components that faulted, and damage of the file."""
-    told = [*j.lost]
+    texts = [*j.lost]
     for name, (count, first) in j.refused.items():
-        told.append(f"refused by the gate: {count:,} samples of {name}; the first: {first}")
-    told += [f"{name} faulted and latched: {why}" for name, why in j.faulted.items()]
+        texts.append(f"refused by the gate: {count:,} samples of {name}; the first: {first}")
+    texts += [f"{name} faulted and latched: {why}" for name, why in j.faulted.items()]
     damages = sorted({m.damage.told for m in j.modules if m.damage})
-    told += [f"of the file: {text}" for text in (*damages, *j.notes)]
-    yield from (f"\n{safe(text)}" for text in told)
+    texts += [f"of the file: {text}" for text in (*damages, *j.notes)]
+    yield from (f"\n{safe(text)}" for text in texts)
 
 
 def _log_lines(j: LogJudgement) -> Iterator[str]:

@@ -61,7 +61,7 @@ def print_tries(search: ProofSearch, printed: Printout) -> None:
         took = f"about {seconds_text(t.cpu_s)}" if t.untried else seconds_text(t.cpu_s)
         rows.append((t.hints, shorten(t.gave, SHOWN, placeholder=" …"), took))
     printed.say("")
-    printed.table(("hint", "what it gave", "processor"), rows)
+    printed.add_table(("hint", "what it gave", "processor"), rows)
 
 
 def require_writable(path: Path) -> None:

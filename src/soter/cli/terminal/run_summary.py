@@ -102,9 +102,9 @@ def _takeovers(timing: Timing) -> Iterator[str]:
 
 def _leases(timing: Timing) -> Iterator[str]:
     for name, of in timing["leases"].items():
-        given = f"  leases {name}: {of['given']} given"
+        text = f"  leases {name}: {of['given']} given"
         ended = of["ended_ns"]
-        yield given if ended is None else f"{given}, none from {ended / 1e9:g} s on: the law"
+        yield text if ended is None else f"{text}, none from {ended / 1e9:g} s on: the law"
 
 
 TIMES = "\N{MULTIPLICATION SIGN}"
@@ -180,8 +180,8 @@ def _reservations(run: Run, console: Console) -> Iterator[str]:
     """Lines for what limits the verdict: unshown modules, lateness, externs without answers."""
     for m in run.system.modules:
         if m.unshown:
-            what = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
-            yield f"{console.paint('yellow', 'NOT SHOWN')}  {what}"
+            text = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
+            yield f"{console.paint('yellow', 'NOT SHOWN')}  {text}"
     if run.late:
         yield f"{console.paint('yellow', 'LATE')}  the trusted part was: see the note"
     for name, steps in run.never_answered.items():
@@ -211,10 +211,10 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
     yield "step faults"
     for name, of in faults.items():
         since = "" if of.first_s is None else f", the first at {of.first_s:.3f} s"
-        said = run.extern_failures.get(name)
+        message = run.extern_failures.get(name)
         yield f"  {name}: {of.count} {TIMES} `{of.last}`{since}"
-        if said:
-            yield console.paint("muted", f"    {said}")
+        if message:
+            yield console.paint("muted", f"    {message}")
         binding = binding_of(run.externs.get(name, ""))
         if of.last == "range" and binding and binding.kind == "onnx" and not binding.clips:
             clipped = f"{binding}{',' if binding.name else ':'}{CLIP}"
@@ -290,8 +290,8 @@ def _timelines(run: Run, console: Console) -> Iterator[str]:
 def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
     """Times in s of start, every change and end; whether AC is in control from each on."""
     forced_ac = run.system.modules[module].forced == "ac"
-    own = [(c.time_ns / 1e9, c.to == "AC") for c in run.changes if c.module == module]
-    points = [(0.0, forced_ac), *own]
+    changes = [(c.time_ns / 1e9, c.to == "AC") for c in run.changes if c.module == module]
+    points = [(0.0, forced_ac), *changes]
     points.append((run.reached_s, points[-1][1]))
     return np.array([t for t, _ in points]), np.array([ac for _, ac in points])
 

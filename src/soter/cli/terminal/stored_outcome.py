@@ -59,7 +59,7 @@ class Printout:
         """Adds a line, or several."""
         self.parts.append(text)
 
-    def table(self, headers: Sequence[str], rows: Iterable[Sequence[str | Styled]]) -> None:
+    def add_table(self, headers: Sequence[str], rows: Iterable[Sequence[str | Styled]]) -> None:
         """Adds a table."""
         cells = [[c if isinstance(c, str) else asdict(c) for c in row] for row in rows]
         self.parts.append([list(headers), cells])
@@ -103,9 +103,9 @@ def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
         )
         if entry is None:
             return None
-        told = json.loads((entry / FILE).read_text(encoding="utf-8"))
-        printed = Printout(told["printed"])
-        return StoredOutcome(told["exit"], told["fields"], printed, told["warned"])
+        stored = json.loads((entry / FILE).read_text(encoding="utf-8"))
+        printed = Printout(stored["printed"])
+        return StoredOutcome(stored["exit"], stored["fields"], printed, stored["warned"])
     except (OSError, ValueError, SoterError):
         return None
 
@@ -119,8 +119,8 @@ def store_outcome(
     in `file` was made of, as it was when it was read.
     """
     absolute = {_absolute(path): sha256 for path, sha256 in contents.items()}
-    told = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
-    text = json.dumps({**told, "printed": outcome.printed.parts}, allow_nan=False)
+    fields = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
+    text = json.dumps({**fields, "printed": outcome.printed.parts}, allow_nan=False)
 
     def make(at: Path) -> None:
         (at / FILE).write_text(text, encoding="utf-8")

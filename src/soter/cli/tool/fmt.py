@@ -81,8 +81,8 @@ def _deliver(
     """Writes, or shows, what was laid out; returns the lines of the difference, for `--diff`."""
     lines: list[str] = []
     if args.diff:
-        told = name, f"{name} (laid out)"
-        lines += difflib.unified_diff(before.splitlines(), after.splitlines(), *told, lineterm="")
+        names = name, f"{name} (laid out)"
+        lines += difflib.unified_diff(before.splitlines(), after.splitlines(), *names, lineterm="")
         for line in lines:
             style = {"+": "green", "-": "red", "@": "blue"}.get(line[:1])
             console.say(console.paint(style, line) if style else line)

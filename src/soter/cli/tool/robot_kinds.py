@@ -58,26 +58,26 @@ def kinds() -> dict[str, str]:
     """Each kind with one line about it: what its program says first."""
     programs = sorted(FOLDER.glob(f"*/{PROGRAM}"))
     heads = [p.read_text(encoding="utf-8").partition("{{name}}: ")[2] for p in programs]
-    told = [" ".join(head.partition(".")[0].replace("\n//", "").split()) for head in heads]
-    return {p.parent.name: line for p, line in zip(programs, told, strict=True)}
+    lines = [" ".join(head.partition(".")[0].replace("\n//", "").split()) for head in heads]
+    return {p.parent.name: line for p, line in zip(programs, lines, strict=True)}
 
 
 def texts_of_kind(
-    kind: str, names: Mapping[str, str], given: Sequence[str], survey: LogSurvey | None
+    kind: str, names: Mapping[str, str], settings: Sequence[str], survey: LogSurvey | None
 ) -> dict[str, str]:
     """File name -> text; SoterError U001 for a kind or figures that cannot be, U004, D016."""
     known = kinds()
     if kind not in known:
         lines = (f"{name}: {line}" for name, line in known.items())
-        what = f"there is no kind of robot `{safe(kind)[:40]}`"
-        raise mistake("U001", what, nearest_or_all(kind, known), notes=("there are", *lines))
+        message = f"there is no kind of robot `{safe(kind)[:40]}`"
+        raise mistake("U001", message, nearest_or_all(kind, known), notes=("there are", *lines))
     paths = [p for folder in (SHARED, kind) for p in sorted((FOLDER / folder).iterdir())]
     texts = {
         p.name.removesuffix(".in"): p.read_text(encoding="utf-8") for p in paths if p.is_file()
     }
-    figures = _figures(texts[PROGRAM], given)
+    figures = _figures(texts[PROGRAM], settings)
     if survey is not None:
-        _fill_from_log(texts, figures, survey, given)
+        _fill_from_log(texts, figures, survey, settings)
     texts[PROGRAM] = FIGURE.sub(
         lambda m: f"const {m[1]}: {m[2]} = {figures[m[1]]};  // {m[4]}", texts[PROGRAM]
     )
@@ -87,16 +87,16 @@ def texts_of_kind(
     }
 
 
-def _figures(program: str, given: Sequence[str]) -> dict[str, str]:
+def _figures(program: str, settings: Sequence[str]) -> dict[str, str]:
     """Name -> value, as Soter writes it, of every figure; SoterError U001, U004."""
     known = {m[1]: m for m in FIGURE.finditer(program)}
     values, problems = {name: m[3] for name, m in known.items()}, list[Diagnostic]()
-    for word in given:
+    for word in settings:
         name, _, text = word.partition("=")
         if name not in known:
             rows = (f"{n}: {m[4]}; {m[3]}" for n, m in known.items())
-            what, help_ = f"there is no figure `{safe(name)[:40]}`", nearest_or_all(name, known)
-            problems.append(Diagnostic("U004", what, notes=("there are", *rows), helps=(help_,)))
+            message, help_ = f"there is no figure `{safe(name)[:40]}`", nearest_or_all(name, known)
+            problems.append(Diagnostic("U004", message, notes=("there are", *rows), helps=(help_,)))
             continue
         try:
             values[name] = _value(name, text, known[name])
@@ -122,25 +122,25 @@ def _value(name: str, text: str, known: re.Match[str]) -> str:
 
 
 def _fill_from_log(
-    texts: dict[str, str], figures: dict[str, str], survey: LogSurvey, given: Sequence[str]
+    texts: dict[str, str], figures: dict[str, str], survey: LogSurvey, settings: Sequence[str]
 ) -> None:
     """Puts the age of a log into the figures, and into the head of the program its ranges."""
     channel = CHANNEL.findall(texts[MAPPING])[0]
     found = survey.channels.get(channel)
     age = found.first_max_age_ns() if found is not None else 0
     if found is None or not age:
-        there = ", ".join(f"`{safe(name)[:60]}`" for name in list(survey.channels)[:8])
-        what = f"the log does not say how often `{channel}` comes, which this kind reads"
-        raise mistake("D016", what, f"without --from, and {AGE} by --set", f"it has {there}")
-    if not any(word.startswith(f"{AGE}=") for word in given):
+        channels = ", ".join(f"`{safe(name)[:60]}`" for name in list(survey.channels)[:8])
+        message = f"the log does not say how often `{channel}` comes, which this kind reads"
+        raise mistake("D016", message, f"without --from, and {AGE} by --set", f"it has {channels}")
+    if not any(word.startswith(f"{AGE}=") for word in settings):
         figures[AGE] = write_ns(age)
     ranges = (
         f"// {safe(p)}: {found.fields[p].low:.6g} to {found.fields[p].high:.6g}\n"
         for p in found.kept[:8]
     )
-    told = f"// A log's `{channel}` gave {AGE}, and ranges to compare the figures with:\n"
+    comment = f"// A log's `{channel}` gave {AGE}, and ranges to compare the figures with:\n"
     head, at, rest = texts[PROGRAM].partition("const ")
-    texts[PROGRAM] = head + told + "".join(ranges) + at + rest
+    texts[PROGRAM] = head + comment + "".join(ranges) + at + rest
 
 
 def _filled(text: str, renamed: Sequence[tuple[str, str]], values: Mapping[str, str]) -> str:

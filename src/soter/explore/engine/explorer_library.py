@@ -232,11 +232,11 @@ class Engine:
 
         After `patience_s` seconds the search ends.
         """
-        what = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
+        violation = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
 
         def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
             self.lib.soter_explore_least(
-                self.model, options, what[0], progress, result, trace, STEPS_MAX
+                self.model, options, violation[0], progress, result, trace, STEPS_MAX
             )
 
         return self._run(settings, look, search, patience_s)
@@ -319,7 +319,7 @@ class Engine:
 
     def options(self, settings: EngineSettings) -> Any:  # noqa: ANN401 - cdata
         """The `soter_explore_options` of a search; what it points to lives until the next call."""
-        known = [{"what": what, "index": index} for what, index in settings.known]
+        known = [{"what": kind, "index": index} for kind, index in settings.known]
         self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
         return self.ffi.new(
             "soter_explore_options *",

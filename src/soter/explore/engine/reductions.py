@@ -188,7 +188,7 @@ def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
     """One execution of executions of parts that share nothing: one start, then by time."""
     initial = steps[0][0]
     assert all(s[0].kind == BIRTH for s in steps)
-    rest = [step for own in steps for step in own[1:]]
+    rest = [step for execution in steps for step in execution[1:]]
     return (initial, *sorted(rest, key=lambda step: step.time_ns))
 
 

@@ -130,10 +130,7 @@ class Search:
         return searches
 
     def _run_parts(
-        self,
-        settings: EngineSettings,
-        parts: tuple[IndependentPart | None, ...],
-        until: float,
+        self, settings: EngineSettings, parts: tuple[IndependentPart | None, ...], until: float
     ) -> list[Searched]:
         """The searches of parts that share nothing, or of all of the system."""
         self.parts = len(parts)
@@ -310,8 +307,8 @@ class Search:
     def _published_classes(self) -> list[list[int]]:
         """By leaf and class whether such a value was published, or is the topic's default."""
         rows = [list(row) for row in self._engine.seen.classes.tolist()]
-        given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
-        for row, leaf, (topic, path) in zip(rows, self._leaves(), given, strict=True):
+        tried_leaves = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
+        for row, leaf, (topic, path) in zip(rows, self._leaves(), tried_leaves, strict=True):
             value = leaf_value(topic.type, topic.default, path)
             if isinstance(value, (bool, int, float)) and (number := value_class(leaf, value)) >= 0:
                 row[number] = 1
@@ -321,7 +318,7 @@ class Search:
         for index, path in self._engine.generated.leaves:
             topic = self._system.topics[index]
             leaf_types = list(leaves(topic.type))
-            number = next(i for i, (own, _) in enumerate(leaf_types) if own == tuple(path))
+            number = next(i for i, (at, _) in enumerate(leaf_types) if at == tuple(path))
             leaf_type, bound = leaf_types[number][1], topic.bounds[number]
             low, high = (-math.inf, math.inf) if bound is None else (bound.low, bound.high)
             if isinstance(leaf_type, IntType):

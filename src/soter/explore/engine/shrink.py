@@ -211,14 +211,14 @@ class Shrinker:
         stopped = ""
         try:
             for self._parts in PARTS:
-                self._until_nothing_helps()
+                self._shrink_until_nothing_helps()
         except ShrinkTimeoutError:
             stopped = "patience"
         except KeyboardInterrupt:
             stopped = "interrupted"
         return ShrinkResult(self.best.steps, self.tried, stopped)
 
-    def _until_nothing_helps(self) -> None:
+    def _shrink_until_nothing_helps(self) -> None:
         passes = (
             self._try_leaving_out,
             self._try_pushes,
@@ -330,9 +330,9 @@ class Shrinker:
         window, overrun = self._window[actor], self._overrun[actor]
 
         def change(steps: Steps) -> Steps:
-            own = steps["actor"] == actor
-            ends = own & (steps["kind"] == EFFECT)
-            steps["time"][own] = steps["release"][own] + window
+            of_actor = steps["actor"] == actor
+            ends = of_actor & (steps["kind"] == EFFECT)
+            steps["time"][of_actor] = steps["release"][of_actor] + window
             steps["time"][ends] += overrun
             return steps[np.argsort(steps["time"], kind="stable")]
 
@@ -384,7 +384,7 @@ class Shrinker:
 
 
 def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
-    """Which choices each step has: (n,) -> (n, CHOICES_MAX)."""
+    """Whether a step has a choice, for each of them: (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
     mask: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
     return mask
@@ -398,8 +398,8 @@ def _answer_always(stream: int, count: int, pick: int) -> Change:
 
     def change(steps: Steps) -> Steps:
         choice = steps["choice"]
-        own = (choice["stream"] == stream) & (choice["count"] == count) & _choice_mask(steps)
-        choice["pick"][own] = pick
+        of_stream = (choice["stream"] == stream) & (choice["count"] == count) & _choice_mask(steps)
+        choice["pick"][of_stream] = pick
         return steps
 
     return change
@@ -453,9 +453,9 @@ def _sort_continuing(steps: Steps) -> Steps:
     for group, after in zip(groups, [*groups[1:], groups[0][:0]], strict=True):
         comes = set(actor[after].tolist())
         last = int(actor[order[-1]]) if order else -1
-        own = sorted(group.tolist(), key=lambda i: int(actor[i]))
-        first = [i for i in own if actor[i] == last]
-        rest = [i for i in own if actor[i] != last]
+        sorted_steps = sorted(group.tolist(), key=lambda i: int(actor[i]))
+        first = [i for i in sorted_steps if actor[i] == last]
+        rest = [i for i in sorted_steps if actor[i] != last]
         goes_on = [i for i in rest if int(actor[i]) in comes][-1:]
         order += [*first, *(i for i in rest if i not in goes_on), *goes_on]
     return steps[order]

@@ -79,8 +79,8 @@ def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> l
         leaf_hulls.append((low, high))
     for value in values:
         leaf_hulls = [
-            hull and (min([hull[0], *given]), max([hull[1], *given]))
-            for hull, given in zip(leaf_hulls, leaf_values(t, value), strict=True)
+            hull and (min([hull[0], *leaf_range]), max([hull[1], *leaf_range]))
+            for hull, leaf_range in zip(leaf_hulls, leaf_values(t, value), strict=True)
         ]
     return leaf_hulls
 
@@ -188,7 +188,7 @@ class Packing:
 
     # ------------------------------------------------------------ values of a type
 
-    def value(
+    def append_value(
         self, place: c.CExpr, t: Type, hulls_: Sequence[Hull], present: c.CExpr | None = None
     ) -> None:
         """Appends a value to both bodies; if the mask `present` is zero it is packed as zeros."""
@@ -196,7 +196,7 @@ class Packing:
             at = 0
             for name, field_type in t.fields:
                 count = sum(1 for _ in leaves(field_type))
-                self.value(
+                self.append_value(
                     c.Member(place, field_name(name)), field_type, hulls_[at : at + count], present
                 )
                 at += count
@@ -217,18 +217,20 @@ class Packing:
     ) -> None:
         listed = isinstance(t, ListType)
         if listed:
-            self.value(c.Member(place, "len"), _LENGTH, [(0, _capacity(t))], present)
+            self.append_value(c.Member(place, "len"), _LENGTH, [(0, _capacity(t))], present)
         items = c.Member(place, "items" if listed else "at")
         count = sum(1 for _ in leaves(t.element))
         if leaf_count(t) <= UNROLLED:
             for number in range(_capacity(t)):
-                own = hulls_ if listed else hulls_[number * count : (number + 1) * count]
-                self.value(c.IndexExpr(items, c.Number(str(number))), t.element, own, present)
+                hull = hulls_ if listed else hulls_[number * count : (number + 1) * count]
+                self.append_value(
+                    c.IndexExpr(items, c.Number(str(number))), t.element, hull, present
+                )
             return
-        own = hulls_ if listed else _element_hulls(hulls_, count)
+        hull = hulls_ if listed else _element_hulls(hulls_, count)
         self.align()
         first = self.bits // WORD
-        width = _value_width(t.element, own)
+        width = _value_width(t.element, hull)
         self.labelled.append((self.label, self.bits, width * _capacity(t)))
         self.bits += width * _capacity(t)
         index = self.name("k")
@@ -237,7 +239,7 @@ class Packing:
         at = c.Binary("+", word(first * WORD), c.Binary("*", as_word(c.Name(index)), word(width)))
         element = c.IndexExpr(items, c.Name(index))
         self._pack_in_loop(
-            element, t.element, own, at, 0, present=present, writes=writes, reads=reads
+            element, t.element, hull, at, 0, present=present, writes=writes, reads=reads
         )
         low, size = c.Number("0"), c.Number(str(_capacity(t)))
         zero = c.Assign(c.IndexExpr(WORDS, c.Name(index)), word(0))
@@ -263,23 +265,23 @@ class Packing:
             first = 0
             for name, field_type in t.fields:
                 count = sum(1 for _ in leaves(field_type))
-                inner, own = c.Member(place, field_name(name)), hulls_[first : first + count]
+                inner, hull = (c.Member(place, field_name(name)), hulls_[first : first + count])
                 at = self._pack_in_loop(
-                    inner, field_type, own, base, at, present=present, writes=writes, reads=reads
+                    inner, field_type, hull, base, at, present=present, writes=writes, reads=reads
                 )
                 first += count
             return at
         if isinstance(t, (ArrayType, ListType)):
-            own = list(hulls_)
+            hull = list(hulls_)
             if isinstance(t, ListType):
                 length, size = c.Member(place, "len"), (0, _capacity(t))
                 at = self._pack_in_loop(
                     length, _LENGTH, [size], base, at, present=present, writes=writes, reads=reads
                 )
             else:
-                own = _element_hulls(hulls_, sum(1 for _ in leaves(t.element)))
+                hull = _element_hulls(hulls_, sum(1 for _ in leaves(t.element)))
             items = c.Member(place, "items" if isinstance(t, ListType) else "at")
-            width = _value_width(t.element, own)
+            width = _value_width(t.element, hull)
             index = self.name("k")
             step = c.Binary("*", as_word(c.Name(index)), word(width))
             inside_w: list[c.CStmt] = []
@@ -287,7 +289,7 @@ class Packing:
             place = c.IndexExpr(items, c.Name(index))
             start = c.Binary("+", base, step)
             self._pack_in_loop(
-                place, t.element, own, start, at, present=present, writes=inside_w, reads=inside_r
+                place, t.element, hull, start, at, present=present, writes=inside_w, reads=inside_r
             )
             low, high = c.Number("0"), c.Number(str(_capacity(t)))
             writes.append(c.For(index, low, high, tuple(inside_w)))

@@ -129,14 +129,14 @@ def make_plan(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
         PlannedActor(
             **vars(x),
             dependent=_dependent_mask(i, effects),
-            visible=bool(own.writes & seen),
+            visible=bool(effect.writes & seen),
             outputs=footprints.outputs(x.component, x.input),
             reads=frozenset(
-                own.reads | (own.writes if own.keeps else set()) | _clock_labels(i, own)
+                effect.reads | (effect.writes if effect.keeps else set()) | _clock_labels(i, effect)
             ),
-            writes=frozenset(own.writes),
+            writes=frozenset(effect.writes),
         )
-        for i, (x, own) in enumerate(zip(calendars, effects, strict=True))
+        for i, (x, effect) in enumerate(zip(calendars, effects, strict=True))
     )
     times = times_read(system)
     quantum, tick = _time_grid(system, system.test, calendars, quantum_of(system, times))
@@ -163,8 +163,8 @@ def make_plan(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
 
 
 def _dependent_mask(actor: int, effects: Sequence[Effects]) -> int:
-    own = effects[actor]
-    return sum(1 << j for j, e in enumerate(effects) if j == actor or own.conflicts(e))
+    effect = effects[actor]
+    return sum(1 << j for j, e in enumerate(effects) if j == actor or effect.conflicts(e))
 
 
 def _topics_read(system: System, read: Iterable[Label]) -> frozenset[int]:
@@ -187,9 +187,9 @@ def _time_choices(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
     )
 
 
-def _clock_labels(actor: int, own: Effects) -> set[Label]:
+def _clock_labels(actor: int, effect: Effects) -> set[Label]:
     """The resources that determine the time of a step, if it reads the time."""
-    return {TIME, ("done", actor)} if own.timed else set()
+    return {TIME, ("done", actor)} if effect.timed else set()
 
 
 def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
@@ -272,9 +272,9 @@ def find_loose_parts(
     joined = {prop: home for prop, home in enumerate(homes) if len(home) > 1}
     if not joined or any(system.properties[prop].component is not None for prop in joined):
         return None
-    own = {prop: (*home, roots[0])[0] for prop, home in enumerate(homes) if prop not in joined}
+    roots_of = {prop: (*home, roots[0])[0] for prop, home in enumerate(homes) if prop not in joined}
     shared = [SharedProperty(prop, tuple(map(roots.index, home))) for prop, home in joined.items()]
-    return IndependentParts(groups.parts(own), tuple(shared))
+    return IndependentParts(groups.parts(roots_of), tuple(shared))
 
 
 def find_parts(
@@ -353,7 +353,7 @@ class _Groups:
         return tuple(
             IndependentPart(
                 _bit_mask(i for i in members if self.root_of(i) == root),
-                _bit_mask(p for p, own in judged_by.items() if own == root),
+                _bit_mask(p for p, judge in judged_by.items() if judge == root),
                 0,
             )
             for root in self.roots()

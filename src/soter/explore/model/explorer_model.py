@@ -19,12 +19,7 @@ from soter.core.layout import placed_leaves, scalar
 from soter.explore.model.bit_packing import word
 from soter.explore.model.packed_configuration import ConfigurationEmitter, deadline_ns
 from soter.explore.search_options import LEAVES_MAX
-from soter.language.model.types import (
-    EnumType,
-    FloatType,
-    IntType,
-    leaves,
-)
+from soter.language.model.types import EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -156,10 +151,10 @@ class _ModelBuilder(UnitBuilder):
         """The table of these rows behind the definitions `before`; `NULL` where it has no rows."""
         if not rows:
             return before, c.Name("NULL")
-        own = self.types.unique(name)
+        unique_name = self.types.unique(name)
         value = c.Initializer(tuple((None, r) for r in rows))
-        table = c.VariableDef(type_, own, value, array=True, comment=comment)
-        return [*before, table], c.Name(own)
+        table = c.VariableDef(type_, unique_name, value, array=True, comment=comment)
+        return [*before, table], c.Name(unique_name)
 
     def _mask_table(
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
@@ -247,15 +242,15 @@ class _ModelBuilder(UnitBuilder):
         rows: list[c.CExpr] = []
         for timed, lowered in zip(self.test.timed, self.core.timed, strict=True):
             predicate_names = []
-            for what, predicate in (("premise", lowered.premise), ("condition", lowered.condition)):
-                name = self.types.unique(f"timed_{timed.index}_{what}") if predicate else "NULL"
+            for role, predicate in (("premise", lowered.premise), ("condition", lowered.condition)):
+                name = self.types.unique(f"timed_{timed.index}_{role}") if predicate else "NULL"
                 if predicate is not None:
                     functions.append(
                         decisions.predicate(
                             self.frame,
                             predicate,
                             name,
-                            f"{what} of {timed.kind} {timed.text}",
+                            f"{role} of {timed.kind} {timed.text}",
                             unsafe=False,
                         )
                     )
@@ -281,8 +276,8 @@ class _ModelBuilder(UnitBuilder):
         for prop, premise in zip(self.system.properties, self.core.premises, strict=True):
             name = self.types.unique(f"premise_{prop.index}") if premise else "NULL"
             if premise is not None:
-                what = f"premise of {prop.kind} {prop.text}"
-                made = decisions.predicate(self.frame, premise, name, what, unsafe=False)
+                comment = f"premise of {prop.kind} {prop.text}"
+                made = decisions.predicate(self.frame, premise, name, comment, unsafe=False)
                 functions.append(made)
             rows.append(c.Name(name))
         if not functions:

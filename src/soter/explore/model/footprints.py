@@ -199,7 +199,7 @@ class Footprints:
     # ------------------------------------------------------------ time
 
     def time_matters(self) -> bool:
-        """Whether anything that a test can see depends on when a step happens."""
+        """Whether the time of a step changes anything that a test can see."""
         assert self.system.test is not None
         return (
             any(f.fact == "time" for f in self.facts)

@@ -136,9 +136,7 @@ class ConfigurationEmitter:
         p.field(word(1), 1)
         p.label = ("time", 0)
         shown = c.Ternary(
-            c.Binary("<", NOW, c.Number("0")),
-            word(0),
-            c.Binary("+", as_word(c.Name("n")), word(1)),
+            c.Binary("<", NOW, c.Number("0")), word(0), c.Binary("+", as_word(c.Name("n")), word(1))
         )
         self.now_read = p.field(shown, (self.last_now + 1).bit_length())
         self._pack_schedule(p)
@@ -299,16 +297,16 @@ class ConfigurationEmitter:
         for topic in self.system.topics:
             if topic.index in self.plan.read:
                 p.label = ("topic", topic.index)
-                p.value(self.frame.topic(topic.index), topic.type, self._int_ranges(topic))
+                p.append_value(self.frame.topic(topic.index), topic.type, self._int_ranges(topic))
 
     def _int_ranges(self, t: Topic) -> list[tuple[int, int] | None]:
         """The ranges of a topic's ints: its set, and whatever it may start with."""
         source = t.index if t.queue_of is None else t.queue_of
-        given = [v for d in self.system.inputs if d.topic == source for v in d.values]
-        given += [x.failsafe[source] for x in self.system.components if source in x.failsafe]
+        values = [v for d in self.system.inputs if d.topic == source for v in d.values]
+        values += [x.failsafe[source] for x in self.system.components if source in x.failsafe]
         if t.queue_of is not None:
-            given = [tuple(given)]
-        return hulls(t.type, t.bounds, [t.default, *given])
+            values = [tuple(values)]
+        return hulls(t.type, t.bounds, [t.default, *values])
 
     def _pack_variables(self, p: Packing, component: Component) -> None:
         """Packs a component's locals and plant states."""
@@ -317,7 +315,7 @@ class ConfigurationEmitter:
             known = component.initial_range[number] if component.initial_range else None
             start = [] if known is not None else [component.initial[number]]
             none = [None for _ in leaves(variable.type)]
-            p.value(
+            p.append_value(
                 self.frame.member(component.index, variable.name),
                 variable.type,
                 hulls(variable.type, none, start),
@@ -353,7 +351,7 @@ class ConfigurationEmitter:
             keep = p.name("keep")
             p.pack.append(c.Declare("uint64_t", keep, c.CallExpr("soter_if", (bit,)), const=True))
             place = c.Arrow(X, f"held_{number}_{position}")
-            p.value(place, topic.type, self._int_ranges(topic), c.Name(keep))
+            p.append_value(place, topic.type, self._int_ranges(topic), c.Name(keep))
 
     def pack(self, name: str) -> c.FunctionDef:
         """The C function that packs a configuration into words."""

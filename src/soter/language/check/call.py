@@ -179,7 +179,7 @@ class CallChecker(FieldChecker):
         return len(decl.parameters) if isinstance(decl, tree.FunDecl) else None
 
     def _no_function(
-        self, what: str, name: str, expr: tree.CallExpr, context: Context
+        self, kind: str, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
         """Reports T004, with helps for a value or a type of that name."""
         callee = expr.callee
@@ -200,7 +200,7 @@ class CallChecker(FieldChecker):
         else:
             helps = self._of_value(expr, context)
         self.diagnostics.error(
-            "T004", f"`{name}` is {what}, not a function", callee.span, helps=helps
+            "T004", f"`{name}` is {kind}, not a function", callee.span, helps=helps
         )
         return self._error_result(expr, context)
 
@@ -258,7 +258,7 @@ class CallChecker(FieldChecker):
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
-            self._unknown_function(expr.callee.name, expr, context, expected)
+            self._report_unknown_function(expr.callee.name, expr, context, expected)
             return self._error_result(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity, context):
@@ -279,7 +279,7 @@ class CallChecker(FieldChecker):
             return first
         return typed.Builtin(result, span, name, tuple(arguments))
 
-    def _unknown_function(
+    def _report_unknown_function(
         self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> None:
         """Reports N001, with similar functions that take as many arguments."""
@@ -288,7 +288,7 @@ class CallChecker(FieldChecker):
             for n in (*TAKES, *context.scope.entries, *self.names.prelude)
             if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
         ]
-        self.unknown(
+        self.report_unknown(
             name,
             context,
             helps=self._meant(name.text, expr.callee.span, expr, context, expected),
@@ -381,21 +381,21 @@ class CallChecker(FieldChecker):
         self, argument: tree.SyntaxExpr, context: Context, asked: str
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
-        what = "an expression"
+        found = "an expression"
         lost = names is not None and names[0].text in context.lost
         if lost or isinstance(argument, tree.ErrorExpr):
             self.names.losses += 1
             return None
         if names is not None and context.find_local(names[0].text) is not None:
-            what = "a variable"
+            found = "a variable"
         elif names is not None:
             target, depth = find_instance(context.instances or {}, names)
             if isinstance(target, typed.ModuleSymbol) and depth == len(names):
                 return ".".join(n.text for n in names)
             if not depth and len(names) <= 2:
                 return self._declared_module(names, argument, context, asked)
-            what = "an instance of something else" if depth else "nothing that is known"
-        self._no_module(asked, argument.span, what)
+            found = "an instance of something else" if depth else "nothing that is known"
+        self._refuse_module(asked, argument.span, found)
         return None
 
     def _declared_module(
@@ -410,13 +410,15 @@ class CallChecker(FieldChecker):
         if entry.kind == "module":
             return symbol if isinstance(symbol, typed.ModuleSymbol) else None
         helps = entry.instead("module", argument.span)
-        self._no_module(asked, argument.span, f"a {entry.kind}", helps)
+        self._refuse_module(asked, argument.span, f"a {entry.kind}", helps)
         return None
 
-    def _no_module(self, asked: str, span: Span, what: str, helps: tuple[Help, ...] = ()) -> None:
+    def _refuse_module(
+        self, asked: str, span: Span, found: str, helps: tuple[Help, ...] = ()
+    ) -> None:
         """Reports T002 for `mode` or `margin` of something that is no module."""
         self.diagnostics.error(
-            "T002", f"`{asked}` takes a module", span, f"this is {what}", helps=helps
+            "T002", f"`{asked}` takes a module", span, f"this is {found}", helps=helps
         )
 
 

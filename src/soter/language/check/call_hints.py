@@ -34,7 +34,7 @@ ELEMENTS_MAX = 16
 
 
 def of_a_value(
-    value: typed.TypedExpr, expr: tree.CallExpr, what: str = "it is"
+    value: typed.TypedExpr, expr: tree.CallExpr, subject: str = "it is"
 ) -> tuple[Help, ...]:
     """Helps for `rays(1)` and `speed()`: brackets, or the name alone."""
     text = expr.callee.span.text
@@ -45,7 +45,7 @@ def of_a_value(
             return (replace(expr.span, first, f"indices begin at 0: `{first}`"),)
         return (replace(expr.span, f"{text}[{index.span.text}]"),)
     if not expr.arguments:
-        return (replace(expr.span, text, f"{what} a value, without parentheses: `{text}`"),)
+        return (replace(expr.span, text, f"{subject} a value, without parentheses: `{text}`"),)
     return ()
 
 
@@ -56,13 +56,13 @@ def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
     if not isinstance(of, RecordType):
         return ("a value is of its type by itself: leave the name out",)
     names = [name for name, _ in of.fields]
-    given = _fields_given(expr.arguments, names)
-    if given is None:
+    values = _fields_given(expr.arguments, names)
+    if values is None:
         shown = ", ".join(f"{n}: ..." for n in names[:ELEMENTS_MAX])
         return (f"a record is written with its fields: `{{ {shown} }}`",)
-    if set(given) != set(names):
+    if set(values) != set(names):
         return ()
-    fields = ", ".join(f"{n}: {given[n]}" for n in names)
+    fields = ", ".join(f"{n}: {values[n]}" for n in names)
     return (replace(expr.span, f"{{ {fields} }}"),)
 
 
@@ -73,8 +73,8 @@ def _fields_given(
     values = [_named(a, names) for a in arguments]
     if len(values) != len(names) or None in values:
         return None
-    given = dict(v for v in values if v is not None and v[0])
-    return given or dict(zip(names, [a.span.text for a in arguments], strict=True))
+    fields = dict(v for v in values if v is not None and v[0])
+    return fields or dict(zip(names, [a.span.text for a in arguments], strict=True))
 
 
 def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:

@@ -29,10 +29,7 @@ class Checker:
     """One checking run over one loaded program; its parts see it as `Shared`."""
 
     def __init__(
-        self,
-        loaded: LoadedProgram,
-        diagnostics: Diagnostics,
-        meant: Meanings | None = None,
+        self, loaded: LoadedProgram, diagnostics: Diagnostics, meant: Meanings | None = None
     ) -> None:
         self.loaded = loaded
         self.diagnostics = diagnostics
@@ -83,7 +80,7 @@ class Checker:
             _register(program, entry)
         if not self.diagnostics.has_errors:
             count_costs(program, self.diagnostics)
-        self.unused.declarations(main)
+        self.unused.warn_of_declarations(main)
         self.unused.report()
         program.stand_ins = self.stand_ins
         program.damaged = self.damaged
@@ -98,15 +95,15 @@ class Checker:
         self.calls.check_bodies()
         for bodies in (self._bodies, self._late_bodies):
             for symbol, decl, scope in bodies:
-                self.declarations.body(symbol, decl, scope)
+                self.declarations.check_body(symbol, decl, scope)
                 self.calls.check_bodies()
 
     def _fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> bool:
         mark = self.mark()
-        self.declarations.fun_body(fun, decl, scope)
+        self.declarations.check_fun_body(fun, decl, scope)
         return self.mark() == mark
 
-    def later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+    def check_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Notes a body to be checked once every signature is known; systems come last."""
         late = isinstance(symbol, (typed.SystemSymbol, typed.TestSymbol))
         (self._late_bodies if late else self._bodies).append((symbol, decl, scope))
@@ -179,11 +176,7 @@ class Checker:
     # ------------------------------------------------------------ topics of sub-systems
 
     def stand_in(
-        self,
-        system: typed.SystemSymbol,
-        prefix: list[str],
-        topic: typed.TopicSymbol,
-        span: Span,
+        self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
         """The symbol that means a topic of a sub-system instance, one for each path."""
         key = (id(system), tuple(prefix), id(topic))

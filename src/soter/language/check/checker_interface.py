@@ -159,7 +159,7 @@ class CallGraph:
         if lazy is not None:
             self._unchecked[fun] = lazy
 
-    def param(self, param: ParamSymbol, span: Span) -> None:
+    def note_param(self, param: ParamSymbol, span: Span) -> None:
         """Notes that the current body reads a parameter of the program."""
         if self.current is not None:
             self._params.setdefault(self.current, (param, span))
@@ -276,14 +276,14 @@ class UnusedDeclarations:
         """Keeps a warning for the end of the check."""
         self._waiting.append((code, message, span, label, help_))
 
-    def variables(self, variables: list[Variable]) -> None:
+    def warn_of_variables(self, variables: list[Variable]) -> None:
         """Warns W001 of locals that are never read; a leading `_` says that this is meant."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
                 meant = _unused_help(v.name) if v.kind == "var" else _renamed(v.name, v.span)
                 self.add("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
-    def declarations(self, main: FileScope) -> None:
+    def warn_of_declarations(self, main: FileScope) -> None:
         """Warns W001 of declarations and imports of the main file that nothing uses.
 
         It only does if the file has a system or a test: a file without one may be meant for others
@@ -406,7 +406,7 @@ class Shared(Protocol):
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
         """The symbol of a declaration; None after an error (T012 for a cycle)."""
 
-    def later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+    def check_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Notes a body to be checked once every signature is known; systems come last."""
 
     def resolve_type(
@@ -437,13 +437,13 @@ class Shared(Protocol):
         expr: tree.SyntaxExpr,
         scope: FileScope,
         expected: Type,
-        what: str,
+        subject: str,
         around: Context | None = None,
         code: Code = "T008",
     ) -> Value | None:
         """The value of a constant expression, or None after a report."""
 
-    def evaluate(self, checked: typed.TypedExpr, what: str) -> Value | None:
+    def evaluate(self, checked: typed.TypedExpr, subject: str) -> Value | None:
         """The value of a checked constant expression, or None after a report."""
 
     def number(
@@ -451,7 +451,7 @@ class Shared(Protocol):
         expr: tree.SyntaxExpr,
         context: Context,
         expected: Type | None,
-        what: str,
+        subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
         """An expression over constants and parameters, to be evaluated for each system."""
@@ -468,10 +468,6 @@ class Shared(Protocol):
         """The topics that stand beside the instances of a system, wires applied."""
 
     def stand_in(
-        self,
-        system: typed.SystemSymbol,
-        prefix: list[str],
-        topic: typed.TopicSymbol,
-        span: Span,
+        self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
         """The symbol that means a topic of a sub-system instance, one for each path."""

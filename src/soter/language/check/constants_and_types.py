@@ -90,7 +90,7 @@ class Calculator:
         self._evaluator = Evaluator(params or {}, None, self.left)
 
     def value_of(
-        self, name: str, expr: typed.TypedExpr, what: str, known: dict[str, tuple[Value, int]]
+        self, name: str, expr: typed.TypedExpr, subject: str, known: dict[str, tuple[Value, int]]
     ) -> Value | None:
         """The value of a declared constant: as `value`, or the `known` one at the same cost."""
         value, spent = known.get(name, (None, 0))
@@ -98,13 +98,13 @@ class Calculator:
             self.left -= spent
             return value
         left = self.left
-        value = self.value(expr, what)
+        value = self.value(expr, subject)
         if value is not None:
             known[name] = value, left - self.left
         return value
 
-    def value(self, expr: typed.TypedExpr, what: str) -> Value | None:
-        """The value, or None after a report (T020) that begins with `what`."""
+    def value(self, expr: typed.TypedExpr, subject: str) -> Value | None:
+        """The value, or None after a report (T020) that begins with `subject`."""
         if isinstance(expr, typed.Literal):
             return expr.value
         if self.left <= 0:
@@ -112,16 +112,16 @@ class Calculator:
         allowed = min(self.left, self._most)
         self._evaluator.allow(allowed)
         self._evaluator.tell = lambda n: self.diagnostics.tell(
-            f"{what}: {n / MILLION:.0f} million operations"
+            f"{subject}: {n / MILLION:.0f} million operations"
         )
         try:
             return self._evaluator.value(expr)
         except StepFault as fault:
-            self._fault(fault, expr, what)
+            self._report_fault(fault, expr, subject)
         except BudgetExceeded:
             self.diagnostics.error(
                 "T020",
-                f"{what} takes too long to compute",
+                f"{subject} takes too long to compute",
                 expr.span,
                 notes=(f"one constant may take {self._most} operations, all {self._all}",),
                 helps=('compute a large table once and read it: `data "file.json"`',),
@@ -130,7 +130,7 @@ class Calculator:
             self.left -= min(self._evaluator.spent, allowed)
         return None
 
-    def _fault(self, fault: StepFault, expr: typed.TypedExpr, what: str) -> None:
+    def _report_fault(self, fault: StepFault, expr: typed.TypedExpr, subject: str) -> None:
         why = WHY.get(fault.kind, fault.kind.name.lower())
         why += f": {fault.detail}" if fault.detail else ""
         at = fault.span or expr.span
@@ -139,16 +139,16 @@ class Calculator:
         )
         self.diagnostics.error(
             "T020",
-            f"{what} has no value: {why}",
+            f"{subject} has no value: {why}",
             expr.span if outside else at,
             also=((at, "it happens here"),) if outside else (),
         )
 
 
-def declared_ns(module: Module, said: typed.TypedExpr | None) -> int:
+def declared_ns(module: Module, expr: typed.TypedExpr | None) -> int:
     """A time of the `verify` block of a module in ns; 0 where it is not declared."""
-    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
-    return given if isinstance(given, int) else 0
+    ns = Calculator(Diagnostics(), module.scope.params).value(expr, "a time") if expr else 0
+    return ns if isinstance(ns, int) else 0
 
 
 class ConstantChecker(CheckerPart):
@@ -165,7 +165,7 @@ class ConstantChecker(CheckerPart):
         expr: tree.SyntaxExpr,
         scope: FileScope,
         expected: Type,
-        what: str,
+        subject: str,
         around: Context | None = None,
         code: Code = "T008",
     ) -> Value | None:
@@ -173,38 +173,42 @@ class ConstantChecker(CheckerPart):
 
         `around` is the place around it; a use of that place's locals is reported as `code`.
         """
-        context = Context(scope, what, constant=code, hidden=around)
+        context = Context(scope, subject, constant=code, hidden=around)
         checked = self.shared.check_expr(expr, context, expected)
-        return self.value(checked, what)
+        return self.value(checked, subject)
 
     def declared(
-        self, decl: tree.ConstDecl, scope: FileScope, expected: Type, what: str
+        self, decl: tree.ConstDecl, scope: FileScope, expected: Type, subject: str
     ) -> Value | None:
         """The value of a declared constant, or None after a report."""
         assert decl.value is not None
-        context = Context(scope, what, constant="T008")
+        context = Context(scope, subject, constant="T008")
         checked = self.shared.check_expr(decl.value, context, expected)
-        if not self._is_computable(checked, what):
+        if not self._is_computable(checked, subject):
             return None
         known = self._loaded.reading.constants(scope.loaded)
-        return self.calculator.value_of(decl.name.text, checked, what, known)
+        return self.calculator.value_of(decl.name.text, checked, subject, known)
 
-    def value(self, checked: typed.TypedExpr, what: str) -> Value | None:
+    def value(self, checked: typed.TypedExpr, subject: str) -> Value | None:
         """The value of a checked expression that reads no locals, topics or parameters; or None."""
-        return self.calculator.value(checked, what) if self._is_computable(checked, what) else None
+        return (
+            self.calculator.value(checked, subject)
+            if self._is_computable(checked, subject)
+            else None
+        )
 
-    def _is_computable(self, checked: typed.TypedExpr, what: str) -> bool:
+    def _is_computable(self, checked: typed.TypedExpr, subject: str) -> bool:
         if isinstance(checked.type, ErrorType):
             self.shared.names.losses += 1
             return False
-        return self._is_callable(checked, what)
+        return self._is_callable(checked, subject)
 
     def number(
         self,
         expr: tree.SyntaxExpr,
         context: Context,
         expected: Type | None,
-        what: str,
+        subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
         """An expression over constants and parameters, to be evaluated for each system.
@@ -214,20 +218,20 @@ class ConstantChecker(CheckerPart):
         checked = self.shared.check_expr(expr, context, expected, because)
         if isinstance(checked.type, ErrorType):
             return checked
-        sound = [self._is_sound(call, what) for call in calls_in(checked)]
+        sound = [self._is_sound(call, subject) for call in calls_in(checked)]
         return checked if all(sound) else error_expr(expr.span)
 
-    def _is_callable(self, checked: typed.TypedExpr, what: str) -> bool:
+    def _is_callable(self, checked: typed.TypedExpr, subject: str) -> bool:
         """Whether every function that an expression calls can be run now; reports it if not."""
         for call in calls_in(checked):
-            if not self._is_sound(call, what):
+            if not self._is_sound(call, subject):
                 return False
             param = self.shared.calls.param_below(call.fun)
             if param is not None:
                 symbol, span = param
                 self.diagnostics.error(
                     "T008",
-                    f"{what} cannot depend on the parameter `{symbol.name}`",
+                    f"{subject} cannot depend on the parameter `{symbol.name}`",
                     call.span,
                     "through this call",
                     also=((span, "read here"),),
@@ -236,7 +240,7 @@ class ConstantChecker(CheckerPart):
                 return False
         return True
 
-    def _is_sound(self, call: typed.TypedCall, what: str) -> bool:
+    def _is_sound(self, call: typed.TypedCall, subject: str) -> bool:
         """Whether a function and all that it calls have no errors and are no externs."""
         calls = self.shared.calls
         if not calls.complete(call.fun):
@@ -246,7 +250,7 @@ class ConstantChecker(CheckerPart):
         if extern is not None:
             self.diagnostics.error(
                 "T008",
-                f"{what} cannot be computed by the extern `{extern.name}`",
+                f"{subject} cannot be computed by the extern `{extern.name}`",
                 call.span,
                 also=((extern.span, "declared here"),),
                 notes=("externs run in the running program only",),
@@ -288,12 +292,7 @@ class ConstantChecker(CheckerPart):
 
 UNIT_MAX = 16
 """Most characters of a unit."""
-BUILTIN_TYPES: dict[str, Type] = {
-    "bool": BOOL,
-    "int": INT,
-    "float": FLOAT,
-    "duration": DURATION,
-}
+BUILTIN_TYPES: dict[str, Type] = {"bool": BOOL, "int": INT, "float": FLOAT, "duration": DURATION}
 
 
 class TypeChecker(CheckerPart):
@@ -385,14 +384,14 @@ class TypeChecker(CheckerPart):
         )
         return ERROR
 
-    def _constant(self, expr: tree.SyntaxExpr, scope: FileScope, what: str) -> int | None:
-        value = self.shared.constant(expr, scope, INT, what, self._around)
+    def _constant(self, expr: tree.SyntaxExpr, scope: FileScope, subject: str) -> int | None:
+        value = self.shared.constant(expr, scope, INT, subject, self._around)
         return value if isinstance(value, int) else None
 
     def _ranged_int(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
-        what = "the bound of a type"
-        low = self._constant(expr.interval.low, scope, what)
-        high = self._constant(expr.interval.high, scope, what)
+        subject = "the bound of a type"
+        low = self._constant(expr.interval.low, scope, subject)
+        high = self._constant(expr.interval.high, scope, subject)
         if low is None or high is None:
             return ERROR
         if low > high:
@@ -426,7 +425,7 @@ class TypeChecker(CheckerPart):
         if failed:
             return ERROR
         t = RecordType(tuple(fields.items()))
-        self.shared.names.declares(t.fields, expr)
+        self.shared.names.note_syntax_of_fields(t.fields, expr)
         return t
 
     def _array(
@@ -434,17 +433,14 @@ class TypeChecker(CheckerPart):
     ) -> Type:
         element = self.check(expr.element, scope, self._around)
         is_array = isinstance(expr, tree.ArrayTypeExpr)
-        what = "the size of an array" if is_array else "the capacity of a list"
+        subject = "the size of an array" if is_array else "the capacity of a list"
         size_expr = expr.size if isinstance(expr, tree.ArrayTypeExpr) else expr.capacity
-        size = self._constant(size_expr, scope, what)
+        size = self._constant(size_expr, scope, subject)
         if size is None or isinstance(element, ErrorType):
             return ERROR
         if not 1 <= size <= most:
             self.diagnostics.error(
-                "T011",
-                f"{what} cannot be {size}",
-                size_expr.span,
-                f"1 to {most} are possible",
+                "T011", f"{subject} cannot be {size}", size_expr.span, f"1 to {most} are possible"
             )
             return ERROR
         return ArrayType(element, size) if is_array else ListType(element, size)

@@ -78,11 +78,11 @@ class DeclChecker(CheckerPart):
             tree.TestDecl: self.systems.test_signature,
         }
         self._bodies: dict[type, Callable[[Any, Any, FileScope], None]] = {
-            tree.NodeDecl: self.nodes.body,
-            tree.RtaDecl: self.modules.body,
-            tree.PlantDecl: self.plants.body,
-            tree.SystemDecl: self.systems.body,
-            tree.TestDecl: self.systems.test_body,
+            tree.NodeDecl: self.nodes.check_body,
+            tree.RtaDecl: self.modules.check_body,
+            tree.PlantDecl: self.plants.check_body,
+            tree.SystemDecl: self.systems.check_body,
+            tree.TestDecl: self.systems.check_test_body,
         }
 
     def symbol(self, entry: Entry) -> object:
@@ -90,7 +90,7 @@ class DeclChecker(CheckerPart):
         check = self._signatures.get(type(entry.decl))
         return None if check is None else check(entry.decl, entry.scope, entry.full_name)
 
-    def body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+    def check_body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Checks the part of a declaration that may mention all others."""
         self._bodies[type(decl)](symbol, decl, scope)
 
@@ -118,7 +118,7 @@ class DeclChecker(CheckerPart):
     def _const(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
         data = decl.data is not None
         t = self.shared.resolve_type(decl.type, scope, duration=True, table=data)
-        what = f"constant `{decl.name.text}`"
+        subject = f"constant `{decl.name.text}`"
         value = None
         if decl.data is not None and not isinstance(t, (ErrorType, DurationType)):
             value = self.constants.data(decl, t, scope)
@@ -130,14 +130,14 @@ class DeclChecker(CheckerPart):
                 helps=("read a `float` of seconds",),
             )
         elif decl.value is not None:
-            value = self.constants.declared(decl, scope, t, what)
+            value = self.constants.declared(decl, scope, t, subject)
         if value is None or isinstance(t, ErrorType):
             return None
         return typed.ConstSymbol(full, decl.name.span, t, value)
 
     def _param(self, decl: tree.ParamDecl, scope: FileScope, full: str) -> object:
         t = self.shared.resolve_type(decl.type, scope, duration=True)
-        what = f"parameter `{decl.name.text}`"
+        subject = f"parameter `{decl.name.text}`"
         if not isinstance(t, (FloatType, IntType, DurationType, EnumType, BoolType, ErrorType)):
             self.diagnostics.error(
                 "T018",
@@ -147,20 +147,20 @@ class DeclChecker(CheckerPart):
                 helps=("declare one parameter for each number",),
             )
             return None
-        default = self._constant_expr(decl.default, scope, t, what)
-        low, high = self._interval_ends(decl.interval, scope, t, what) or (None, None)
+        default = self._constant_expr(decl.default, scope, t, subject)
+        low, high = self._interval_ends(decl.interval, scope, t, subject) or (None, None)
         if default is None or isinstance(t, ErrorType):
             return None
         if isinstance(t, FloatType) and not math.isfinite(default.value):
             self.diagnostics.error(
-                "V006", f"{what} must be finite", default.span, f"this is {default.value!r}"
+                "V006", f"{subject} must be finite", default.span, f"this is {default.value!r}"
             )
             return None
         if low and high and not low.value <= default.value <= high.value:
             shown = [show(x.value, t) for x in (default, low, high)]
             self.diagnostics.error(
                 "V007",
-                f"{what} is {shown[0]}, outside [{shown[1]}, {shown[2]}]",
+                f"{subject} is {shown[0]}, outside [{shown[1]}, {shown[2]}]",
                 default.span,
                 "its default",
                 also=((decl.interval.span, "its range"),) if decl.interval else (),
@@ -168,7 +168,7 @@ class DeclChecker(CheckerPart):
         return typed.ParamSymbol(full, decl.name.span, t, default, low, high)
 
     def _interval_ends(
-        self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, what: str
+        self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, subject: str
     ) -> tuple[typed.Literal, typed.Literal] | None:
         """The ends of an interval of type `t`; None without one, or after a report."""
         if interval is None:
@@ -177,8 +177,8 @@ class DeclChecker(CheckerPart):
             message = f"{a_type(t)} has no order, so no interval"
             self.diagnostics.error("V004", message, interval.span)
             return None
-        low = self._constant_expr(interval.low, scope, t, what)
-        high = self._constant_expr(interval.high, scope, t, what)
+        low = self._constant_expr(interval.low, scope, t, subject)
+        high = self._constant_expr(interval.high, scope, t, subject)
         if low is None or high is None or not self._check_order(low, high, interval):
             return None
         return low, high
@@ -198,10 +198,10 @@ class DeclChecker(CheckerPart):
         return False
 
     def _constant_expr(
-        self, expr: tree.SyntaxExpr, scope: FileScope, t: Type, what: str
+        self, expr: tree.SyntaxExpr, scope: FileScope, t: Type, subject: str
     ) -> typed.Literal | None:
         """A constant as a literal, or None after a report."""
-        value = self.shared.constant(expr, scope, t, what)
+        value = self.shared.constant(expr, scope, t, subject)
         return None if value is None else typed.Literal(t, expr.span, value)
 
     # ------------------------------------------------------------ functions
@@ -212,7 +212,7 @@ class DeclChecker(CheckerPart):
             t = self.shared.resolve_type(type_expr, scope)
             if name.text in parameters:
                 first = parameters[name.text].span
-                self.shared.names.twice(name.text, name.span, first, "argument")
+                self.shared.names.report_two_of_one_name(name.text, name.span, first, "argument")
                 parameters[f"{name.text} {name.span.start}"] = typed.Variable(
                     name.text, t, "parameter", name.span
                 )
@@ -236,7 +236,7 @@ class DeclChecker(CheckerPart):
             self.shared.calls.add(fun, decl, scope)
         return fun
 
-    def fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
+    def check_fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
         """Checks a function's body and stores it in the symbol."""
         assert decl.body is not None
         context = Context(
@@ -265,7 +265,7 @@ class DeclChecker(CheckerPart):
         context = Context(scope, f"the declaration of topic `{decl.name.text}`")
         values: dict[tuple[str, ...], typed.RangeSet] = {}
         if decl.values is not None and not isinstance(t, ErrorType):
-            self._value_set(decl.values, t, (), values, context)
+            self._enter_value_set(decl.values, t, (), values, context)
         because = (decl.type.span, f"the topic is `{t}`")
         default = self.number_if_given(decl.default, context, t, "a default", because)
         max_age = self.number_if_given(decl.max_age, context, DURATION, "`max_age`")
@@ -282,7 +282,7 @@ class DeclChecker(CheckerPart):
             static=decl.static,
         )
 
-    def _value_set(
+    def _enter_value_set(
         self,
         values: tree.ValueSet,
         t: Type,
@@ -326,7 +326,7 @@ class DeclChecker(CheckerPart):
             else:
                 seen[name.text] = name.span
                 self.shared.names.note(name.span, FieldOf(t, name.text))
-                self._value_set(inner, t.fields[index][1], (*path, name.text), out, context)
+                self._enter_value_set(inner, t.fields[index][1], (*path, name.text), out, context)
 
     def _interval(
         self, values: tree.IntervalExpr, t: Type, context: Context

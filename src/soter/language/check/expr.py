@@ -14,12 +14,7 @@ from soter.diagnostics.diagnostic import replace
 from soter.language.check import unknown_names
 from soter.language.check.call import CallChecker
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.expression_base import (
-    error_expr,
-    float_literal,
-    is_error,
-    plain,
-)
+from soter.language.check.expression_base import error_expr, float_literal, is_error, plain
 from soter.language.check.field import listed
 from soter.language.check.operators_and_choices import ChooseChecker, OperatorChecker
 from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
@@ -157,7 +152,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 helps=(f"call it: `{name}(...)`",),
             )
         else:
-            self.unknown(expr.name, context, SPECIALS, helps=self._state(name, span, context))
+            self.report_unknown(
+                expr.name, context, SPECIALS, helps=self._state(name, span, context)
+            )
         return error_expr(span)
 
     def _state(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
@@ -190,14 +187,14 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
 
     def _not_constant(
-        self, what: str, span: Span, declared: Span | None, context: Context
+        self, subject: str, span: Span, declared: Span | None, context: Context
     ) -> typed.TypedExpr:
         """Reports T008, or T007 in the bound of a loop, for a value known only in a run."""
         step = context.constant == "T007" and context.where == "the bound of a loop"
         what_runs = context.constant == "T007" and not step
         return self.wrong(
             context.constant or "T008",
-            f"{context.where} cannot depend on {what}",
+            f"{context.where} cannot depend on {subject}",
             span,
             "known only when the program runs",
             also=((declared, "declared here"),) if declared is not None else (),
@@ -219,10 +216,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         if isinstance(symbol, typed.ConstSymbol):
             return typed.Literal(symbol.type, span, symbol.value, symbol.name)
         if isinstance(symbol, typed.ParamSymbol):
-            self.shared.calls.param(symbol, span)
+            self.shared.calls.note_param(symbol, span)
             if context.constant:
-                what = f"the parameter `{symbol.name}`"
-                return self._not_constant(what, span, symbol.span, context)
+                subject = f"the parameter `{symbol.name}`"
+                return self._not_constant(subject, span, symbol.span, context)
             return typed.ParamRead(symbol.type, span, symbol)
         if isinstance(symbol, typed.TopicSymbol):
             return self.topic_read(symbol, span, context)
@@ -240,9 +237,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         """Helps with the value that a function, module, plant, node or type was taken for."""
         name = entry.decl.name.text
         if isinstance(symbol, typed.FunSymbol):
-            given = ", ".join(p.name for p in symbol.parameters)
-            title = f"call it: `{name}({given})`"
-            return (title if given else replace(span, f"{name}()", title),)
+            arguments = ", ".join(p.name for p in symbol.parameters)
+            title = f"call it: `{name}({arguments})`"
+            return (title if arguments else replace(span, f"{name}()", title),)
         if isinstance(symbol, typed.ModuleSymbol):
             return (f"its mode is `mode({name})`",)
         if isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
@@ -341,7 +338,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return error_expr(expr.span)
         made = _aggregate(expr, values, target)
         if target is None and isinstance(made.type, RecordType):
-            self.names.declares(made.type.fields, expr)
+            self.names.note_syntax_of_fields(made.type.fields, expr)
         return made
 
     def _list(
@@ -352,7 +349,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         count = len(items)
         if isinstance(expected, ListType):
             if count > expected.capacity:
-                self._too_many(
+                self._report_too_many(
                     f"{count} elements do not fit into `{expected}`",
                     expr.elements[expected.capacity].span,
                     f"element number {expected.capacity + 1}",
@@ -362,7 +359,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         elif isinstance(expected, ArrayType):
             if count != expected.size:
                 are = f"{count} {'is' if count == 1 else 'are'} given"
-                self._too_many(
+                self._report_too_many(
                     f"`{expected}` has {expected.size} elements, but {are}", expr.span, ""
                 )
                 return error_expr(expr.span)
@@ -383,7 +380,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return error_expr(expr.span)
         return typed.Aggregate(target, expr.span, tuple(items))
 
-    def _too_many(self, message: str, span: Span, label: str) -> None:
+    def _report_too_many(self, message: str, span: Span, label: str) -> None:
         self.diagnostics.error("T019", message, span, label)
 
     _METHODS: ClassVar[

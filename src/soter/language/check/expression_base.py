@@ -158,13 +158,13 @@ class CheckerPart:
         expr: tree.SyntaxExpr | None,
         context: Context,
         expected: Type,
-        what: str,
+        subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr | None:
         """As `Shared.number`; None if the program does not give the number, or after a report."""
         if expr is None:
             return None
-        return sound(self.shared.number(expr, context, expected, what, because))
+        return sound(self.shared.number(expr, context, expected, subject, because))
 
 
 class ExprBase(CheckerPart, ABC):
@@ -195,7 +195,7 @@ class ExprBase(CheckerPart, ABC):
         self.names.losses += 1
         return error_expr(span)
 
-    def unknown(
+    def report_unknown(
         self,
         name: tree.Name,
         context: Context,
@@ -225,7 +225,7 @@ class ExprBase(CheckerPart, ABC):
             return
         gone = context.gone.get(name.text)
         if gone is not None and not helps:
-            self.names.unknown(
+            self.names.report_unknown(
                 context.scope,
                 name.text,
                 name.span,
@@ -235,7 +235,7 @@ class ExprBase(CheckerPart, ABC):
             )
             return
         known = chain(context.local_names(), more, context.instances or ())
-        self.names.unknown(
+        self.names.report_unknown(
             context.scope,
             name.text,
             name.span,

@@ -83,7 +83,7 @@ class FieldChecker(ExprBase):
             if self._is_unknown(names[0].text, context):
                 helps = unknown_names.without_object(names[0], names[1])
                 helps = helps or self._measured(expr, names, context)
-                self.unknown(names[0], context, dotted=not helps, helps=helps)
+                self.report_unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
             typed_expr = self._constant_length(expr, names, context)
             typed_expr = typed_expr or self._below_name(expr, names, context)
@@ -237,37 +237,37 @@ class FieldChecker(ExprBase):
     ) -> typed.TypedExpr:
         """Checks `plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
         assert context.instances is not None
-        what, depth = find_instance(context.instances, names)
+        symbol, depth = find_instance(context.instances, names)
         prefix, rest = names[:depth], names[depth:]
         path = ".".join(n.text for n in prefix)
         if not rest:
-            return self.no_value(what, path, span)
-        if isinstance(what, typed.PlantSymbol) and rest[0].text == "truth":
-            if what in self.shared.damaged and what.truth.index(rest[-1].text) is None:
+            return self.no_value(symbol, path, span)
+        if isinstance(symbol, typed.PlantSymbol) and rest[0].text == "truth":
+            if symbol in self.shared.damaged and symbol.truth.index(rest[-1].text) is None:
                 return self.lost(span)
-            value: typed.TypedExpr = typed.TruthRead(what.truth, span, path)
+            value: typed.TypedExpr = typed.TruthRead(symbol.truth, span, path)
             return self._select_all(value, rest[1:], span)
-        if isinstance(what, typed.SystemSymbol):
-            topic = self._topic_of(what, [n.text for n in prefix], rest[0])
+        if isinstance(symbol, typed.SystemSymbol):
+            topic = self._topic_of(symbol, [n.text for n in prefix], rest[0])
             if topic is not None:
                 value = self.topic_read(topic, span, context)
                 return value if is_error(value) else self._select_all(value, rest[1:], span)
-        if what in self.shared.damaged:
+        if symbol in self.shared.damaged:
             return self.lost(span)
-        self._not_below(what, path, rest[0], names[0], context)
+        self._report_not_below(symbol, path, rest[0], names[0], context)
         return error_expr(span)
 
-    def no_value(self, what: object, path: str, span: Span) -> typed.TypedExpr:
+    def no_value(self, symbol: object, path: str, span: Span) -> typed.TypedExpr:
         """Reports N003 for an instance where a value is needed."""
         helps: tuple[str, ...] = ()
-        if isinstance(what, typed.PlantSymbol):
+        if isinstance(symbol, typed.PlantSymbol):
             helps = (f"the plant's state is `{path}.truth`",)
-        elif isinstance(what, typed.ModuleSymbol):
+        elif isinstance(symbol, typed.ModuleSymbol):
             helps = (f"the module's mode is `mode({path})`",)
         return self.wrong("N003", f"`{path}` is an instance, not a value", span, helps=helps)
 
-    def _not_below(
-        self, what: object, path: str, name: tree.Name, first: tree.Name, context: Context
+    def _report_not_below(
+        self, symbol: object, path: str, name: tree.Name, first: tree.Name, context: Context
     ) -> None:
         """Reports N004 for a name that an instance does not have, perhaps a topic beside it."""
         helps: tuple[Help, ...] = ()
@@ -276,21 +276,21 @@ class FieldChecker(ExprBase):
             before = Span(first.span.source, first.span.start, name.span.start)
             title = f"`{name.text}` is a topic of the file: write `{name.text}` alone"
             helps = (replace(before, "", title),)
-        elif isinstance(what, typed.PlantSymbol):
-            states = [n for n, _ in what.truth.fields]
+        elif isinstance(symbol, typed.PlantSymbol):
+            states = [n for n, _ in symbol.truth.fields]
             helps = (
                 insert(name.span, "truth.", f"write `{path}.truth.{name.text}`")
                 if name.text in states
                 else f"the plant's state is `{path}.truth`",
             )
-        elif isinstance(what, typed.SystemSymbol):
-            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
+        elif isinstance(symbol, typed.SystemSymbol):
+            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(symbol)]
             helps = self.diagnostics.did_you_mean(
-                name.text, [*topics, *(i.name for i in what.instances)], name.span
+                name.text, [*topics, *(i.name for i in symbol.instances)], name.span
             )
-        elif isinstance(what, typed.ModuleSymbol):
+        elif isinstance(symbol, typed.ModuleSymbol):
             helps = (f"the module's mode is `mode({path})`",)
-        elif isinstance(what, typed.NodeSymbol):
+        elif isinstance(symbol, typed.NodeSymbol):
             helps = ("read a topic it publishes: locals of a node are its own",)
         self.diagnostics.error(
             "N004", f"`{path}` has no `{name.text}` that could be read", name.span, helps=helps
@@ -384,18 +384,18 @@ def find_instance(
     instances: dict[str, typed.InstanceSymbol], names: list[tree.Name] | tuple[tree.Name, ...]
 ) -> tuple[object, int]:
     """What the longest prefix of a path that is an instance is of, its length; (None, 0): none."""
-    what: object = None
+    symbol: object = None
     depth = 0
     for name in names:
         instance = instances.get(name.text)
         if instance is None:
             break
         depth += 1
-        what = instance.what
-        if not isinstance(what, typed.SystemSymbol):
+        symbol = instance.what
+        if not isinstance(symbol, typed.SystemSymbol):
             break
-        instances = what.by_name
-    return what, depth
+        instances = symbol.by_name
+    return symbol, depth
 
 
 def part_of(
@@ -445,12 +445,12 @@ def _field(
         return None
     names = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
     known = ", ".join(f"`{n}`" for n in names)
-    what, there = ("field", "its fields") if plant is None else ("state", "there")
+    kind, whose = ("field", "its fields") if plant is None else ("state", "there")
     shared.diagnostics.error(
         "N004",
-        f"`{t if plant is None else plant.name}` has no {what} `{part.text}`",
+        f"`{t if plant is None else plant.name}` has no {kind} `{part.text}`",
         part.word,
-        notes=(f"{there} are {known}",) if names else (),
+        notes=(f"{whose} are {known}",) if names else (),
         helps=shared.diagnostics.did_you_mean(part.text, names, part.word),
     )
     return None

@@ -65,7 +65,7 @@ class ChooseChecker(ExprBase):
     ) -> typed.TypedExpr:
         """The typed choice; its alternatives are checked even where `choose` is not allowed."""
         if context.choices is None:
-            self._misplaced(expr.span, context)
+            self._report_misplaced(expr.span, context)
         if expr.interval is not None:
             choice = self._between(expr, expr.interval, context)
         elif expr.type is not None:
@@ -92,7 +92,7 @@ class ChooseChecker(ExprBase):
             context.choices.append(choice.ages)
         return choice
 
-    def _misplaced(self, span: Span, context: Context) -> None:
+    def _report_misplaced(self, span: Span, context: Context) -> None:
         note = "what is left open is decided anew in each step of a node or a plant, and only there"
         help_, where = "choose in the `step` of a node", context.where
         if isinstance(context.owner, typed.PlantSymbol):
@@ -110,14 +110,14 @@ class ChooseChecker(ExprBase):
         self, expr: tree.ChooseExpr, interval: tree.IntervalExpr, context: Context
     ) -> typed.TypedExpr:
         """Checks `choose [low, high]` with constant ints."""
-        what = "the bound of a choice"
-        constant = Context(context.scope, what, constant="T008", hidden=context)
+        subject = "the bound of a choice"
+        constant = Context(context.scope, subject, constant="T008", hidden=context)
         ends = [self.check(e, constant) for e in (interval.low, interval.high)]
         if is_error(*ends):
             return error_expr(expr.span)
         if any(isinstance(e.type, FloatType) for e in ends):
             return self._infinite("all floats of an interval", interval.span, expr.span)
-        bounds = [self.shared.evaluate(self.convert(e, INT), what) for e in ends]
+        bounds = [self.shared.evaluate(self.convert(e, INT), subject) for e in ends]
         low, high = bounds
         if low is None or high is None:
             return error_expr(expr.span)
@@ -178,10 +178,10 @@ class ChooseChecker(ExprBase):
             whole=whole,
         )
 
-    def _infinite(self, what: str, span: Span, whole: Span) -> typed.TypedExpr:
+    def _infinite(self, subject: str, span: Span, whole: Span) -> typed.TypedExpr:
         return self.wrong(
             "E003",
-            f"{what} cannot be tried one by one",
+            f"{subject} cannot be tried one by one",
             span,
             notes=("a choice has few alternatives: each of them is explored",),
             helps=("list the values that matter: `choose { a, b, c }`",),
@@ -289,10 +289,10 @@ class OperatorChecker(ExprBase):
                 or _operator_help(expr, lt, rt, expected),
             )
         if op == "/":
-            self._nothing_left(expr, left, right)
+            self._warn_of_zero_quotient(expr, left, right)
         return result
 
-    def _nothing_left(
+    def _warn_of_zero_quotient(
         self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
     ) -> None:
         """Warns W030 of `1 / 2` of ints, which is 0; beside a float it would be 0.5."""
@@ -437,9 +437,9 @@ def _operator_help(
 def _push_instead(expr: tree.BinaryExpr) -> str:
     """Help with `push xs, x;` for `xs + [x]`."""
     one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
-    what = one[0].span.text if len(one) == 1 else "x"
+    pushed = one[0].span.text if len(one) == 1 else "x"
     loop = "" if len(one) == 1 else f" in a loop, `for x in {expr.right.span.text} {{ ... }}`"
-    return f"a statement adds to a list: `push {expr.left.span.text}, {what};`{loop}"
+    return f"a statement adds to a list: `push {expr.left.span.text}, {pushed};`{loop}"
 
 
 def _vector_help(

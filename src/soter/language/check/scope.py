@@ -158,7 +158,7 @@ class Names:
         if self.meant is not None and meaning is not None:
             self.meant.at.setdefault((id(span.source), span.start), meaning)
 
-    def declares(self, fields: object, syntax: object) -> None:
+    def note_syntax_of_fields(self, fields: object, syntax: object) -> None:
         """Notes which syntax declares the fields of a record type."""
         if self.meant is not None:
             self.meant.records[id(fields)] = fields, syntax
@@ -172,14 +172,14 @@ class Names:
         entered = {id(main)}
         while waiting:
             loaded = waiting.pop(0)
-            own = self._scope_of(loaded)
+            file_scope = self._scope_of(loaded)
             for name, child in loaded.imports.items():
-                own.imports[name] = self._scope_of(child) if child is not None else None
+                file_scope.imports[name] = self._scope_of(child) if child is not None else None
                 if child is not None and id(child) not in entered:
                     entered.add(id(child))
                     waiting.append(child)
-                if name in own.entries:
-                    self._import_and_declaration(own, name)
+                if name in file_scope.entries:
+                    self._import_and_declaration(file_scope, name)
         return scope
 
     def add_prelude(self, loaded: LoadedFile) -> None:
@@ -200,7 +200,7 @@ class Names:
             if first is None:
                 scope.entries[name] = Entry(decl, scope, KINDS[type(decl).__name__])
             else:
-                self.twice(name, decl.name.span, first.decl.name.span)
+                self.report_two_of_one_name(name, decl.name.span, first.decl.name.span)
         return scope
 
     def _import_and_declaration(self, scope: FileScope, name: str) -> None:
@@ -214,9 +214,11 @@ class Names:
             helps=("import the file under another name",),
         )
 
-    def twice(self, name: str, again: Span, first: Span, what: str = "") -> None:
-        """Reports N002, one name for two things; `what` says which kind of things."""
-        kind = f"{what} " if what else ""
+    def report_two_of_one_name(
+        self, name: str, again: Span, first: Span, kind_word: str = ""
+    ) -> None:
+        """Reports N002, one name for two things; `kind_word` says which kind of things."""
+        kind = f"{kind_word} " if kind_word else ""
         self.diagnostics.error(
             "N002",
             f"{kind}`{name}` is declared twice",
@@ -225,14 +227,14 @@ class Names:
             also=((first, "first declared here"),),
         )
 
-    def is_first(self, name: tree.Name, seen: dict[str, Span], what: str = "") -> bool:
+    def is_first(self, name: tree.Name, seen: dict[str, Span], kind: str = "") -> bool:
         """Whether a name is new, and then enters it in `seen`; reports N002 as `twice` if not."""
         first = seen.setdefault(name.text, name.span)
         if first is not name.span:
-            self.twice(name.text, name.span, first, what)
+            self.report_two_of_one_name(name.text, name.span, first, kind)
         return first is name.span
 
-    def said_twice(self, message: str, again: Span, first: Span) -> None:
+    def report_twice(self, message: str, again: Span, first: Span) -> None:
         """Reports N002 for something that may be said once, at both places."""
         self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
 
@@ -265,7 +267,7 @@ class Names:
         if entry is None and (id(scope), name) in self._missing:
             self.losses += 1
         elif entry is None:
-            self.unknown(scope, name, ref.name.span, kind=wanted, otherwise=otherwise)
+            self.report_unknown(scope, name, ref.name.span, kind=wanted, otherwise=otherwise)
             self._missing.add((id(scope), name))
         return entry
 
@@ -275,7 +277,7 @@ class Names:
         """The entry that `qualifier.name` means; None after a report."""
         if qualifier.text not in scope.imports:
             if not self._library(scope, qualifier, name, wanted):
-                self._no_import(scope, qualifier, name)
+                self._report_no_import(scope, qualifier, name)
             return None
         scope.used_imports.add(qualifier.text)
         self.note(qualifier.span, Import(scope, qualifier.text))
@@ -324,7 +326,7 @@ class Names:
         )
         return True
 
-    def _no_import(self, scope: FileScope, qualifier: tree.Name, member: tree.Name) -> None:
+    def _report_no_import(self, scope: FileScope, qualifier: tree.Name, member: tree.Name) -> None:
         name = qualifier.text
         if name in scope.broken or (id(scope), name) in self._missing:
             self.losses += 1
@@ -376,7 +378,7 @@ class Names:
             helps=near,
         )
 
-    def unknown(
+    def report_unknown(
         self,
         scope: FileScope,
         name: str,

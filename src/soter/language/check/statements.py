@@ -54,7 +54,7 @@ class StmtChecker(CheckerPart):
         frame = context.locals.pop()
         context.gone.update(frame)
         if not context.scope.loaded.library:
-            self.shared.unused.variables(list(frame.values()))
+            self.shared.unused.warn_of_variables(list(frame.values()))
         return tuple(s for s in statements if s is not None)
 
     def declare(self, name: tree.Name, t: Type, kind: str, context: Context) -> typed.Variable:
@@ -62,16 +62,18 @@ class StmtChecker(CheckerPart):
         frame = context.locals[-1]
         first = frame.get(name.text)
         if first is not None:
-            self.shared.names.twice(name.text, name.span, first.span)
+            self.shared.names.report_two_of_one_name(name.text, name.span, first.span)
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
         self.shared.names.note(name.span, variable)
         frame[name.text] = variable
         if kind in ("let", "var"):
-            self._shadowing(name, context.node, context)
+            self._warn_shadow(name, context.node, context)
         return variable
 
-    def _shadowing(self, name: tree.Name, node: typed.NodeSymbol | None, context: Context) -> None:
+    def _warn_shadow(
+        self, name: tree.Name, node: typed.NodeSymbol | None, context: Context
+    ) -> None:
         """Warns W017 of a local named like a constant, or like a topic that the node reads."""
         entry = context.scope.entries.get(name.text)
         if entry is not None and entry.kind in ("constant", "parameter"):
@@ -123,7 +125,7 @@ class StmtChecker(CheckerPart):
             value = self.expressions.check(s.value, context, t, because)
         variable_type = t if t is not None else plain(value.type)
         if isinstance(variable_type, DurationType):
-            no_duration(value.span, self.diagnostics)
+            report_stored_duration(value.span, self.diagnostics)
             variable_type = ERROR
         kind = "let" if isinstance(s, tree.LetStmt) else "var"
         variable = self.declare(s.name, variable_type, kind, context)
@@ -155,11 +157,11 @@ class StmtChecker(CheckerPart):
             return None
         variable = context.find_local(base.name.text)
         if variable is None:
-            self._not_a_variable(base, steps, context)
+            self._report_no_variable(base, steps, context)
             return None
         self.shared.names.note(base.span, variable)
         if variable.kind not in ASSIGNABLE:
-            self._not_assignable(variable, base)
+            self._report_not_assignable(variable, base)
             return None
         t = variable.type
         path: list[int | typed.TypedExpr] = []
@@ -221,18 +223,15 @@ class StmtChecker(CheckerPart):
         )
         return None
 
-    def _not_a_variable(
-        self,
-        base: tree.NameExpr,
-        steps: list[tree.FieldExpr | tree.IndexExpr],
-        context: Context,
+    def _report_no_variable(
+        self, base: tree.NameExpr, steps: list[tree.FieldExpr | tree.IndexExpr], context: Context
     ) -> None:
         name = base.name.text
         entry = self.shared.names.find(context.scope, name, base.span)
         if entry is None and name in (*BUILTIN_FUNCTIONS, *SPECIALS):
-            what = "built in" if name in BUILTIN_FUNCTIONS else "read only"
+            why = "built in" if name in BUILTIN_FUNCTIONS else "read only"
             self.diagnostics.error(
-                "T009", f"`{name}` is {what}: it cannot be assigned", base.span, "assigned here"
+                "T009", f"`{name}` is {why}: it cannot be assigned", base.span, "assigned here"
             )
             return
         if entry is None:
@@ -240,7 +239,7 @@ class StmtChecker(CheckerPart):
             otherwise = () if steps else unknown_names.a_declaration(base.name)
             if steps and isinstance(steps[-1], tree.FieldExpr):
                 helps = unknown_names.without_object(base.name, steps[-1].field)
-            self.expressions.unknown(base.name, context, helps=helps, otherwise=otherwise)
+            self.expressions.report_unknown(base.name, context, helps=helps, otherwise=otherwise)
             return
         if self.shared.resolve(entry, base.span) is None:
             return
@@ -260,8 +259,8 @@ class StmtChecker(CheckerPart):
             helps=helps,
         )
 
-    def _not_assignable(self, variable: typed.Variable, base: tree.NameExpr) -> None:
-        what = {
+    def _report_not_assignable(self, variable: typed.Variable, base: tree.NameExpr) -> None:
+        why = {
             "let": "was declared with `let`",
             "parameter": "is an argument",
             "loop": "is the variable of a loop",
@@ -275,7 +274,7 @@ class StmtChecker(CheckerPart):
             helps = (f"copy it first: `var {variable.name}_now = {variable.name};`",)
         self.diagnostics.error(
             "T009",
-            f"`{variable.name}` {what}: it never changes",
+            f"`{variable.name}` {why}: it never changes",
             base.span,
             "assigned here",
             also=((variable.span, "declared here"),),
@@ -434,7 +433,7 @@ def _to_loop_over(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ..
     return ("to count, write `for i in 0..10 { ... }`",)
 
 
-def no_duration(span: Span, diagnostics: Diagnostics) -> None:
+def report_stored_duration(span: Span, diagnostics: Diagnostics) -> None:
     """Reports T014 for a duration that a running program would have to store."""
     diagnostics.error(
         "T014",

@@ -137,7 +137,7 @@ def _item(word: str, owner: Span) -> re.Match[str] | None:
 
 
 def in_publishes(name: str, owner: Span) -> Span | None:
-    """Where the node named at `owner` lists `name` as published; None if that is not found."""
+    """The place at which the node named at `owner` publishes `name`; None if it does not."""
     item = _item("publishes", owner)
     word = item and re.compile(rf"\b{re.escape(name)}\b").search(
         owner.source.text, item.start() + len("publishes"), item.end()
@@ -153,7 +153,7 @@ def published_too(
     To leave it out is offered if the node is no controller, and another node drives the topic.
     """
     span = owner if isinstance(owner, Span) else owner.span
-    own, declarations = span.text, list(declared)
+    misspelt, declarations = span.text, list(declared)
     module_of: dict[str, str] = {}
     for d in declarations:
         if isinstance(d, tree.RtaDecl):
@@ -163,16 +163,16 @@ def published_too(
         d.name.text
         for d in declarations
         if isinstance(d, tree.NodeDecl)
-        and d.name.text != own
+        and d.name.text != misspelt
         and any(p.topic.text == topic for p in d.publishes)
     ]
-    if own in module_of or not others:
+    if misspelt in module_of or not others:
         return (listed_too("publishes", topic, span),)
     module = module_of.get(others[0])
     who = f"module `{module}`" if module else f"node `{others[0]}`"
     return (
         f"leave it out: {who} drives `{topic}`, and a topic has one driver",
-        f"in the place of {who}, `{own}` has it in `publishes`, too",
+        f"in the place of {who}, `{misspelt}` has it in `publishes`, too",
     )
 
 
@@ -201,15 +201,15 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
         elif isinstance(decl, tree.FunDecl):
             for parameter, _ in decl.parameters:
                 if parameter.text == name:
-                    what = f"a parameter of function `{decl.name.text}`"
-                    yield Meaning(what, parameter.span, "only its function sees it", weak=True)
+                    subject = f"a parameter of function `{decl.name.text}`"
+                    yield Meaning(subject, parameter.span, "only its function sees it", weak=True)
         elif isinstance(decl, (tree.SystemDecl, tree.TestDecl)):
             yield from _in_a_loop(decl, name)
         if isinstance(decl, tree.SystemDecl):
             for item in decl.instances:
                 if _is_instance_named(item, name) and item.what.text != name:
-                    what = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
-                    yield Meaning(what, item.name.span, _instead_of_instance(declared, item))
+                    subject = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
+                    yield Meaning(subject, item.name.span, _instead_of_instance(declared, item))
 
 
 def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
@@ -222,9 +222,9 @@ def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Mea
         elif isinstance(item, tree.Repeated):
             todo += item.items
             if item.name.text == name:
-                what = f"the loop variable of a `for` of `{decl.name.text}`"
+                subject = f"the loop variable of a `for` of `{decl.name.text}`"
                 how = "it is known inside of the braces of its `for` only: move this line there"
-                yield Meaning(what, item.name.span, how)
+                yield Meaning(subject, item.name.span, how)
                 return
 
 
@@ -252,11 +252,11 @@ def _in_a_plant(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
 
 def _in_a_node(node: tree.NodeDecl, name: str) -> Iterator[Meaning]:
     how = "only its node sees it: publish it on a topic"
-    own = [*node.locals, *_declared_in(node.step), *_declared_in(node.takeover)]
-    for local in own:
+    locals_ = [*node.locals, *_declared_in(node.step), *_declared_in(node.takeover)]
+    for local in locals_:
         if local.name.text == name:
-            what = f"a local of node `{node.name.text}`"
-            yield Meaning(what, local.name.span, how, weak=True)
+            subject = f"a local of node `{node.name.text}`"
+            yield Meaning(subject, local.name.span, how, weak=True)
 
 
 def _declared_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
@@ -272,9 +272,9 @@ def _declared_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
 
 
 def _instead_of_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
-    what = next((d for d in decls if d.name.text == item.what.text), None)
-    if isinstance(what, tree.PlantDecl):
-        topics = listed([topic.text for topic, _ in what.drives])
+    decl = next((d for d in decls if d.name.text == item.what.text), None)
+    if isinstance(decl, tree.PlantDecl):
+        topics = listed([topic.text for topic, _ in decl.drives])
         return f"only properties of its system see `{item.name.text}.truth`; others read {topics}"
     return "only its system sees it"
 
@@ -369,9 +369,9 @@ def instead(
     return ()
 
 
-def _told_of(what: str, names: list[str], then: str = "") -> tuple[Help, ...]:
+def _told_of(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
     """A help with a sentence about names; () if there are none."""
-    return (f"{what} {listed(names)}{then}",) if names else ()
+    return (f"{label} {listed(names)}{then}",) if names else ()
 
 
 def _its_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
@@ -409,8 +409,8 @@ def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tup
 
     They write the whole record where it is given a value, and the name alone elsewhere.
     """
-    given = part.source.text[part.end :].lstrip().startswith("=")
-    if not given or not isinstance(topic, tree.TopicDecl):
+    assigned = part.source.text[part.end :].lstrip().startswith("=")
+    if not assigned or not isinstance(topic, tree.TopicDecl):
         return (replace(part, topic.name.text),)
     record = next((d for d in decls if d.name.text == topic.type.span.text), None)
     if not isinstance(record, tree.TypeDecl) or not isinstance(record.type, tree.RecordTypeExpr):

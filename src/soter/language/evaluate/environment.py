@@ -35,7 +35,7 @@ def _no_chooser(count: int) -> int:
 
 
 class Environment:
-    """All that code can read, and the publications of a step.
+    """The values that code can read, and the publications of a step.
 
     `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
     began; `mode(module index)`, `margin_ns(module index)` and `truth(component index)` ask the

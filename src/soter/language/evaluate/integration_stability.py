@@ -364,8 +364,8 @@ def _jacobian(
             return tuple(state(v, f, (*at, k)) for k, (_, f) in enumerate(t.fields))
         if isinstance(t, ArrayType):
             return tuple(state(v, t.element, (*at, k)) for k in range(t.size))
-        own = ranges.get((v.name, _path(v, at)), ANY)
-        return Slope(*own, {number[v, at]: (1.0, 1.0)} if (v, at) in number else {})
+        span = ranges.get((v.name, _path(v, at)), ANY)
+        return Slope(*span, {number[v, at]: (1.0, 1.0)} if (v, at) in number else {})
 
     variables: dict[typed.Variable, Tree] = {v: state(v, v.type) for v in plant.states}
     for d in c.disturbances:

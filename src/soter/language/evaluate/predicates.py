@@ -214,13 +214,13 @@ class _NanFinder(RangeEvaluator):
     def _call(self, e: t.TypedCall) -> Known:
         if e.fun.body is not None and not e.fun.prelude:
             return super()._call(e)
-        given = [self.evaluate(a) for a in e.arguments]
+        values = [self.evaluate(a) for a in e.arguments]
         if e.fun.body is None:
             return anything(e.type)
         if e.fun.name in TOTAL:
-            arguments = [self._scalar(g, a.type) for g, a in zip(given, e.arguments, strict=True)]
+            arguments = [self._scalar(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
             return range_of_prelude(e.fun.name, arguments)
-        outside, self.variables = self.variables, dict(zip(e.fun.parameters, given, strict=True))
+        outside, self.variables = self.variables, dict(zip(e.fun.parameters, values, strict=True))
         compared, found, self.compared, self.found = self.compared, self.found, set(), set()
         try:
             returned, _ = self._run(e.fun.body, None, e.type)

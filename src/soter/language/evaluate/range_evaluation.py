@@ -274,9 +274,9 @@ class RangeEvaluator:
         if e.fun.body is None:
             self.faults.possible = True
             return anything(e.type)
-        given = [self.evaluate(a) for a in e.arguments]
+        values = [self.evaluate(a) for a in e.arguments]
         outside, left, faulted = self.variables, self.left, self.faults.possible
-        self.variables = dict(zip(e.fun.parameters, given, strict=True))
+        self.variables = dict(zip(e.fun.parameters, values, strict=True))
         try:
             returned, _ = self._run(e.fun.body, None, e.type)
         except (RecursionError, TooHardError):
@@ -290,7 +290,7 @@ class RangeEvaluator:
             self.faults.possible = faulted
         if not (e.fun.prelude and e.fun.name in ranges.TOTAL):
             return known
-        numbers = [self._scalar(g, a.type) for g, a in zip(given, e.arguments, strict=True)]
+        numbers = [self._scalar(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
         return self._scalar(known, e.type).met(ranges.range_of_prelude(e.fun.name, numbers))
 
     # ------------------------------------------------------------ structure
@@ -304,7 +304,7 @@ class RangeEvaluator:
         if not isinstance(of, ArrayType) or of.size > ELEMENTS or target is UNKNOWN:
             self.faults.possible = True
             return anything(e.type)
-        self.faults.unless(at.low >= 0 and at.high < of.size)
+        self.faults.note_fault_unless(at.low >= 0 and at.high < of.size)
         union: Known = None
         for i in range(max(int(at.low), 0), min(int(at.high), of.size - 1) + 1):
             self.left -= 1
@@ -418,7 +418,7 @@ class RangeEvaluator:
             self.variables[s.place.variable] = anything(s.place.variable.type)
         elif isinstance(s, t.Assert):
             held = self.number(s.condition)
-            self.faults.unless(held == TRUE)
+            self.faults.note_fault_unless(held == TRUE)
             return held != FALSE
         else:
             raise TooHardError

@@ -68,7 +68,7 @@ class Faults:
     def __init__(self) -> None:
         self.possible = False
 
-    def unless(self, fine: bool) -> None:
+    def note_fault_unless(self, fine: bool) -> None:
         """Notes that a fault is possible, unless `fine`."""
         self.possible |= not fine
 
@@ -157,7 +157,7 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
 
 def float_divide(a: Range, b: Range, faults: Faults) -> Range:
     """`a / b`; a fault where b may be zero."""
-    faults.unless(not b.has(0.0) and not b.nan)
+    faults.note_fault_unless(not b.has(0.0) and not b.nan)
     endless = [math.isinf(x.low) or math.isinf(x.high) for x in (a, b)]
     if b.has(0.0) or all(endless) or a.nan or b.nan:
         return Range(-INF, INF, nan=all(endless) or a.nan or b.nan)
@@ -194,7 +194,7 @@ def absolute(a: Range) -> Range:
 
 def whole(low: int, high: int, faults: Faults) -> Range:
     """A result cut to 64 bits; a fault is possible if it may lie outside."""
-    faults.unless(low >= INT_MIN and high <= INT_MAX)
+    faults.note_fault_unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
 
@@ -205,7 +205,7 @@ def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
         of = {"+": int.__add__, "-": int.__sub__, "*": int.__mul__}[op]
         ends = [of(x, y) for x in xs for y in ys]
         return whole(min(ends), max(ends), faults)
-    faults.unless(not b.has(0))
+    faults.note_fault_unless(not b.has(0))
     divisors = [d for d in {*ys, 1, -1} if d and b.has(d)]
     if not divisors:
         return ANY_INT
@@ -228,11 +228,11 @@ def _quotient(a: int, b: int) -> int:
 def int_of_float(a: Range, faults: Faults) -> Range:
     """`int(a)`; a fault where it does not fit 64 bits."""
     fits = not a.nan and a.low >= -(2.0**63) and a.high < 2.0**63
-    faults.unless(fits)
+    faults.note_fault_unless(fits)
     return Range(int(a.low), int(a.high)) if fits else ANY_INT
 
 
 def narrowed(a: Range, low: int, high: int, faults: Faults) -> Range:
     """An int that is put into a place of [low, high]; a fault if it may lie outside."""
-    faults.unless(low <= a.low and a.high <= high)
+    faults.note_fault_unless(low <= a.low and a.high <= high)
     return Range(min(max(a.low, low), high), max(min(a.high, high), low))

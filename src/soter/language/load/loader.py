@@ -400,18 +400,18 @@ class _Loader:
 
     def prelude(self, path: Path) -> LoadedFile:
         loaded = _prelude_file(path)
-        self._hash(path.name, loaded.source.text)
+        self._add_to_digest(path.name, loaded.source.text)
         return loaded
 
     def file(self, path: Path, shown: str, text: str, *, prefix: str, library: bool) -> LoadedFile:
-        self._hash(prefix, text)
+        self._add_to_digest(prefix, text)
         source, parsed = self.reading.parsed(shown, text, self.diagnostics)
         loaded = LoadedFile(path, source, parsed, prefix, library)
         self.files.append(loaded)
         self._by_path[_resolved(path)] = loaded
         return loaded
 
-    def _hash(self, name: str, text: str) -> None:
+    def _add_to_digest(self, name: str, text: str) -> None:
         data = text.encode("utf-8", "surrogatepass")
         self.digest.update(f"{name}\0{len(data)}\0".encode())
         self.digest.update(data)
@@ -452,7 +452,7 @@ class _Loader:
         path = importer.path.parent / imported.path
         resolved = _resolved(path)
         if resolved in chain:
-            self._cycle(resolved, imported, chain)
+            self._report_import_cycle(resolved, imported, chain)
             return None, False
         known = self._by_path.get(resolved)
         if known is not None:
@@ -472,7 +472,7 @@ class _Loader:
         self._prefixes.add(prefix)
         return prefix
 
-    def _cycle(
+    def _report_import_cycle(
         self, closing: Path, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
     ) -> None:
         paths = list(chain)

@@ -243,7 +243,7 @@ class Shield:
 
     @property
     def code(self) -> list[TypedExpr]:
-        """All that is computed of it."""
+        """The expressions of the shield that are computed."""
         return [e for e in (self.held, self.permits, self.moved) if e is not None]
 
 

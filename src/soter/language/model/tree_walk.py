@@ -121,16 +121,16 @@ def margin_reads(*roots: object) -> set[typed.ModuleSymbol | str]:
     return {n.module for n in nodes(roots) if isinstance(n, typed.MarginRead)}
 
 
-def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
+def topics_mentioned(symbol: object) -> list[typed.TopicSymbol]:
     """Topics that a plant, a node or a module reads or writes."""
-    if isinstance(what, typed.NodeSymbol):
-        return [*(s.topic for s in what.subscribes), *what.publishes]
-    if isinstance(what, typed.PlantSymbol):
-        return [*what.reads, *(t for t, _ in what.drives)]
-    if isinstance(what, typed.ModuleSymbol):
-        nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
-        reads = [*what.topics_read, *topic_reads(*what.expressions), *what.moved]
-        return [*nodes_, *reads, *what.acknowledgements]
+    if isinstance(symbol, typed.NodeSymbol):
+        return [*(s.topic for s in symbol.subscribes), *symbol.publishes]
+    if isinstance(symbol, typed.PlantSymbol):
+        return [*symbol.reads, *(t for t, _ in symbol.drives)]
+    if isinstance(symbol, typed.ModuleSymbol):
+        nodes_ = [*topics_mentioned(symbol.ac), *topics_mentioned(symbol.sc)]
+        reads = [*symbol.topics_read, *topic_reads(*symbol.expressions), *symbol.moved]
+        return [*nodes_, *reads, *symbol.acknowledgements]
     return []
 
 
@@ -162,9 +162,7 @@ def chosen_lets(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
     return tuple([v for v, e in plant.lets if chooses(e)])
 
 
-def first_lets(
-    plant: typed.PlantSymbol,
-) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
+def first_lets(plant: typed.PlantSymbol) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
     """The lets that a step evaluates first: all up to the last one that chooses."""
     last = max((i for i, (_, e) in enumerate(plant.lets) if chooses(e)), default=-1)
     return plant.lets[: last + 1]
@@ -200,13 +198,13 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
     """Fills in `program.costs`; reports T007 for code that may take over `MAX_OPERATIONS`."""
     counter = _Counter(diagnostics)
     for fun in program.funs.values():
-        counter.function(fun)
+        counter.count_function(fun)
     for node in program.nodes.values():
         cost = counter.node(node)
         if not node.extern:
             program.costs[node] = cost
     for plant in program.plants.values():
-        counter.plant(plant)
+        counter.compare_cost_of_plant(plant)
     for module in program.modules.values():
         cost = counter.module(module)
         if module.ttf is not None and module.safer is not None:
@@ -221,7 +219,7 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
 def cost_of(fun: typed.FunSymbol) -> typed.Cost:
     """The cost of a call of a checked function."""
     counter = _Counter(Diagnostics())
-    counter.function(fun)
+    counter.count_function(fun)
     return counter.costs[fun]
 
 
@@ -243,7 +241,7 @@ class _Counter:
         self.expressions((*node.assumes, *node.guarantees), f"`{node.name}`", node.span)
         return cost
 
-    def plant(self, plant: typed.PlantSymbol) -> None:
+    def compare_cost_of_plant(self, plant: typed.PlantSymbol) -> None:
         """Compares the cost of a plant's step with the limit."""
         self.expressions(plant_code(plant), f"`{plant.name}`", plant.span)
 
@@ -258,7 +256,7 @@ class _Counter:
         self.expressions(others, f"`{module.name}`", module.span)
         return cost
 
-    def function(self, root: typed.FunSymbol) -> None:
+    def count_function(self, root: typed.FunSymbol) -> None:
         """Counts a function and before it all that it calls, however deep that nests."""
         path = [(root, iter(_callees(root)))]
         while path:
@@ -274,7 +272,9 @@ class _Counter:
             if self._said:
                 self._absurd.add(fun)
 
-    def body(self, body: Sequence[typed.TypedStmt], what: str, span: Span, size: int) -> typed.Cost:
+    def body(
+        self, body: Sequence[typed.TypedStmt], owner: str, span: Span, size: int
+    ) -> typed.Cost:
         """The cost of a body, whose other values have `size` bytes.
 
         A cost over the limit is reported once for a chain of calls and loops.
@@ -282,9 +282,9 @@ class _Counter:
         called = dict.fromkeys(_callees_in(body))
         for fun in called:
             if fun not in self.costs:
-                self.function(fun)
+                self.count_function(fun)
         self._said = any(f in self._absurd for f in called)
-        operations = self._bounded(self._block(body), what, span)
+        operations = self._bounded(self._block(body), owner, span)
         below = [self.costs[f] for f in called]
         size += BYTES * sum(_declared(s) for s in nodes(body))
         externs = dict.fromkeys(name for c in below for name in c.externs)
@@ -292,17 +292,17 @@ class _Counter:
             operations, size + max((c.bytes for c in below), default=0), tuple(externs)
         )
 
-    def expressions(self, exprs: Iterable[typed.TypedExpr], what: str, span: Span) -> typed.Cost:
+    def expressions(self, exprs: Iterable[typed.TypedExpr], owner: str, span: Span) -> typed.Cost:
         """The cost of evaluating all of the expressions."""
-        return self.body([typed.TypedReturn(e.span, e) for e in exprs], what, span, 0)
+        return self.body([typed.TypedReturn(e.span, e) for e in exprs], owner, span, 0)
 
-    def _bounded(self, count: int, what: str, span: Span) -> int:
+    def _bounded(self, count: int, owner: str, span: Span) -> int:
         if count <= MAX_OPERATIONS or self._said:
             return min(count, MAX_OPERATIONS)
         self._said = True
         self.diagnostics.error(
             "T007",
-            f"{what} may take {_shown(count)} operations",
+            f"{owner} may take {_shown(count)} operations",
             span,
             f"at most {_shown(MAX_OPERATIONS)} are possible",
             notes=("a step has to end long before its period does",),
@@ -425,10 +425,10 @@ def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
         return None
-    given = dict(zip(call.fun.parameters, call.arguments, strict=True))
+    argument_of = dict(zip(call.fun.parameters, call.arguments, strict=True))
 
     def argument(e: typed.TypedExpr) -> typed.TypedExpr:
-        return given.get(e.variable, e) if isinstance(e, typed.VarRead) else e
+        return argument_of.get(e.variable, e) if isinstance(e, typed.VarRead) else e
 
     expansion: typed.TypedExpr = rewritten(body[0].value, argument)
     return expansion
@@ -446,16 +446,16 @@ def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
     """
     if isinstance(e, typed.TypedChoose) or (isinstance(e, typed.TypedCall) and _may_differ(e.fun)):
         return object()
-    own: list[object] = [type(e).__name__]
+    form: list[object] = [type(e).__name__]
     for name in ("op", "name", "index", "instance"):
         value = getattr(e, name, None)
-        own += [name, value] if isinstance(value, (str, int)) else []
+        form += [name, value] if isinstance(value, (str, int)) else []
     for name in ("variable", "topic", "param", "module", "fun"):
         value = getattr(e, name, None)
-        own += [name, value if isinstance(value, str) else id(value)]
+        form += [name, value if isinstance(value, str) else id(value)]
     if isinstance(e, typed.Literal):
-        own.append(repr(e.value))
-    return (*own, *[_form(child) for child in children(e)])
+        form.append(repr(e.value))
+    return (*form, *[_form(child) for child in children(e)])
 
 
 def _may_differ(fun: typed.FunSymbol) -> bool:

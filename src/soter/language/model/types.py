@@ -314,17 +314,17 @@ class WrongTextError(Exception):
     """A text or number is no valid value; the message says which values are."""
 
 
-def duration_ns(given: float | str) -> int:
+def duration_ns(duration: float | str) -> int:
     """A length of time in ns: text with its unit (`"30s"`, `"1.5 min"`), or a number of seconds.
 
     Exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
     """
-    if isinstance(given, str):
-        ns = _duration_of_text(given.strip())
-    elif isinstance(given, bool) or not hasattr(given, "__float__"):
-        raise WrongTextError(f"expected a text such as '30s', or seconds, found {given!r}")
+    if isinstance(duration, str):
+        ns = _duration_of_text(duration.strip())
+    elif isinstance(duration, bool) or not hasattr(duration, "__float__"):
+        raise WrongTextError(f"expected a text such as '30s', or seconds, found {duration!r}")
     else:
-        seconds = math.inf if abs(given) > DURATION_NS_MAX else float(given)
+        seconds = math.inf if abs(duration) > DURATION_NS_MAX else float(duration)
         if not math.isfinite(seconds):
             raise WrongTextError(f"{seconds} is no length of time")
         ns = round(Fraction(repr(seconds)) * 10**9)

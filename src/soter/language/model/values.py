@@ -265,8 +265,8 @@ def _shape(t: Type) -> tuple[int, ...]:
 # ---------------------------------------------------------------- Python -> Soter
 
 
-def from_python(t: Type, given: object, path: str = "") -> Value:
-    """The Soter value that `given` stands for; raises `ValueShapeError`.
+def from_python(t: Type, value: object, path: str = "") -> Value:
+    """The Soter value that `value` stands for; raises `ValueShapeError`.
 
     Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
     `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a
@@ -274,44 +274,44 @@ def from_python(t: Type, given: object, path: str = "") -> Value:
     one element a field. Arrays and lists: a sequence or array of that length (up to it).
     A float may be NaN or infinite: the gate refuses it, not the shape.
     """
-    if hasattr(given, "tolist") and hasattr(given, "ndim"):
-        given = cast("Any", given).tolist()
+    if hasattr(value, "tolist") and hasattr(value, "ndim"):
+        value = cast("Any", value).tolist()
     if isinstance(t, FloatType):
-        return _float(given, path)
+        return _float(value, path)
     if isinstance(t, BoolType):
-        if isinstance(given, bool):
-            return given
-        raise _wrong(path, "a bool", given)
+        if isinstance(value, bool):
+            return value
+        raise _wrong(path, "a bool", value)
     if isinstance(t, (IntType, DurationType)):
-        return _int(t if isinstance(t, IntType) else DURATION_BITS, given, path)
+        return _int(t if isinstance(t, IntType) else DURATION_BITS, value, path)
     if isinstance(t, EnumType):
-        if isinstance(given, str) and given in t.members:
-            return t.members.index(given)
-        raise _wrong(path, f"one of {', '.join(map(repr, t.members))}", given)
+        if isinstance(value, str) and value in t.members:
+            return t.members.index(value)
+        raise _wrong(path, f"one of {', '.join(map(repr, t.members))}", value)
     if isinstance(t, RecordType):
-        return _record(t, given, path)
+        return _record(t, value, path)
     assert isinstance(t, (ArrayType, ListType)), t
-    if not _is_sequence(given):
-        raise _wrong(path, f"a sequence for `{t}`", given, parts=True)
-    items = list(cast("Any", given))
+    if not _is_sequence(value):
+        raise _wrong(path, f"a sequence for `{t}`", value, parts=True)
+    items = list(cast("Any", value))
     check_length(t, len(items), path)
     return tuple([from_python(t.element, v, f"{path}[{i}]") for i, v in enumerate(items)])
 
 
-def _float(given: object, path: str) -> float:
-    if not hasattr(given, "__float__") and not hasattr(given, "__index__"):
-        raise _wrong(path, "a number", given)
+def _float(value: object, path: str) -> float:
+    if not hasattr(value, "__float__") and not hasattr(value, "__index__"):
+        raise _wrong(path, "a number", value)
     try:
-        return float(cast("SupportsFloat", given))
+        return float(cast("SupportsFloat", value))
     except Exception as error:
         raise ValueShapeError(path, f"expected a number, but {error}") from error
 
 
-def _int(t: IntType, given: object, path: str) -> int:
-    if isinstance(given, bool) or not hasattr(given, "__index__"):
-        raise _wrong(path, "an int", given)
+def _int(t: IntType, value: object, path: str) -> int:
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise _wrong(path, "an int", value)
     try:
-        number = int(cast("SupportsIndex", given).__index__())
+        number = int(cast("SupportsIndex", value).__index__())
     except Exception as error:
         raise ValueShapeError(path, f"expected an int, but {error}") from error
     if not t.low <= number <= t.high:
@@ -319,30 +319,30 @@ def _int(t: IntType, given: object, path: str) -> int:
     return number
 
 
-def _record(t: RecordType, given: object, path: str) -> Value:
+def _record(t: RecordType, value: object, path: str) -> Value:
     names = [n for n, _ in t.fields]
-    if isinstance(given, Mapping):
-        _check_keys(names, given, path)
-        parts = [given[n] for n in names]
-    elif _is_sequence(given):
-        parts = list(cast("Any", given))
+    if isinstance(value, Mapping):
+        _check_keys(names, value, path)
+        parts = [value[n] for n in names]
+    elif _is_sequence(value):
+        parts = list(cast("Any", value))
         if len(parts) != len(names):
             reason = f"expected {len(names)} elements for `{t}`, found {len(parts)}"
             raise ValueStructureError(path, reason)
     else:
-        missing = [n for n in names if not hasattr(given, n)]
+        missing = [n for n in names if not hasattr(value, n)]
         if missing:
-            raise _wrong(path, f"`{t}`", given, parts=True)
-        parts = [getattr(given, n) for n in names]
+            raise _wrong(path, f"`{t}`", value, parts=True)
+        parts = [getattr(value, n) for n in names]
     pairs = zip(t.fields, parts, strict=True)
     return tuple([from_python(f, v, _field_path(path, n)) for (n, f), v in pairs])
 
 
-def _is_sequence(given: object) -> bool:
+def _is_sequence(value: object) -> bool:
     """Whether it is a list, tuple, tensor or the like; a text or named tuple is none."""
-    if isinstance(given, (str, bytes, bytearray, Mapping)) or hasattr(given, "_fields"):
+    if isinstance(value, (str, bytes, bytearray, Mapping)) or hasattr(value, "_fields"):
         return False
-    return hasattr(given, "__len__") and hasattr(given, "__getitem__")
+    return hasattr(value, "__len__") and hasattr(value, "__getitem__")
 
 
 # ---------------------------------------------------------------- extern steps
@@ -353,26 +353,26 @@ def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespac
     return SimpleNamespace(**{name: to_python(t, value) for name, t, value in named})
 
 
-def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> list[Value | None]:
+def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> list[Value | None]:
     """The values in an extern step's answer, in the order of `named`; None for one left out.
 
     A mapping from short names to values; where only one is asked for also that value itself.
     None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`,
     `ValueStructureError` where names or counts are wrong.
     """
-    if given is None:
+    if answer is None:
         return [None] * len(named)
     if len(named) == 1:
         (name, t) = named[0]
-        if not isinstance(given, Mapping) or (given and list(given) != [name]):
-            return [from_python(t, given, name)]
-    if not isinstance(given, Mapping):
-        raise _wrong("", "a mapping from names to values", given, parts=True)
+        if not isinstance(answer, Mapping) or (answer and list(answer) != [name]):
+            return [from_python(t, answer, name)]
+    if not isinstance(answer, Mapping):
+        raise _wrong("", "a mapping from names to values", answer, parts=True)
     names = [name for name, _ in named]
-    unknown = [str(key) for key in given if key not in names]
+    unknown = [str(key) for key in answer if key not in names]
     if unknown:
         raise ValueStructureError("", f"there is no `{unknown[0]}` to give a value to")
-    answers = [(name, t, given.get(name)) for name, t in named]
+    answers = [(name, t, answer.get(name)) for name, t in named]
     return [None if value is None else from_python(t, value, name) for name, t, value in answers]
 
 
@@ -395,35 +395,35 @@ def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
     return value
 
 
-def from_json(t: Type, given: object, path: str = "") -> Value:
+def from_json(t: Type, json: object, path: str = "") -> Value:
     """The value that a JSON document stands for; raises `ValueShapeError`.
 
     Stricter than Python: a bool is no number, a record is an object with exactly the fields,
     and a number for a float is finite or one of the strings `to_json` writes.
     """
     if isinstance(t, FloatType):
-        return _float_from_json(given, path)
+        return _float_from_json(json, path)
     if isinstance(t, RecordType):
-        if not isinstance(given, dict):
-            raise _wrong(path, f"an object for `{t}`", given)
-        _check_keys([n for n, _ in t.fields], given, path)
-        return tuple([from_json(f, given[n], _field_path(path, n)) for n, f in t.fields])
+        if not isinstance(json, dict):
+            raise _wrong(path, f"an object for `{t}`", json)
+        _check_keys([n for n, _ in t.fields], json, path)
+        return tuple([from_json(f, json[n], _field_path(path, n)) for n, f in t.fields])
     if isinstance(t, (ArrayType, ListType)):
-        if not isinstance(given, list):
-            raise _wrong(path, f"an array for `{t}`", given)
-        check_length(t, len(given), path)
-        if isinstance(t.element, FloatType) and {float} == set(map(type, given)):
-            return tuple(given)  # a fast path with the same result as below
-        return tuple([from_json(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
-    return from_python(t, given, path)
+        if not isinstance(json, list):
+            raise _wrong(path, f"an array for `{t}`", json)
+        check_length(t, len(json), path)
+        if isinstance(t.element, FloatType) and {float} == set(map(type, json)):
+            return tuple(json)  # a fast path with the same result as below
+        return tuple([from_json(t.element, v, f"{path}[{i}]") for i, v in enumerate(json)])
+    return from_python(t, json, path)
 
 
-def _float_from_json(given: object, path: str) -> float:
-    if isinstance(given, str) and given in ("NaN", "Infinity", "-Infinity"):
-        return float(given)
-    if isinstance(given, bool) or not isinstance(given, (int, float)):
-        raise _wrong(path, "a number", given)
-    return _float(given, path)
+def _float_from_json(json: object, path: str) -> float:
+    if isinstance(json, str) and json in ("NaN", "Infinity", "-Infinity"):
+        return float(json)
+    if isinstance(json, bool) or not isinstance(json, (int, float)):
+        raise _wrong(path, "a number", json)
+    return _float(json, path)
 
 
 # ---------------------------------------------------------------- reasons
@@ -433,37 +433,37 @@ def _field_path(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _wrong(path: str, expected: str, given: object, *, parts: bool = False) -> ValueShapeError:
-    """The error for `given`; `parts`: a value of several parts was expected."""
-    structure = parts or isinstance(given, Mapping) or _is_sequence(given)
+def _wrong(path: str, expected: str, value: object, *, parts: bool = False) -> ValueShapeError:
+    """The error for `value`; `parts`: a value of several parts was expected."""
+    structure = parts or isinstance(value, Mapping) or _is_sequence(value)
     error = ValueStructureError if structure else ValueShapeError
-    return error(path, f"expected {expected}, found {_described(given)}{_shape_hint(given)}")
+    return error(path, f"expected {expected}, found {_described(value)}{_shape_hint(value)}")
 
 
-def _shape_hint(given: object) -> str:
+def _shape_hint(value: object) -> str:
     """A hint at what to write instead; "" if nothing is close."""
-    if isinstance(given, (list, tuple)) and len(given) == 1:
+    if isinstance(value, (list, tuple)) and len(value) == 1:
         return ": give its one element, `float(y[0])`"
-    if isinstance(given, Mapping) and given and all(isinstance(k, str) for k in given):
-        keys = ", ".join(f"`{k}`" for k in list(given)[:3])
+    if isinstance(value, Mapping) and value and all(isinstance(k, str) for k in value):
+        keys = ", ".join(f"`{k}`" for k in list(value)[:3])
         return f" with {keys}: an answer's keys are the names of its topics and fields"
     return ""
 
 
-def _described(given: object) -> str:
-    if given is None or isinstance(given, (bool, int, float, str)):
-        text = repr(given)
-        return text if len(text) <= 40 else f"a long {type(given).__name__}"
-    if isinstance(given, (list, tuple)):
-        return f"a sequence of {len(given)}"
-    return f"a `{type(given).__name__}`"
+def _described(value: object) -> str:
+    if value is None or isinstance(value, (bool, int, float, str)):
+        text = repr(value)
+        return text if len(text) <= 40 else f"a long {type(value).__name__}"
+    if isinstance(value, (list, tuple)):
+        return f"a sequence of {len(value)}"
+    return f"a `{type(value).__name__}`"
 
 
-def _check_keys(names: list[str], given: Mapping[Any, object], path: str) -> None:
-    missing = [n for n in names if n not in given]
+def _check_keys(names: list[str], values: Mapping[Any, object], path: str) -> None:
+    missing = [n for n in names if n not in values]
     if missing:
         raise ValueStructureError(path, f"field `{missing[0]}` is missing")
-    extra = [str(k) for k in given if k not in names]
+    extra = [str(k) for k in values if k not in names]
     if extra:
         raise ValueStructureError(path, f"there is no field `{extra[0]}`")
 

@@ -85,13 +85,13 @@ class Parser(BodyParser):
         declarations: list[tree.Decl] = []
         reached = 0
         try:
-            self._edition_line()
+            self._parse_edition()
             while self.kinds[self.i] != EOF:
                 reached = self.starts[self.i]
                 declaration = self._top_level()
                 if isinstance(declaration, tree.ImportDecl):
                     if declarations:
-                        self._late_import(declaration, declarations[0])
+                        self._report_late_import(declaration, declarations[0])
                     imports.append(declaration)
                 elif declaration is not None:
                     declarations.append(declaration)
@@ -105,7 +105,7 @@ class Parser(BodyParser):
             self.edition, tuple(imports), tuple(declarations), span, frozenset(self.broken)
         )
 
-    def _edition_line(self) -> None:
+    def _parse_edition(self) -> None:
         first = f"`soter {EDITION};`"
         if self.kinds[0] != "soter":
             suffix = f", found {self.found()}"
@@ -142,7 +142,7 @@ class Parser(BodyParser):
             )
             if self.kinds[1] not in (";", EOF) and not self.new_line():
                 self.i = 2
-        self.semicolon("the edition")
+        self.expect_semicolon("the edition")
 
     def _top_level(self) -> tree.Decl | None:
         """Parses one declaration, or steps over a token that begins none."""
@@ -155,9 +155,9 @@ class Parser(BodyParser):
         if kind == NAME and self.texts[i] == "input" and self.kinds[i + 1] == "topic":
             return self._declaration(Parser._topic)
         if kind == ";":
-            self.stray_semicolon()
+            self.skip_stray_semicolons()
         elif kind == "}":
-            self._unmatched()
+            self._report_unmatched()
         elif kind == "soter":
             self.report("S001", "`soter` stands only once, at the very beginning of the file")
             self.skip_statement()
@@ -184,7 +184,7 @@ class Parser(BodyParser):
             self.broken.add(self.declared.text)
         return result
 
-    def _unmatched(self) -> None:
+    def _report_unmatched(self) -> None:
         self.report(
             "S013",
             "this `}` closes nothing",
@@ -220,7 +220,7 @@ class Parser(BodyParser):
         self.skip_to_declaration()
         return None
 
-    def _late_import(self, late: tree.ImportDecl, first: tree.Decl) -> None:
+    def _report_late_import(self, late: tree.ImportDecl, first: tree.Decl) -> None:
         self.quiet = -1
         self.report(
             "S003",
@@ -263,7 +263,7 @@ class Parser(BodyParser):
             else:
                 name = self.declared = tree.Name(stem, self.token_span(at))
             self.damaged = True
-        self.semicolon("the import")
+        self.expect_semicolon("the import")
         return tree.ImportDecl(name, self.span_from(self.starts[start]), path, self.token_span(at))
 
     def _type_declaration(self) -> tree.Decl:
@@ -278,7 +278,7 @@ class Parser(BodyParser):
         else:
             self.assign("after the name of the type")
         type_ = self._enum() if self.kinds[self.i] == "enum" else type_expression(self, "a type")
-        self.semicolon("the type")
+        self.expect_semicolon("the type")
         return tree.TypeDecl(name, self.span_from(start), type_)
 
     def _enum(self) -> tree.TypeExpr:
@@ -302,7 +302,7 @@ class Parser(BodyParser):
             self.skip_expression(opener)
         return tree.EnumTypeExpr(self.span_from(start), tuple(members))
 
-    def misplaced_declaration(self) -> None:
+    def skip_misplaced_declaration(self) -> None:
         """Reports a declaration inside another one, parses it, and leaves it out."""
         word = self.texts[self.i]
         computes = self.blocks > 0 or not {"step", "der"}.isdisjoint(self.items)
@@ -330,7 +330,7 @@ class Parser(BodyParser):
             data_span = self.token_span(self.i + 1)
             data = string_value(self.texts[self.i + 1])
             self.i += 2
-            self.semicolon("the data file")
+            self.expect_semicolon("the data file")
         else:
             value = self.value("the value of the constant")
         return tree.ConstDecl(name, self.span_from(start), type_, value, data, data_span)
@@ -342,7 +342,7 @@ class Parser(BodyParser):
         found = clauses(self, "parameter", _OF_A_PARAMETER)
         if "=" not in found:
             self.assign("after the type of the parameter")
-        self.semicolon("the parameter")
+        self.expect_semicolon("the parameter")
         span = self.span_from(start)
         return tree.ParamDecl(name, span, type_, found["="], found.get("in"))
 
@@ -353,7 +353,7 @@ class Parser(BodyParser):
         name = self.declare("the name of the topic")
         type_ = self.typed("the topic")
         found = clauses(self, "topic", _OF_A_TOPIC)
-        self.semicolon("the topic")
+        self.expect_semicolon("the topic")
         return tree.TopicDecl(
             name,
             self.span_from(start),

@@ -223,7 +223,7 @@ class _Layout:
 
     def _place(self, element: _Element, previous: _Element | None) -> None:
         if previous is None:
-            self._new_line(0, blank=False)
+            self._begin_line(0, blank=False)
             self._append(element, "", None)
             return
         opened = previous.index in self.blocks
@@ -241,7 +241,7 @@ class _Layout:
             return
         blank = self.boundary and element.breaks > 1 and not opened
         indent = self._base() if self.boundary else self._hanging()
-        self._new_line(indent, blank=blank)
+        self._begin_line(indent, blank=blank)
         self._append(element, "", None)
 
     def _place_item(self, element: _Element, previous: _Element, *, opened: bool) -> None:
@@ -250,7 +250,7 @@ class _Layout:
         if closing:
             frame = self.frames[-1]
             if frame.expanded or commented:
-                self._new_line(frame.close, blank=False)
+                self._begin_line(frame.close, blank=False)
                 self._append(element, "", None)
             else:
                 self._append(element, " ", _ITEM_BOUNDARY)
@@ -261,7 +261,7 @@ class _Layout:
         top_level = not self.frames and previous.index >= 0
         fresh = self.frames[-1].expanded if opened else top_level or element.breaks > 0
         if fresh or commented:
-            self._new_line(self._base(), blank=element.breaks > 1 and not opened)
+            self._begin_line(self._base(), blank=element.breaks > 1 and not opened)
             self._append(element, "", None)
         else:
             self._append(element, " ", _ITEM_BOUNDARY)
@@ -280,12 +280,12 @@ class _Layout:
         if element.breaks and space and element.index not in self.blocks:
             fresh = fresh or (element.kind not in _CLOSE and previous.kind not in _OPEN)
         if fresh:
-            self._new_line(indent, blank=False)
+            self._begin_line(indent, blank=False)
             self._append(element, "", None)
         else:
             self._append(element, space, self._level(element, previous) if space else None)
 
-    def _new_line(self, indent: int, *, blank: bool) -> None:
+    def _begin_line(self, indent: int, *, blank: bool) -> None:
         self.lines.append(_Line(indent, [], blank and bool(self.lines)))
 
     def _append(self, element: _Element, space: str, level: int | None) -> None:

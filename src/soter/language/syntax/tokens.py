@@ -196,11 +196,11 @@ def lex(source: Source) -> Tokens:
     if PUSH in kinds:
         _push_is_a_name_elsewhere(kinds)
     if not SOFT.isdisjoint(kinds):
-        _soft_words(kinds)
+        _free_soft_words(kinds)
     return tokens
 
 
-def _soft_words(kinds: list[str]) -> None:
+def _free_soft_words(kinds: list[str]) -> None:
     """Turns reserved words into names where neighbours show it: `next x = e;`, but `m.next`.
 
     Such a word is a name after a token that a name follows, and before `=`, `:`, an operator or a
@@ -249,7 +249,7 @@ def _check_escapes(tokens: Tokens, token: str, start: int) -> None:
             return
 
 
-def _wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
     wide = next(c for c in token if not c.isascii())
     at = start + token.index(wide)
     tokens.report(
@@ -264,7 +264,7 @@ def _wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.add(NAME, token, start, end)
 
 
-def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     code: Code = "L004"
     message, label = f"malformed number `{visible(token)}`", ""
     helps: tuple[Help, ...] = ()
@@ -358,12 +358,12 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.truncated = True
 
 
-def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     span = Span(tokens.source, start, end)
     if token[0] == "#":
-        said = preprocessed(tokens.source, token.rstrip(), start)
-        tokens.lost |= said.declares
-        tokens.report("L001", said.message, said.span.start, said.span.end, helps=said.helps)
+        line = preprocessed(tokens.source, token.rstrip(), start)
+        tokens.lost |= line.declares
+        tokens.report("L001", line.message, line.span.start, line.span.end, helps=line.helps)
         return
     helps: tuple[Help, ...] = (replace(span, f'"{visible(token[1:-1], 200)}"'),)
     message = "strings are written with double quotes"
@@ -375,21 +375,21 @@ def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.bad.add(len(tokens.kinds))
 
 
-def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
     operand = tokens.kinds and tokens.kinds[-1] in ("(", ",", "=")
     if operand and token.startswith("&"):
-        _garbage(tokens, token, start, end)
+        _report_unknown_characters(tokens, token, start, end)
         return
     meant = token * 2 if token in ("&", "|") else token
-    what = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
-    message = f"`{token}`{what} is not an operator of Soter"
+    point = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
+    message = f"`{token}`{point} is not an operator of Soter"
     span = Span(tokens.source, start, end)
     helps = () if meant == token else (replace(span, meant),)
     tokens.report("L001", message, start, end, helps=helps)
     tokens.add(meant, meant, start, end)
 
 
-def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_unknown_characters(tokens: Tokens, token: str, start: int, end: int) -> None:
     if len(token) == 1:
         name = _INVISIBLE.get(token, f"`{visible(token)}`")
         message = f"unexpected {name}" if token in _INVISIBLE else f"unexpected character {name}"
@@ -402,13 +402,13 @@ def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 
 _TROUBLE = {
-    7: _wide_word,
-    8: _malformed_number,
+    7: _report_wide_word,
+    8: _report_malformed_number,
     9: _open_string,
     10: _open_comment,
-    11: _foreign,
-    12: _lookalike,
-    13: _garbage,
+    11: _report_foreign,
+    12: _report_lookalike,
+    13: _report_unknown_characters,
 }
 
 

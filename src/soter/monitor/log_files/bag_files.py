@@ -61,13 +61,13 @@ CHECKPOINT, ROLLBACK = "'PRAGMA wal_checkpoint(TRUNCATE)'", "'SELECT 1 FROM mess
 class ContradictionError(ValueError):
     """A bag that is not as it says; the text says where and how, `remedy` what to do."""
 
-    def __init__(self, told: str, remedy: str) -> None:
-        super().__init__(told)
+    def __init__(self, message: str, remedy: str) -> None:
+        super().__init__(message)
         self.remedy = remedy
 
 
-def _wrong(told: str) -> ContradictionError:
-    return ContradictionError(told, REMEDY1)
+def _wrong(message: str) -> ContradictionError:
+    return ContradictionError(message, REMEDY1)
 
 
 class WholeBag1:
@@ -101,8 +101,8 @@ class WholeBag1:
             counts: Counter[int] = Counter()
             for (connection, _), n in found.items():
                 counts[connection] += n
-            said = {c: n for c, n in info.connection_counts.items() if n}
-            if said != dict(counts):
+            counts_by_connection = {c: n for c, n in info.connection_counts.items() if n}
+            if counts_by_connection != dict(counts):
                 raise _wrong(f"{where} has another number of messages than it says")
             times = [time_ns for _, time_ns in found]
             if times and (min(times), max(times) + 1) != (info.start_time, info.end_time):
@@ -133,9 +133,13 @@ class WholeBag1:
                 file.seek(size, 1)
         if file.tell() > end:
             raise _wrong("its end is missing")
-        said = len(self.reader.connections), len(self.reader.chunk_infos), len(self.reader.chunks)
+        index = (
+            len(self.reader.connections),
+            len(self.reader.chunk_infos),
+            len(self.reader.chunks),
+        )
         kinds = RecordType.CONNECTION, RecordType.CHUNK_INFO, RecordType.CHUNK
-        if said != tuple(seen[kind] for kind in kinds):
+        if index != tuple(seen[kind] for kind in kinds):
             raise _wrong("its head counts other connections or chunks than stand there")
 
     def _define(self, header: Header, body: bytes, at: int) -> None:
@@ -143,8 +147,8 @@ class WholeBag1:
         before, _ = self.known.setdefault(number, (dict(header), body))
         if self.known[number] != (dict(header), body):
             topic = before["topic"].decode("utf-8", "replace")[:80]
-            told = f"connection {number} is `{topic}`, and another one at byte {at}"
-            raise _wrong(told)
+            message = f"connection {number} is `{topic}`, and another one at byte {at}"
+            raise _wrong(message)
 
     def _chunk_messages(self, place: int) -> Iterator[tuple[int, int, bytes]]:
         chunk = self.reader.chunks[place]
@@ -154,8 +158,8 @@ class WholeBag1:
         packed = read_bytes(file, chunk.datasize)
         data = self.unpack[chunk.decompressor](packed)
         if len(data) != self.sizes[place]:
-            told = f"it says {self.sizes[place]:,} bytes and has {len(data):,}"
-            raise _wrong(f"the chunk at byte {place} is damaged: {told}")
+            message = f"it says {self.sizes[place]:,} bytes and has {len(data):,}"
+            raise _wrong(f"the chunk at byte {place} is damaged: {message}")
         inside = BytesIO(data)
         while inside.tell() < len(data):
             header = Header.read(inside)
@@ -183,14 +187,14 @@ def require_no_journal(path: Path) -> None:
         database = each.with_name(each.name.removesuffix(".zstd"))
         wal, journal = (database.with_name(database.name + end) for end in ("-wal", "-journal"))
         if wal.is_file() and wal.stat().st_size:
-            told = f"`{wal.name}` beside it holds messages that are not in it yet"
+            why = f"`{wal.name}` beside it holds messages that are not in it yet"
             raise ContradictionError(
-                told, "put them into it: " + OPENED.format(CHECKPOINT, shlex.quote(str(database)))
+                why, "put them into it: " + OPENED.format(CHECKPOINT, shlex.quote(str(database)))
             )
         if journal.is_file() and any(journal.read_bytes()[:8]):
-            told = f"`{journal.name}` beside it says that something was not written to its end"
+            why = f"`{journal.name}` beside it says that something was not written to its end"
             raise ContradictionError(
-                told,
+                why,
                 "let SQLite take it back: " + OPENED.format(ROLLBACK, shlex.quote(str(database))),
             )
 
@@ -203,16 +207,16 @@ def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Pa
     size = path.stat().st_size
     pages = next(iter(database.execute(SIZE)))[0]
     if size != pages:
-        told = f"its database has {pages:,} bytes, and the file {size:,}"
-        raise ContradictionError(told, RECOVER)
+        message = f"its database has {pages:,} bytes, and the file {size:,}"
+        raise ContradictionError(message, RECOVER)
     try:
-        (told,) = next(iter(database.execute("PRAGMA integrity_check(1)")))
+        (message,) = next(iter(database.execute("PRAGMA integrity_check(1)")))
     except apsw.InterruptError:
         raise
     except apsw.Error as error:
-        told = str(error)
-    if told != "ok":
-        raise ContradictionError(f"its database is damaged: {str(told)[:120]}", RECOVER)
+        message = str(error)
+    if message != "ok":
+        raise ContradictionError(f"its database is damaged: {str(message)[:120]}", RECOVER)
     (stored,) = next(iter(database.execute("SELECT count(*) FROM messages")))
     if stored != sum(counts.values()):
         lost = stored - sum(counts.values())
@@ -220,8 +224,8 @@ def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Pa
     if not next(iter(database.execute(HAS_METADATA)), None):
         return
     row = next(iter(database.execute("SELECT metadata FROM metadata ORDER BY id DESC")), None)
-    said = counts_said(row[0], path.name) if row is not None else {}
-    for topic, n in sorted(said.items(), key=lambda each: each[0] is None):
+    announced = counts_said(row[0], path.name) if row is not None else {}
+    for topic, n in sorted(announced.items(), key=lambda each: each[0] is None):
         if n > (stored if topic is None else counts.get(topic, 0)):
             raise wrong_count(topic, n, stored if topic is None else counts.get(topic, 0))
 
@@ -236,39 +240,39 @@ def counts_said(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
     try:
-        given = YAML(typ="safe").load(text)
-        said = given.get("rosbag2_bagfile_information", given)
-        if len(said["relative_file_paths"]) == 1:
-            return read_counts(said)
-        counts = [int(f["message_count"]) for f in said["files"] if f["path"] == file]
+        metadata = YAML(typ="safe").load(text)
+        information = metadata.get("rosbag2_bagfile_information", metadata)
+        if len(information["relative_file_paths"]) == 1:
+            return read_counts(information)
+        counts = [int(f["message_count"]) for f in information["files"] if f["path"] == file]
         return {None: counts[0]} if counts else {}
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
         return {}
 
 
-def read_counts(said: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
+def read_counts(information: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
     """Messages by topic, None: of all; raises KeyError, TypeError, ValueError."""
-    counts: dict[str | None, int] = {None: int(said["message_count"])}
-    for each in said["topics_with_message_count"]:
+    counts: dict[str | None, int] = {None: int(information["message_count"])}
+    for each in information["topics_with_message_count"]:
         name = str(each["topic_metadata"]["name"])
         counts[name] = counts.get(name, 0) + int(each["message_count"])
     return counts
 
 
-def require_counts(said: Mapping[str | None, int], there: Mapping[str, int]) -> None:
+def require_counts(announced: Mapping[str | None, int], read_by_topic: Mapping[str, int]) -> None:
     """ContradictionError where other messages were read than `metadata.yaml` says."""
-    read: dict[str | None, int] = {None: sum(there.values())}
-    read.update(there)
-    for topic in (*sorted(t for t in {*said, *read} if t is not None), None):
-        if said and said.get(topic, 0) != read.get(topic, 0):
-            raise wrong_count(topic, said.get(topic, 0), read.get(topic, 0))
+    read: dict[str | None, int] = {None: sum(read_by_topic.values())}
+    read.update(read_by_topic)
+    for topic in (*sorted(t for t in {*announced, *read} if t is not None), None):
+        if announced and announced.get(topic, 0) != read.get(topic, 0):
+            raise wrong_count(topic, announced.get(topic, 0), read.get(topic, 0))
 
 
-def wrong_count(topic: str | None, said: int, read: int) -> ContradictionError:
+def wrong_count(topic: str | None, announced: int, read: int) -> ContradictionError:
     """A ContradictionError for another number of messages than metadata say."""
     of = "in all" if topic is None else f"of `{topic[:80]}`"
-    told = f"its metadata count {said:,} messages {of}, and {read:,} stand there"
-    return ContradictionError(told, REINDEX + ", of what is there")
+    message = f"its metadata count {announced:,} messages {of}, and {read:,} stand there"
+    return ContradictionError(message, REINDEX + ", of what is there")
 
 
 STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000

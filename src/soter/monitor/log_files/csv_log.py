@@ -146,8 +146,8 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
         stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
         add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
     if not columns.times_ns:
-        said = f"no row has {choice}" if mapping.where else "it has no rows"
-        raise unusable(path, said, *choice.helps)
+        message = f"no row has {choice}" if mapping.where else "it has no rows"
+        raise unusable(path, message, *choice.helps)
     columns.damage = facts.damage
     return columns
 

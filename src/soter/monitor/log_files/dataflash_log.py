@@ -105,8 +105,8 @@ class _Format:
         """The time at which a message was written; None where it does not say so."""
         for name, unit_ns in TIMES_NS.items():
             if name in self.columns:
-                given = raw[self.columns.index(name)]
-                return given * unit_ns if isinstance(given, int) else None
+                value = raw[self.columns.index(name)]
+                return value * unit_ns if isinstance(value, int) else None
         return None
 
 
@@ -175,22 +175,22 @@ class _DataflashReading:
                 return
             form = self.formats.get(head[2]) if len(head) == HEAD_BYTES else None
             if form is None and len(head) == HEAD_BYTES:
-                told = f"the message at byte {at:,} is of kind {head[2]}, which no `FMT` says"
-                raise damaged_log(self.path, told)
+                message = f"the message at byte {at:,} is of kind {head[2]}, which no `FMT` says"
+                raise damaged_log(self.path, message)
             body = b"" if form is None else file.read(form.length - HEAD_BYTES)
             if form is None or len(body) < form.length - HEAD_BYTES:
-                told = f"its last message, at byte {at:,}, has no end: {NO_END}"
-                raise damaged_log(self.path, told)
+                message = f"its last message, at byte {at:,}, has no end: {NO_END}"
+                raise damaged_log(self.path, message)
             if self._is_left(form):
                 continue
             try:
                 raw = form.layout.unpack(body)
                 yield from self._take_message(form, raw, form.content, f"at byte {at:,}")
             except (struct.error, ValueError) as error:
-                told = (
+                message = (
                     f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
                 )
-                raise damaged_log(self.path, f"{told} what its fields need") from error
+                raise damaged_log(self.path, f"{message} what its fields need") from error
 
     def _require_padding(self, head: bytes, file: BinaryIO, at: int) -> None:
         """D016 where something else than erased flash stands behind the last message."""
@@ -201,8 +201,8 @@ class _DataflashReading:
             if not head:
                 file.seek(at - 1)
                 torn = ", and its last message may be torn" if file.read(1) == fill else ""
-                told = f"{count:,} bytes of `{fill.hex()}` stand behind its end{torn}"
-                self.facts.notes.append(told)
+                note = f"{count:,} bytes of `{fill.hex()}` stand behind its end{torn}"
+                self.facts.notes.append(note)
                 return
         raise damaged_log(self.path, f"at byte {at:,} stands no message")
 
@@ -228,14 +228,14 @@ class _DataflashReading:
             except (ValueError, struct.error):  # the latter of a number that is too large
                 values = []
             if not values or self._has_line(values[-1], by_name):
-                told = f"{where} is no `{name}`: {line[:60]}"
-                raise damaged_log(self.path, told)
+                text = f"{where} is no `{name}`: {line[:60]}"
+                raise damaged_log(self.path, text)
             yield from self._take_message(form, values, form.of_text, f"in {where}")
             if name == "FMT":
-                begun, said = True, self.formats[values[0]]
-                if by_name.setdefault(said.name, said).columns != said.columns:
-                    told = f"the `FMT` in {where} says of `{said.name}` what one before it does not"
-                    raise damaged_log(self.path, told)
+                begun, fmt = True, self.formats[values[0]]
+                if by_name.setdefault(fmt.name, fmt).columns != fmt.columns:
+                    text = f"the `FMT` in {where} says of `{fmt.name}` what one before it does not"
+                    raise damaged_log(self.path, text)
 
     def _has_line(self, cell: Any, by_name: Mapping[str, _Format]) -> bool:  # noqa: ANN401 - as typed
         """Whether a text that stands last ends with another line, whose own begin was lost."""
@@ -267,37 +267,37 @@ class _DataflashReading:
         channel = form.channel(raw)
         self.facts.there[channel] = self.facts.there.get(channel, 0) + 1
         if self.wanted is not None and channel in self.wanted:
-            told = []
+            notes = []
             if time_ns is None:
-                told.append(f"`{form.name}` says no time: that of the message before it counts")
+                notes.append(f"`{form.name}` says no time: that of the message before it counts")
             if self.has_units and form.instance is None:
-                told.append(f"no `FMTU` says which of its sensors a `{form.name}` is of")
+                notes.append(f"no `FMTU` says which of its sensors a `{form.name}` is of")
             if not self.wanted[channel].unnamed:
-                self.facts.notes += [text for text in told if text not in self.facts.notes]
+                self.facts.notes += [text for text in notes if text not in self.facts.notes]
             yield self.now_ns, None, channel, content(raw)
         elif time_ns is not None:
             yield self.now_ns, None, channel, None
 
-    def _define(self, said: dict[str, Any], where: str) -> None:
-        columns = tuple(filter(None, said["Columns"].split(",")))
-        if (said["Type"], said["Name"]) == (FMT, "FMT"):
+    def _define(self, row: dict[str, Any], where: str) -> None:
+        columns = tuple(filter(None, row["Columns"].split(",")))
+        if (row["Type"], row["Name"]) == (FMT, "FMT"):
             return  # it is the one that reads this
-        told = f"the `FMT` {where} says that `{said['Name']}` has the formats `{said['Format']}`"
-        before = self.formats.get(said["Type"])
+        text = f"the `FMT` {where} says that `{row['Name']}` has the formats `{row['Format']}`"
+        before = self.formats.get(row["Type"])
         try:
-            form = _Format(said["Name"], said["Length"], said["Format"], columns)
+            form = _Format(row["Name"], row["Length"], row["Format"], columns)
         except KeyError as error:
-            raise damaged_log(self.path, f"{told}, which are none") from error
+            raise damaged_log(self.path, f"{text}, which are none") from error
         if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
-            raise damaged_log(self.path, f"{told}, for {len(columns)} fields")
+            raise damaged_log(self.path, f"{text}, for {len(columns)} fields")
         form.instance = None if before is None else before.instance
         if before not in (None, form) or form.name == "FMT":
-            told = f"{told}, and one before it something else of its number, or name"
-            raise damaged_log(self.path, told)
-        self.formats[said["Type"]] = form
+            text = f"{text}, and one before it something else of its number, or name"
+            raise damaged_log(self.path, text)
+        self.formats[row["Type"]] = form
 
-    def _say_instance(self, said: dict[str, Any], where: str) -> None:
-        form, units = self.formats.get(said.get("FmtType", -1)), str(said.get("UnitIds", ""))
+    def _say_instance(self, fields: dict[str, Any], where: str) -> None:
+        form, units = self.formats.get(fields.get("FmtType", -1)), str(fields.get("UnitIds", ""))
         if self.wanted is not None and (form is None or len(units) != len(form.columns)):
             raise damaged_log(self.path, f"the `FMTU` {where} fits no kind that a `FMT` says")
         if form is not None and len(units) == len(form.columns):

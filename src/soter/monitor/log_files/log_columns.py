@@ -79,10 +79,10 @@ class Columns:
         """Notes on what was found that is no error."""
         if not self.equal:
             return self.notes
-        told = f"{self.equal:,} of {len(self.times_ns):,} have the time of the one before them"
+        text = f"{self.equal:,} of {len(self.times_ns):,} have the time of the one before them"
         return [
             *self.notes,
-            f"{told} and count in the order of the file; the first: {self.first_equal}",
+            f"{text} and count in the order of the file; the first: {self.first_equal}",
         ]
 
 
@@ -132,26 +132,26 @@ class FileFacts:
 
         DamagedLogError where nothing stands before it, or nobody asked for a part.
         """
-        given = False
+        any_given = False
         try:
             for row in rows:
-                given = True
+                any_given = True
                 yield row
         except DamagedLogError as error:
-            if given and not partial:
+            if any_given and not partial:
                 (problem,) = error.diagnostics
                 helped = replace(problem, helps=(*problem.helps, READABLE))
                 raise DamagedLogError((helped,)) from error
-            if not given:
+            if not any_given:
                 raise
             share = min(0.999, self.at_byte / self.size) if self.size else None
-            told = error.diagnostics[0].message.partition("cannot be used: ")[2]
-            self.damage = Damage(f"`{path}`: {told}", share)
+            message = error.diagnostics[0].message.partition("cannot be used: ")[2]
+            self.damage = Damage(f"`{path}`: {message}", share)
 
 
 @dataclass(frozen=True)
 class Damage:
-    """Where a file is cut or damaged, and which share of its bytes stands before that, if known."""
+    """The place at which a file is cut or damaged, and the share of its bytes before, if known."""
 
     told: str
     share: float | None
@@ -204,9 +204,9 @@ def opened_log(path: Path) -> Iterator[BinaryIO]:
         raise unusable(path, reason(error)) from error
 
 
-def no_file_of(path: Path, what: str) -> SoterError:
+def no_file_of(path: Path, format_name: str) -> SoterError:
     """SoterError D016 for a file that does not begin as its name says."""
-    return unusable(path, f"it is no {what}", *remedies(path))
+    return unusable(path, f"it is no {format_name}", *remedies(path))
 
 
 class DamagedLogError(SoterError):
@@ -256,14 +256,14 @@ def add_row(
     """
     last = into.times_ns[-1] if into.times_ns else time_ns
     if time_ns < last:
-        told = f"from {seconds_text(last)} s to {seconds_text(time_ns)} s"
+        between = f"from {seconds_text(last)} s to {seconds_text(time_ns)} s"
         by = f"by {seconds_text(last - time_ns)} s"
         step = last - into.times_ns[-2] if len(into.times_ns) > 1 else 0
         if step:
             by += (
                 f" ({seconds_text(last - time_ns + step)} s, had it come as soon as the one before)"
             )
-        raise unusable(path, f"time goes back in {where}, {told}, {by}", *remedies)
+        raise unusable(path, f"time goes back in {where}, {between}, {by}", *remedies)
     if into.times_ns and time_ns == last:
         into.equal += 1
         into.first_equal = into.first_equal or where
@@ -287,14 +287,14 @@ def is_plain(number: str) -> bool:
     return number.isascii() and "_" not in number
 
 
-def parse_decimal(given: object) -> Decimal | None:
+def parse_decimal(cell: object) -> Decimal | None:
     """A finite number, exactly as it is written; None for anything else."""
-    text = str(given).strip()
+    text = str(cell).strip()
     try:
         number = Decimal(text if is_plain(text) else "")
     except InvalidOperation:
         return None
-    return None if isinstance(given, bool) or not number.is_finite() else number
+    return None if isinstance(cell, bool) or not number.is_finite() else number
 
 
 DIGITS_MAX = 40
@@ -317,18 +317,18 @@ DATES = (
 )
 
 
-def no_time(path: Path, given: object, where: str) -> SoterError:
+def no_time(path: Path, cell: object, where: str) -> SoterError:
     """SoterError D016 for a value that should be a time."""
-    text = str(given).strip()
+    text = str(cell).strip()
     help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
-    return unusable(path, f"`{str(given)[:40]}` in {where} is no time", help_)
+    return unusable(path, f"`{str(cell)[:40]}` in {where} is no time", help_)
 
 
-def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
+def moment(path: Path, cell: object, unit_ns: Fraction, where: str) -> int:
     """A time in ns, exactly as it is written; SoterError D016."""
-    number = parse_decimal(given)
+    number = parse_decimal(cell)
     if number is None or abs(number.adjusted()) > 40:
-        raise no_time(path, given, where)
+        raise no_time(path, cell, where)
     return round(Fraction(number) * unit_ns)
 
 
@@ -363,16 +363,16 @@ class RowChoice:
     @property
     def helps(self) -> list[str]:
         """The values, in words, that left rows out, for each column that did."""
-        told = []
+        texts = []
         for name, seen in self._seen.items():
             values = [f"{value} ({n:,} times)" for value, n in [*seen.items()][:SHOWN]]
             more = ["others"] if len(seen) > SHOWN else []
             if seen:
-                told.append(
+                texts.append(
                     f"`{name}` is not `{self.where[name][:40]}` but {', '.join(values + more)}: "
                     "say it in `where` as it stands there"
                 )
-        return told
+        return texts
 
 
 def _is(cell: object, wanted: str) -> bool:
@@ -427,10 +427,10 @@ def remedies(path: Path) -> tuple[str, ...]:
             head = file.read(64)
     except OSError:
         return (READ,)
-    told = next((text for magic, text in BY_MAGIC if head.startswith(magic)), None)
-    if told is None and b"," in head and head.isascii() and path.suffix.lower() != ".csv":
-        told = "a CSV, perhaps: its name ends in `.csv`"
-    return (READ,) if told is None else (f"it looks like {told}", READ)
+    likely_format = next((text for magic, text in BY_MAGIC if head.startswith(magic)), None)
+    if likely_format is None and b"," in head and head.isascii() and path.suffix.lower() != ".csv":
+        likely_format = "a CSV, perhaps: its name ends in `.csv`"
+    return (READ,) if likely_format is None else (f"it looks like {likely_format}", READ)
 
 
 WRITERS_SHOWN = 8
@@ -459,7 +459,7 @@ class Writers:
     @property
     def notes(self) -> list[str]:
         """Notes on channels with several writers."""
-        told = []
+        texts = []
         for channel, messages in self._messages.items():
             if len(messages) < 2:
                 continue
@@ -467,14 +467,14 @@ class Writers:
             more = f" and {len(messages) - SHOWN:,} more" if len(messages) > WRITERS_SHOWN else ""
             changes = self._changes[channel]
             turns = f"{changes:,} change{'s'[: changes > 1]} from one to another"
-            told.append(
+            texts.append(
                 f"`{channel}` has {len(messages):,} writers, which are read as one stream: "
                 f"{', '.join(first)}{more}, {turns}; a `where` of the topic chooses messages"
             )
-        told += [
+        texts += [
             f"{n:,} publishers offered `{channel}`, which are read as one stream: the bag does not "
             "say whose each message is"
             for channel, n in self._offered.items()
             if n > 1 and len(self._messages.get(channel, ())) < 2
         ]
-        return told
+        return texts

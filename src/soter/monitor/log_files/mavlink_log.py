@@ -62,7 +62,7 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
                 name = f"message {message.get_msgId()}"
                 odd.note(name, frame, "its checksum is none of its dialect's", asked=False)
             else:
-                odd.right(name)
+                odd.count_right(name)
             facts.there[name] = facts.there.get(name, 0) + 1
             content = None
             if name in wanted:
@@ -87,11 +87,11 @@ class _OddFrames:
         self._seeds: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
 
-    def right(self, name: str) -> None:
+    def count_right(self, name: str) -> None:
         """Count a message whose checksum is right."""
         if name in self._seeds:
-            told = f"of the messages of `{name}` before byte {self.facts.at_byte:,} each is damaged"
-            raise damaged_log(self.path, told)
+            text = f"of the messages of `{name}` before byte {self.facts.at_byte:,} each is damaged"
+            raise damaged_log(self.path, text)
         self._right.add(name)
 
     def note(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
@@ -99,8 +99,8 @@ class _OddFrames:
         seeds = range(256) if name not in self._seeds else (self._seeds[name],)
         seed = next((s for s in seeds if _has_checksum(frame, s)), None)
         if asked or name in self._right or seed is None:
-            told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
-            raise damaged_log(self.path, told)
+            message = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
+            raise damaged_log(self.path, message)
         self._seeds[name] = seed
         self._counts[name] += 1
 
@@ -137,6 +137,6 @@ def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int,
             length = AROUND[head[0]] + head[1] + (SIGNATURE_BYTES if signed else 0)
         frame = head + file.read(max(0, length - len(head)))
         if not length or len(frame) < length:
-            told = f"its last message, at byte {at:,}, has no end"
-            raise damaged_log(path, f"{told}: the recorder died, or the file was cut")
+            message = f"its last message, at byte {at:,}, has no end"
+            raise damaged_log(path, f"{message}: the recorder died, or the file was cut")
         yield int.from_bytes(stamp, "big"), bytearray(frame)

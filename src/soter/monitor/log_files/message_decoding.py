@@ -212,10 +212,7 @@ def _needed_types(full: str, definitions: Definitions) -> Definitions:
 
 
 def _measure(
-    name: str,
-    definitions: Definitions,
-    sizes: dict[str, tuple[int, int]],
-    inside: tuple[str, ...],
+    name: str, definitions: Definitions, sizes: dict[str, tuple[int, int]], inside: tuple[str, ...]
 ) -> tuple[int, int]:
     """Primitives and messages of a type, and the least bytes of a message of it.
 
@@ -331,8 +328,8 @@ class _Reading:
         self.facts.notes += self.writers.notes
         self.facts.unchecked |= records.unchecked
         if records.private:
-            told = f"{records.private:,} records of kinds that only its writer knows"
-            self.facts.notes.append(f"{told} were stepped over")
+            text = f"{records.private:,} records of kinds that only its writer knows"
+            self.facts.notes.append(f"{text} were stepped over")
 
     def _made_decoder(self, channel: Any, schema: Any) -> Callable[[bytes], Any]:  # noqa: ANN401 - records
         encoding = channel.message_encoding

@@ -76,11 +76,11 @@ def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a messa
     return current.tolist() if hasattr(current, "dtype") else current  # of numpy, also one number
 
 
-def read_time_ns(given: Any) -> int:  # noqa: ANN401 - the same
+def read_time_ns(stamp: Any) -> int:  # noqa: ANN401 - the same
     """A time of seconds and nanoseconds, in ns; raises NoTimeError."""
     for names in SECONDS:
         try:
-            seconds, rest = (message_part(given, n) for n in names)
+            seconds, rest = (message_part(stamp, n) for n in names)
         except NoPartError:
             continue
         whole = type(seconds) is int and type(rest) is int
@@ -216,8 +216,8 @@ def _ends_of_log(
     ends = _ends(counted, []) if mapping.where else whole
     beyond_ns = whole[1] - ends[1]
     if beyond_ns > 0:
-        told = f"other channels go on for {seconds_text(beyond_ns)} s"
-        notes.append(f"{told}; of a choice by `where` the log ends with the last row that counts")
+        text = f"other channels go on for {seconds_text(beyond_ns)} s"
+        notes.append(f"{text}; of a choice by `where` the log ends with the last row that counts")
     return ends, beyond_ns, notes
 
 
@@ -279,8 +279,8 @@ def _near(
     notes = []
     for channel, by in far.items():
         side = "before" if by[-1] > 0 else "after"
-        told = f"{len(by):,} messages of `{channel}`, up to {max(map(abs, by)) / 1e9:,.0f} s {side}"
-        notes.append(f"{told} the rest, have another clock and do not count as its end")
+        text = f"{len(by):,} messages of `{channel}`, up to {max(map(abs, by)) / 1e9:,.0f} s {side}"
+        notes.append(f"{text} the rest, have another clock and do not count as its end")
     return near, notes
 
 
@@ -326,11 +326,11 @@ def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
         if publish_ns is None:
             raise unusable(path, f"`time` is `{name}`, which a bag has not: an MCAP has", OF_ALL)
         return publish_ns
-    given = _part(path, message, str(name), where, False, OF_ALL)
-    if isinstance(given, (int, float, str)):
-        return moment(path, given, mapping.time_ns, where)
+    stamp = _part(path, message, str(name), where, False, OF_ALL)
+    if isinstance(stamp, (int, float, str)):
+        return moment(path, stamp, mapping.time_ns, where)
     try:
-        now = read_time_ns(given)
+        now = read_time_ns(stamp)
     except NoTimeError as error:
         raise unusable(path, f"`{name}` in {where} is no time", OF_ALL) from error
     if mapping.time_ns != SECOND_NS:
@@ -357,13 +357,13 @@ def _part(
 
 
 def _stamp(path: Path, message: Any, source: StampSource, where: str) -> int | None:  # noqa: ANN401 - the same
-    given = _part(path, message, source.path, where)
-    if given is None:
+    stamp = _part(path, message, source.path, where)
+    if stamp is None:
         return None
     if source.kind == "number":
-        return moment(path, given, source.unit_ns, where)
+        return moment(path, stamp, source.unit_ns, where)
     try:
-        return read_time_ns(given)
+        return read_time_ns(stamp)
     except NoTimeError as error:
         shown = f"`{source.path}` in {where}"
         help_ = f'of a number the mapping says the unit: {{ from = "{source.path}", unit = "us" }}'
@@ -386,8 +386,8 @@ def read_columns(
     for t in mapping.topics:
         for leaf_path, leaf in t.leaves.items():
             if isinstance(leaf, NearestSource):
-                what = "is what is nearest in a scan, which a robot can take and a log cannot give"
-                raise unusable(path, f"`{t.name_of(leaf_path)}` {what}")
+                why = "is what is nearest in a scan, which a robot can take and a log cannot give"
+                raise unusable(path, f"`{t.name_of(leaf_path)}` {why}")
     table = len(paths) == 1 and is_table(path)
     wanted = wanted_columns(path, mapping, table=table)
     if table:
@@ -400,17 +400,13 @@ def read_columns(
         columns = read_messages(path, mapping, wanted, partial=partial)
     times = [t for c in columns.values() for t in (c.times_ns[0], c.times_ns[-1])]
     if min(times) == max(times) and any(c.equal for c in columns.values()):
-        said = f"time stands still: all that counts is of {seconds_text(times[0])} s"
-        raise unusable(path, said, "`[time] from` names another time: docs/mapping.md, Logs")
+        message = f"time stands still: all that counts is of {seconds_text(times[0])} s"
+        raise unusable(path, message, "`[time] from` names another time: docs/mapping.md, Logs")
     return columns
 
 
 def _columns_of_files(
-    paths: Sequence[Path],
-    mapping: LogMap,
-    wanted: dict[str | None, Wanted],
-    *,
-    partial: bool,
+    paths: Sequence[Path], mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool
 ) -> dict[str | None, Columns]:
     """The columns of each of several CSVs, by the name under which the mapping knows it."""
     other = next((p for p in paths if not is_table(p)), None)
@@ -421,14 +417,14 @@ def _columns_of_files(
         meant = [p for p in paths if fnmatchcase(p.name, channel or "")]
         if len(meant) != 1:
             names = ", ".join(f"`{p.name}`" for p in paths)
-            told = f"a topic has the `channel` {channel}" if channel else "a topic has no `channel`"
+            text = f"a topic has the `channel` {channel}" if channel else "a topic has no `channel`"
             help_ = "the `channel` of a topic is the name of one of them; `*` stands for any text; "
             help_ += "several CSVs are one log: of several runs give one at a time"
-            raise unusable(paths[0], f"{told}, and {len(meant)} of {names} are called so", help_)
+            raise unusable(paths[0], f"{text}, and {len(meant)} of {names} are called so", help_)
         columns[channel] = read_csv(meant[0], mapping, asked, partial=partial)
     begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
     if max(begins) > min(ends):
         late = max(columns, key=lambda k: columns[k].log_ns[0])
-        told = f"`{late}` begins at {seconds_text(max(begins))} s, when another one has ended"
-        raise unusable(paths[0], f"{told}, at {seconds_text(min(ends))} s", CLOCKS)
+        text = f"`{late}` begins at {seconds_text(max(begins))} s, when another one has ended"
+        raise unusable(paths[0], f"{text}, at {seconds_text(min(ends))} s", CLOCKS)
     return columns

@@ -100,9 +100,9 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
-        said = str(error)[:200] if _says_why(error) else ""
+        message = str(error)[:200] if _says_why(error) else ""
         help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
-        raise damaged_log(path, said or "it is no bag of ROS, or damaged", help_) from error
+        raise damaged_log(path, message or "it is no bag of ROS, or damaged", help_) from error
 
 
 def _alone(path: Path) -> _Bag2:
@@ -162,8 +162,8 @@ def _require_ros1(path: Path) -> None:
 
 def _says_why(error: Exception) -> bool:
     """Whether the text of an error is meant for people."""
-    own = type(error).__module__.startswith(("rosbags.", "soter."))
-    return own and not isinstance(error, KeyError)
+    of_readers = type(error).__module__.startswith(("rosbags.", "soter."))
+    return of_readers and not isinstance(error, KeyError)
 
 
 def _folder_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
@@ -204,11 +204,11 @@ def _bag2(path: Path) -> _Bag2:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise unusable(path, f"its `{METADATA}` cannot be read: {why}", REINDEX) from error
     try:
-        said = YAML(typ="safe").load(text)[MARK]
-        names, storage = said["relative_file_paths"], said["storage_identifier"]
-        mode = str(said.get("compression_mode") or "").lower()
-        form = str(said.get("compression_format") or "")
-        counts = read_counts(said)
+        information = YAML(typ="safe").load(text)[MARK]
+        names, storage = information["relative_file_paths"], information["storage_identifier"]
+        mode = str(information.get("compression_mode") or "").lower()
+        form = str(information.get("compression_format") or "")
+        counts = read_counts(information)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
     packed = _packing(path, storage, mode, form)

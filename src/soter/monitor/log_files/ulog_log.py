@@ -46,13 +46,13 @@ def _is_other(kind: int, body: bytes) -> bool:
         begin = 9 if kind == ord("L") else 11
         return len(body) >= begin and body[0] in b"01234567" and not {*body[begin:]} & CONTROLS
     flag, fact = (body[0], body[1:]) if kind in b"MQ" else (0, body)
-    said = KEY.fullmatch(fact[1 : 1 + fact[0]])
-    if kind not in b"IMPQ" or said is None or flag > {ord("M"): 1}.get(kind, 3):
+    key = KEY.fullmatch(fact[1 : 1 + fact[0]])
+    if kind not in b"IMPQ" or key is None or flag > {ord("M"): 1}.get(kind, 3):
         return body == SYNC and kind == ord("S")
-    size = struct.calcsize(f"<{TYPES[said[1].decode('ascii')]}") * int(said[2] or 1)
+    size = struct.calcsize(f"<{TYPES[key[1].decode('ascii')]}") * int(key[2] or 1)
     value = fact[1 + fact[0] :]
     if kind == ord("M") and len(value) != size:  # `pyulog` writes that of the first of several
-        return len(value) < size or (said[1] == b"char" and not {*value} & CONTROLS)
+        return len(value) < size or (key[1] == b"char" and not {*value} & CONTROLS)
     return len(value) == size
 
 
@@ -156,13 +156,13 @@ class _UlogReading:
                 if kind == ord("D"):
                     yield from self._data(body)
                 else:
-                    self._other(kind, body)
+                    self._note_other(kind, body)
             except (ValueError, KeyError, IndexError, struct.error) as error:
                 shown = f"the message of kind `{chr(kind)}` at byte {self.facts.at_byte:,}"
                 raise damaged_log(self.path, f"{shown} is none that its formats allow") from error
         if self.lost:
-            told = f"the recorder could not keep up {self.lost:,} times, for {self.lost_ms:,} ms"
-            self.facts.notes.append(f"{told} in all: messages are missing there")
+            text = f"the recorder could not keep up {self.lost:,} times, for {self.lost_ms:,} ms"
+            self.facts.notes.append(f"{text} in all: messages are missing there")
         self.facts.notes += self.writers.notes
 
     def _next(self) -> tuple[int, bytes] | None:
@@ -176,8 +176,8 @@ class _UlogReading:
             begun = self.file.read(max(0, self.appended[0] - at - HEAD.size))
             if at + HEAD.size < self.appended[0] and not self._may_begin(length, kind, begun):
                 raise damaged_log(self.path, f"at byte {at:,} stands no message")
-            told = f"it was cut at byte {at:,} by a crash, and what was written after it is read"
-            self.facts.notes.append(told)
+            note = f"it was cut at byte {at:,} by a crash, and what was written after it is read"
+            self.facts.notes.append(note)
             self.file.seek(self.appended.pop(0))
             return self._next()
         body = self.file.read(length)
@@ -214,12 +214,12 @@ class _UlogReading:
         topic = self.topics.get(int.from_bytes(begun[:2], "little"))
         return topic is not None and topic.is_as_long(length)
 
-    def _other(self, kind: int, body: bytes) -> None:
+    def _note_other(self, kind: int, body: bytes) -> None:
         """Take note of what is no data; ValueError and the like where it is none of its kind."""
         if kind == ord("F"):
             name, _, fields = body.decode("ascii").partition(":")
-            said = (f"{name} _", *fields.rstrip(";").split(";"))
-            if not all(FIELD.fullmatch(text) for text in said):
+            declarations = (f"{name} _", *fields.rstrip(";").split(";"))
+            if not all(FIELD.fullmatch(text) for text in declarations):
                 raise ValueError
             if self.formats.setdefault(name, fields) != fields:
                 raise ValueError
@@ -228,7 +228,7 @@ class _UlogReading:
         elif kind == ord("R"):
             del self.topics[struct.unpack("<H", body)[0]]
         elif kind == ord("B") and self.facts.at_byte == HEADER_BYTES:
-            self._flags(body)
+            self._note_flags(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
         elif not _is_other(kind, body):
@@ -244,7 +244,7 @@ class _UlogReading:
             raise ValueError
         self.facts.there.setdefault(channel, 0)
 
-    def _flags(self, body: bytes) -> None:
+    def _note_flags(self, body: bytes) -> None:
         """Take note of where data were appended; SoterError for a newer kind of ULog."""
         ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
         if ahead[0] & ~1 or any(ahead[1:]):

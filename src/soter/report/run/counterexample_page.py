@@ -56,29 +56,29 @@ class Told(NamedTuple):
 
 def counterexample_page(
     system: System,
-    told: Told,
+    words: Told,
     instants: Sequence[Instant],
     violated_s: float | None,
     decisions: tuple[Decision, ...] = (),
 ) -> ReportPage:
     """The page; `violated_s`: when it is violated, None where the run does not get there."""
-    chart = _chart(system, told, instants, violated_s, decisions) if instants else None
+    chart = _chart(system, words, instants, violated_s, decisions) if instants else None
     return ReportPage(
-        told.title,
-        subtitle=told.subtitle,
-        headline=told.headline,
+        words.title,
+        subtitle=words.subtitle,
+        headline=words.headline,
         charts=() if chart is None else (chart,),
-        notes=(*told.notes, *_zoomed(instants)),
-        assumptions=told.assumptions,
-        provenance=told.provenance,
-        picture=Picture(told.svg),
-        sections=told.sections,
+        notes=(*words.notes, *_zoomed(instants)),
+        assumptions=words.assumptions,
+        provenance=words.provenance,
+        picture=Picture(words.svg),
+        sections=words.sections,
     )
 
 
 def _chart(
     system: System,
-    told: Told,
+    words: Told,
     instants: Sequence[Instant],
     violated_s: float | None,
     decisions: tuple[Decision, ...],
@@ -89,7 +89,7 @@ def _chart(
         if x.plant is not None
     }
     topics = {t.name: recorded(t.type, [i.topics[t.name] for i in instants]) for t in system.topics}
-    failed = () if violated_s is None else (Violation(violated_s, told.violated),)
+    failed = () if violated_s is None else (Violation(violated_s, words.violated),)
     name = f"System {system.name}"
     return Chart(
         name=name,
@@ -103,7 +103,7 @@ def _chart(
         decisions=decisions,
         violations=failed,
         summary={"violations": len(failed)},
-        properties=(told.violated,),
+        properties=(words.violated,),
         opens=_opens([i.time_s for i in instants]),
     )
 

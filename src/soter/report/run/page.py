@@ -59,8 +59,8 @@ UNITS = {"_s": "s", "_m": "m", "_km": "km", "_ns": "ns"}
 
 def violation_count(arm: Flight | Chart) -> int:
     """Return how often the properties failed: as summarized, else as listed."""
-    told = arm.summary.get("violations")
-    return int(told) if isinstance(told, (int, float)) else len(arm.violations)
+    count = arm.summary.get("violations")
+    return int(count) if isinstance(count, (int, float)) else len(arm.violations)
 
 
 def headline(page: ReportPage) -> list[str]:
@@ -207,6 +207,6 @@ def _flown(flights: Sequence[Flight]) -> list[Figure]:
 
 
 def _where(flight: Flight, event: Decision | Violation) -> str:
-    """Where an event took place, negative numbers with a minus sign."""
+    """The place of an event, negative numbers with a minus sign."""
     x, y, z = place(flight, event.time_s, event.position)
     return f"{x:.1f}, {y:.1f}, {z:.1f}".replace("-", "\N{MINUS SIGN}")

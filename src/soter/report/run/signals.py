@@ -82,8 +82,8 @@ def value_series(
             for each in _signals(f"{name}.{state.name}", state.type, states[state.name], ()):
                 shared = each.panel == each.name.rpartition(".")[0]  # of a record
                 alone |= {each.name} & compared if not shared else set()
-                own = replace(each, panel=each.name) if each.name in alone else each
-                yield _with_limits(own, demanded)
+                shown = replace(each, panel=each.name) if each.name in alone else each
+                yield _with_limits(shown, demanded)
     for topic in system.topics:
         if topic.held or topic.name not in topics:
             continue
@@ -139,27 +139,27 @@ def _measured_states(system: System) -> dict[str, str]:
     for x in system.components:
         if x.plant is None:
             continue
-        own = {v: f"{x.name}.{v.name}" for v in x.plant.states}
+        names = {v: f"{x.name}.{v.name}" for v in x.plant.states}
         for topic, value in x.plant.drives:
             name = system.topics[x.scope.topics[topic]].name
-            state_by_signal |= dict(_equal_states(name, value, own))
+            state_by_signal |= dict(_equal_states(name, value, names))
     return state_by_signal
 
 
 def _equal_states(
-    name: str, e: typed.TypedExpr, own: Mapping[typed.Variable, str]
+    name: str, e: typed.TypedExpr, names: Mapping[typed.Variable, str]
 ) -> Iterator[tuple[str, str]]:
     """Pairs of a driven signal and the plant's state that it equals, leaf by leaf."""
-    if isinstance(e, typed.VarRead) and e.variable in own:
+    if isinstance(e, typed.VarRead) and e.variable in names:
         for path, _ in leaves(e.type):
-            yield leaf_name(name, path), leaf_name(own[e.variable], path)
+            yield leaf_name(name, path), leaf_name(names[e.variable], path)
     elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
         order = e.order or range(len(e.elements))
         for i, part in zip(order, e.elements, strict=True):
-            yield from _equal_states(f"{name}.{e.type.fields[i][0]}", part, own)
+            yield from _equal_states(f"{name}.{e.type.fields[i][0]}", part, names)
     elif isinstance(e, typed.Aggregate) and isinstance(e.type, ArrayType):
         for i, part in enumerate(e.elements):
-            yield from _equal_states(f"{name}[{i}]", part, own)
+            yield from _equal_states(f"{name}[{i}]", part, names)
 
 
 def _visible_levels(

@@ -264,11 +264,7 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
 
 
 def _panel(
-    stack: _Stack,
-    row: int,
-    chart: Chart,
-    series: Sequence[Series],
-    chosen: NDArray[np.intp],
+    stack: _Stack, row: int, chart: Chart, series: Sequence[Series], chosen: NDArray[np.intp]
 ) -> list[Json]:
     """Draw the series of one panel: the first in ink, the others dashed and named at the end."""
     traces: list[Json] = []
@@ -345,11 +341,7 @@ def _shade(
 
 
 def _rectangle(
-    stack: _Stack,
-    row: int,
-    time_s: NDArray[np.float64],
-    stretch: tuple[int, int],
-    colour: str,
+    stack: _Stack, row: int, time_s: NDArray[np.float64], stretch: tuple[int, int], colour: str
 ) -> Json:
     """Return a rectangle over the full height of a row."""
     low, high = stack.domains[row]
@@ -427,10 +419,7 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
 def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
     """Put the decisions on the mode band; a takeover stands above the return that follows soon."""
     size = crowded(len(decisions), 9)
-    kinds = (
-        (givebacks(decisions), giveback_dot(size)),
-        (takeovers(decisions), takeover_dot(size)),
-    )
+    kinds = ((givebacks(decisions), giveback_dot(size)), (takeovers(decisions), takeover_dot(size)))
     return [
         _markers(stack, row, marker, [(d.time_s, decision_hover(d)) for d in chosen])
         for chosen, marker in kinds
@@ -454,8 +443,8 @@ def _instant(time_s: float) -> Json:
 
 def _crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
     """Cross out violations in a row of their own: a property is of no one signal."""
-    told = [(violation.time_s, violation_hover(violation)) for violation in violations]
-    return _markers(stack, row, violation_cross(10), told)
+    marks = [(violation.time_s, violation_hover(violation)) for violation in violations]
+    return _markers(stack, row, violation_cross(10), marks)
 
 
 def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Series]) -> Json:
@@ -471,15 +460,15 @@ def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Ser
     return {**marks, "y": numbers(np.array(values), digits_of(np.array(values)))}
 
 
-def _markers(stack: _Stack, row: int, marker: Json, told: Sequence[tuple[float, str]]) -> Json:
-    """Marks on the middle of a row, `told`: times in s, and texts for whoever points at them."""
+def _markers(stack: _Stack, row: int, marker: Json, marks: Sequence[tuple[float, str]]) -> Json:
+    """Marks on the middle of a row, `marks`: times in s, and texts for whoever points at them."""
     return {
         "type": "scatter",
         "mode": "markers",
-        "x": [round(time_s, 4) for time_s, _ in told],
-        "y": [0.5] * len(told),
+        "x": [round(time_s, 4) for time_s, _ in marks],
+        "y": [0.5] * len(marks),
         "yaxis": stack.name(row),
-        "text": [text for _, text in told],
+        "text": [text for _, text in marks],
         "hovertemplate": "%{text}<extra></extra>",
         "marker": marker,
         "cliponaxis": False,

@@ -1,4 +1,4 @@
-"""Where the SC of a module would lead from each look, as plain data.
+"""The states to which the SC of a module would lead from each look, as plain data.
 
 Purpose: `LedPicture` holds looks (each a decision of a module on its estimate): boxes of states,
 rounded outwards and joined where they are many, as JSON for a screen. Times are in seconds.
@@ -59,11 +59,7 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
         "units": list(picture.units),
         "scale": scale.tolist(),
         "looks": [
-            {
-                "t": round(look.time_s, 4),
-                "told": look.told,
-                "boxes": _whole(look.boxes, scale),
-            }
+            {"t": round(look.time_s, 4), "told": look.told, "boxes": _whole(look.boxes, scale)}
             for look in picture.looks
         ],
     }

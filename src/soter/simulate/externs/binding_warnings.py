@@ -125,9 +125,9 @@ def _why_missing(binding: BindingText) -> str:
     except (OSError, UnicodeDecodeError):
         return f"there is no file `{path}`" if not path.is_file() else f"`{path}` cannot be read"
     if binding.kind == "c":
-        there = re.search(rf"\b{re.escape(wanted)}\s*\(", COMMENT.sub(" ", text)) is not None
+        found = re.search(rf"\b{re.escape(wanted)}\s*\(", COMMENT.sub(" ", text)) is not None
         # a macro or an included file may make any name
-        return "" if there or "##" in text or '.c"' in text else _undefined_text(path, wanted)
+        return "" if found or "##" in text or '.c"' in text else _undefined_text(path, wanted)
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):

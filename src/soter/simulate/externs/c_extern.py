@@ -103,10 +103,10 @@ def _refuse_the_impossible(nodes: Sequence[Component], funs: list[FunSymbol]) ->
         raise SoterError(tuple(problems))
 
 
-def _only_native(what: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 - a span
+def _only_native(subject: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 - a span
     return Diagnostic(
         "X008",
-        f"the interpreter cannot call the C of {what}",
+        f"the interpreter cannot call the C of {subject}",
         Label(span, "declared here"),
         notes=(why,),
         helps=("use --engine native",),
@@ -137,11 +137,11 @@ def _node_callable(
     outputs = [t.name.rpartition(".")[2] for t in node.publishes]
 
     def step(inputs: SimpleNamespace) -> dict[str, object]:
-        given = bytearray(max(in_size, 1))
+        encoded = bytearray(max(in_size, 1))
         for (name, t), at in zip(reads, places, strict=True):
-            encode_into(given, at, t, from_python(t, getattr(inputs, name)))
+            encode_into(encoded, at, t, from_python(t, getattr(inputs, name)))
         got = bytearray(max(answer.size, 1))
-        status = call(ffi.from_buffer(bytes(given)), ffi.from_buffer(got))
+        status = call(ffi.from_buffer(bytes(encoded)), ffi.from_buffer(got))
         if status != 0:
             raise CFaultError(f"it returned {status}")
         return {
@@ -161,11 +161,11 @@ def _struct_layout(types: list[Type]) -> tuple[list[int], int]:
     """The offsets of a struct's members, as a C compiler places them, and the struct's size."""
     at, align, places = 0, 1, []
     for t in types:
-        own = align_of(t)
-        at = -(-at // own) * own
+        alignment = align_of(t)
+        at = -(-at // alignment) * alignment
         places.append(at)
         at += size_of(t)
-        align = max(align, own)
+        align = max(align, alignment)
     return places, -(-at // align) * align
 
 

@@ -147,8 +147,8 @@ def close(bound: Mapping[str, object]) -> None:
 
 def assumptions(bound: Mapping[str, object]) -> list[str]:
     """The assumptions that the files of policies leave open, a sentence for each callable."""
-    told = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
-    return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in told if x]
+    pairs = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
+    return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in pairs if x]
 
 
 def _c_callables(bindings: Bindings) -> dict[str, object]:

@@ -117,12 +117,12 @@ class RealTimeResponder:
 
     def _encode(self, answer: object) -> bytes:
         values = convert_answer(self._spec.shapes, answer)
-        given = {n: v for (n, _), v in zip(self._spec.shapes, values, strict=True) if v is not None}
-        present: dict[str, Any] = {f"has_{n}": n in given for n, _ in self._spec.shapes}
+        sent = {n: v for (n, _), v in zip(self._spec.shapes, values, strict=True) if v is not None}
+        present: dict[str, Any] = {f"has_{n}": n in sent for n, _ in self._spec.shapes}
         layout = self._spec.exchange.answer
         out = bytearray(layout.size)
         for member in layout.members:
-            if member.name in (fields := {**given, **present}):
+            if member.name in (fields := {**sent, **present}):
                 encode_into(out, member.offset, member.type, fields[member.name])
         return bytes(out)
 
@@ -158,7 +158,7 @@ def main(path: str) -> int:
         return _report_failure(spec, "; ".join(d.message for d in error.diagnostics))
     except Exception as error:  # noqa: BLE001 - of the person's `reset`
         return _report_failure(spec, f"it could not be reset: {failure_text(error)}")
-    channel.ready()
+    channel.announce_ready()
     try:
         while True:
             request = channel.next()
@@ -209,8 +209,8 @@ class ProcessExtern:
         """Makes a step; `GoneError`, `ForgedError`, or `PlainError` for what the extern raised."""
         if self._child is None:
             self._child = self._restart()
-        said = self._ask(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
-        values = said.get("values")
+        reply = self._ask(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
+        values = reply.get("values")
         if not isinstance(values, list) or len(values) != len(self._shapes):
             raise ForgedError("its process answered nothing that is an answer")
         return Converted(
@@ -236,16 +236,16 @@ class ProcessExtern:
         shapes, load, name = self._shapes, self._load, self._name
         child = Child(lambda: VirtualTimeResponder(name, load, shapes).answer)
         try:
-            said = self._ask(child, b"l", None)
+            reply = self._ask(child, b"l", None)
         except GoneError as error:
             text = f"extern `{self._name}` cannot be loaded: {error}"
             label = Label(self._span, "its process ended while this was loaded")
             raise SoterError((Diagnostic("X003", text, label),)) from error
-        problems = said.get("problems")
+        problems = reply.get("problems")
         if problems:
             child.end("told")
             raise SoterError(tuple(_told_diagnostic(p, self._span) for p in problems))
-        assumed = said.get("assumed")
+        assumed = reply.get("assumed")
         texts = assumed if isinstance(assumed, list) else []
         self.assumed = tuple([visible(str(x)[:TEXT_MAX]) for x in texts[:8]])
         return child
@@ -266,14 +266,14 @@ class ProcessExtern:
         """The child's answer; a child that sends anything else counts as gone."""
         self._stop.in_extern = True
         try:
-            said = child.ask(question, patience_s)
+            reply = child.ask(question, patience_s)
         except DeadError as error:
             self._child = None
             raise GoneError(str(error)) from error
         finally:
             self._stop.in_extern = False
         try:
-            answer = json.loads(said)
+            answer = json.loads(reply)
         except (ValueError, RecursionError) as error:
             raise ForgedError("its process answered nothing that is an answer") from error
         if not isinstance(answer, dict):
@@ -290,46 +290,46 @@ def _step_patience_s() -> float:
         return PATIENCE_S
 
 
-def _told_diagnostic(given: object, span: Span) -> Diagnostic:
-    told: dict[str, Any] = given if isinstance(given, dict) else {}
-    code = next((code for code in LOADING if code == told.get("code")), LOADING[0])
-    lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
+def _told_diagnostic(data: object, span: Span) -> Diagnostic:
+    fields: dict[str, Any] = data if isinstance(data, dict) else {}
+    code = next((code for code in LOADING if code == fields.get("code")), LOADING[0])
+    lines = [[str(x)[:TEXT_MAX] for x in fields.get(k) or ()][:8] for k in ("notes", "helps")]
     return Diagnostic(
         code,
-        visible(str(told.get("message", "it cannot be loaded"))[:TEXT_MAX]),
-        Label(span, "declared here") if told.get("placed") else None,
+        visible(str(fields.get("message", "it cannot be loaded"))[:TEXT_MAX]),
+        Label(span, "declared here") if fields.get("placed") else None,
         notes=tuple(map(visible, lines[0])),
         helps=tuple(map(visible, lines[1])),
     )
 
 
-def check_value(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
-    """`given`, read from text, as a value of the type; `ForgedError` where it is none."""
+def check_value(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
+    """`data`, read from text, as a value of the type; `ForgedError` where it is none."""
     if isinstance(t, BoolType):
-        fits = isinstance(given, bool)
+        fits = isinstance(data, bool)
     elif isinstance(t, FloatType):
-        fits = isinstance(given, float)
+        fits = isinstance(data, float)
     elif isinstance(t, IntType):
-        fits = type(given) is int and t.low <= given <= t.high
+        fits = type(data) is int and t.low <= data <= t.high
     elif isinstance(t, DurationType):
-        fits = type(given) is int and -(2**63) <= given < 2**63
+        fits = type(data) is int and -(2**63) <= data < 2**63
     elif isinstance(t, EnumType):
-        fits = type(given) is int and 0 <= given < len(t.members)
+        fits = type(data) is int and 0 <= data < len(t.members)
     else:
-        return _checked_parts(t, given)
+        return _checked_parts(t, data)
     if not fits:
         raise ForgedError("its process answered a value of another type")
-    return given
+    return data
 
 
-def _checked_parts(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
-    if isinstance(given, list):
-        if isinstance(t, RecordType) and len(given) == len(t.fields):
-            return tuple(check_value(f, v) for (_, f), v in zip(t.fields, given, strict=True))
-        if isinstance(t, ArrayType) and len(given) == t.size:
-            return tuple(check_value(t.element, v) for v in given)
-        if isinstance(t, ListType) and len(given) <= t.capacity:
-            return tuple(check_value(t.element, v) for v in given)
+def _checked_parts(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
+    if isinstance(data, list):
+        if isinstance(t, RecordType) and len(data) == len(t.fields):
+            return tuple(check_value(f, v) for (_, f), v in zip(t.fields, data, strict=True))
+        if isinstance(t, ArrayType) and len(data) == t.size:
+            return tuple(check_value(t.element, v) for v in data)
+        if isinstance(t, ListType) and len(data) <= t.capacity:
+            return tuple(check_value(t.element, v) for v in data)
     raise ForgedError("its process answered a value of another type")
 
 
@@ -353,12 +353,12 @@ class VirtualTimeResponder:
             reply = {"failed": failure_text(error)}
         return json.dumps(reply).encode()
 
-    def _answer(self, what: bytes, rest: bytes) -> dict[str, Any]:
-        if what == b"l":
+    def _answer(self, question: bytes, rest: bytes) -> dict[str, Any]:
+        if question == b"l":
             self._extern = PythonExtern(self._name, self._load(), StopRequest(), self._shapes)
             return {"assumed": list(self._extern.assumed)}
         assert self._extern is not None
-        if what == b"r":
+        if question == b"r":
             self._extern.reset(int(rest))
             return {}
         inputs = pickle.loads(rest)  # noqa: S301 - our own parent's

@@ -106,9 +106,9 @@ class ExternAnswers:
         values = convert_answer(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(values)
         self.gates[component.index].note(values, self.failures)
-        given = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
-        present: dict[str, Value] = {f"has_{n}": n in given for n, _ in shapes}
-        return _encode(component, {**given, **present})
+        answered = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
+        present: dict[str, Value] = {f"has_{n}": n in answered for n, _ in shapes}
+        return _encode(component, {**answered, **present})
 
     def _call_plant(self, component: Component, raw: memoryview) -> bytes:
         plant = component.plant
@@ -203,10 +203,7 @@ def _failure_place(error: BaseException) -> str:
 
 
 def with_notes(
-    system: System,
-    bound: Mapping[str, object],
-    failures: dict[str, str],
-    tallies: dict[str, Tally],
+    system: System, bound: Mapping[str, object], failures: dict[str, str], tallies: dict[str, Tally]
 ) -> dict[str, object]:
     """`bound` with callables that note each first failure and silences, for the interpreter.
 

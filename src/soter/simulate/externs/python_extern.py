@@ -74,9 +74,9 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
         put_back()
         _ExternChanges.depth = sys.getrecursionlimit()
         sys.setrecursionlimit(depth)
-        there = _folder()
-        _ExternChanges.folder = there if there != home else ""
-        if there != home:
+        folder = _folder()
+        _ExternChanges.folder = folder if folder != home else ""
+        if folder != home:
             _change_folder(home)
 
 
@@ -116,10 +116,10 @@ def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes
         return f"its inputs are attributes: `inputs.{names[0]}`" if names else ""
     read_from = getattr(error, "obj", None)
     if isinstance(error, AttributeError) and isinstance(read_from, SimpleNamespace):
-        there = list(vars(read_from))
-        near = closest(str(error.name), there, 0.6, 1)
+        known = list(vars(read_from))
+        near = closest(str(error.name), known, 0.6, 1)
         meant = f"is `{near[0]}` meant? " if near else ""
-        return f"{meant}there {'is' if len(there) == 1 else 'are'} {_name_list(there)}"
+        return f"{meant}there {'is' if len(known) == 1 else 'are'} {_name_list(known)}"
     return ""
 
 
@@ -133,10 +133,10 @@ def _call_words(step: object, arguments: Sequence[Any]) -> str:
     """Words on what the extern is called with: one argument with attributes, or several."""
     name = getattr(step, "__name__", "step")
     if len(arguments) != 1 or not isinstance(arguments[0], SimpleNamespace):
-        given = ", ".join(_type_words(a) for a in arguments)
-        return f"it is called with {len(arguments)} arguments ({given})"
-    own = isinstance(step, FunctionType)
-    line = f"`def {name}(inputs):`" if own else f"`def {name}(self, inputs):`"
+        types = ", ".join(_type_words(a) for a in arguments)
+        return f"it is called with {len(arguments)} arguments ({types})"
+    is_function = isinstance(step, FunctionType)
+    line = f"`def {name}(inputs):`" if is_function else f"`def {name}(self, inputs):`"
     if name == "<lambda>":
         line = "`lambda inputs: ...`"
     parts = [f"`inputs.{n}` {_type_words(v)}" for n, v in vars(arguments[0]).items()]
@@ -196,10 +196,10 @@ class PythonExtern:
         except Stop:
             raise
         except Exception as error:
-            said = misuse_hint(error, self._step, arguments, self._shapes)
-            if not said:
+            hint = misuse_hint(error, self._step, arguments, self._shapes)
+            if not hint:
                 raise
-            raise MisuseError(f"{failure_text(error)}: {said}") from error
+            raise MisuseError(f"{failure_text(error)}: {hint}") from error
         except BaseException as error:  # of an extern a mishap like any other
             raise ExternEscapeError(failure_text(error)) from error
         finally:
@@ -327,8 +327,8 @@ def _failing_line(error: BaseException, path: Path) -> tuple[str, ...]:
     if isinstance(error, SyntaxError):
         return (f"in line {error.lineno} of `{error.filename}`",)
     places = {str(path), str(path.absolute())}
-    own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in places]
-    return (f"in line {own[-1].lineno}: {own[-1].line}",) if own else ()
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in places]
+    return (f"in line {frames[-1].lineno}: {frames[-1].line}",) if frames else ()
 
 
 def _similar_name(part: str, target: object) -> str:
@@ -361,8 +361,8 @@ def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
     assert node is not None
     topics = [system.topics[component.scope.topics[t]] for t in node.publishes]
     return tuple(
-        Answered(name, given, topic.type, tuple(topic.bounds), symbol in node.bursts)
-        for (name, given), topic, symbol in zip(node.answers, topics, node.publishes, strict=True)
+        Answered(name, kind, topic.type, tuple(topic.bounds), symbol in node.bursts)
+        for (name, kind), topic, symbol in zip(node.answers, topics, node.publishes, strict=True)
     )
 
 

@@ -51,12 +51,12 @@ class Unroller:
         self,
         shared: Shared,
         scope: FileScope,
-        what: str,
+        subject: str,
         instances: Mapping[str, typed.InstanceSymbol] | None = None,
     ) -> None:
         self.shared = shared
         self.scope = scope
-        self.what = what
+        self.what = subject
         self.instances = {} if instances is None else instances
         self._left = ITEMS_MAX
         self._arrays: dict[int, dict[str, int]] = {}
@@ -106,7 +106,7 @@ class Unroller:
                 self._warn_backwards(item, low, high)
             for i in range(low, high):
                 if self._left <= 0:
-                    self._too_many(item)
+                    self._report_too_many(item)
                     self._left = -1
                     return
                 self._left -= len(item.items)
@@ -117,7 +117,7 @@ class Unroller:
         """Whether the items were more than ITEMS_MAX, which has been reported."""
         return self._left < 0
 
-    def _too_many(self, item: tree.Repeated) -> None:
+    def _report_too_many(self, item: tree.Repeated) -> None:
         if self._left < 0:
             return  # reported
         self.shared.names.losses += 1
@@ -145,12 +145,12 @@ class Unroller:
             ),
         )
 
-    def _int(self, expr: tree.SyntaxExpr, values: Values, what: str, code: Code = "T008") -> int:
+    def _int(self, expr: tree.SyntaxExpr, values: Values, subject: str, code: Code = "T008") -> int:
         """The value of a constant expression over loop variables; raises `_LostError`."""
         expr = self._expr(expr, values)
         if isinstance(expr, tree.IntLit):
             return expr.value
-        value = self.shared.constant(expr, self.scope, INT, what, None, code)
+        value = self.shared.constant(expr, self.scope, INT, subject, None, code)
         if not isinstance(value, int):
             raise _LostError
         return value
@@ -199,8 +199,8 @@ class Unroller:
         """The name `r[0]` for `r[i]`."""
         if not isinstance(name, tree.ElementName):
             return name
-        what = f"the index of `{name.text}`"
-        numbers = [self._int(i, values, what) for i in name.indices]
+        subject = f"the index of `{name.text}`"
+        numbers = [self._int(i, values, subject) for i in name.indices]
         text = name.text + "".join(f"[{n}]" for n in numbers)
         if any(n < 0 for n in numbers):
             self._no_element(text, name.span, (), name.indices, values)
@@ -328,26 +328,23 @@ class Wires(CheckerPart):
     """Finds the topics that instances are wired to."""
 
     def end(
-        self,
-        path: tree.DottedPath,
-        instances: dict[str, typed.InstanceSymbol],
-        scope: FileScope,
+        self, path: tree.DottedPath, instances: dict[str, typed.InstanceSymbol], scope: FileScope
     ) -> typed.TopicSymbol | None:
         """The topic that `topic`, `file.topic` or `instance.topic` means; None after a report."""
         names = path.parts
-        what, depth = find_instance(instances, names)
+        symbol, depth = find_instance(instances, names)
         if len(names) <= 2 and (depth == 0 or (len(names) == 1 and "[" not in names[0].text)):
             first = names[0] if len(names) == 2 else None
             return self.shared.topic_ref(tree.Ref(first, names[-1], path.span), scope)
-        if isinstance(what, typed.SystemSymbol) and len(names) == depth + 1:
-            for topic in self.shared.topics_of(what):
+        if isinstance(symbol, typed.SystemSymbol) and len(names) == depth + 1:
+            for topic in self.shared.topics_of(symbol):
                 if topic.name.rsplit(".", 1)[-1] == names[-1].text:
                     prefix = [n.text for n in names[:-1]]
-                    return self.shared.stand_in(what, prefix, topic, names[-1].span)
-        if what in self.shared.damaged:
+                    return self.shared.stand_in(symbol, prefix, topic, names[-1].span)
+        if symbol in self.shared.damaged:
             self.shared.names.losses += 1
             return None
-        self._no_topic(path, what, depth)
+        self._report_no_topic(path, symbol, depth)
         return None
 
     def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
@@ -364,11 +361,8 @@ class Wires(CheckerPart):
         )
         return True
 
-    def backwards(
-        self,
-        inner: tree.Ref,
-        outer: tree.DottedPath,
-        topic: typed.TopicSymbol,
+    def report_backwards(
+        self, inner: tree.Ref, outer: tree.DottedPath, topic: typed.TopicSymbol
     ) -> None:
         """Reports M011 for a wire that a publisher has to the input of another instance."""
         helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
@@ -385,36 +379,38 @@ class Wires(CheckerPart):
             helps=helps,
         )
 
-    def is_reversed(self, what: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol) -> bool:
-        """Whether an instance of `what` would drive, through its topic `inner`, an input topic."""
-        return outer.input and not inner.input and self._drives(what, inner)
+    def is_reversed(
+        self, symbol: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol
+    ) -> bool:
+        """Whether an instance of `symbol` would drive, by its topic `inner`, an input."""
+        return outer.input and not inner.input and self._drives(symbol, inner)
 
-    def _drives(self, what: object, topic: typed.TopicSymbol) -> bool:
-        if isinstance(what, typed.NodeSymbol):
-            return topic in what.publishes
-        if isinstance(what, typed.PlantSymbol):
-            return any(t is topic for t, _ in what.drives)
-        if isinstance(what, typed.ModuleSymbol):
-            return topic in what.sc.publishes
-        if not isinstance(what, typed.SystemSymbol):
+    def _drives(self, symbol: object, topic: typed.TopicSymbol) -> bool:
+        if isinstance(symbol, typed.NodeSymbol):
+            return topic in symbol.publishes
+        if isinstance(symbol, typed.PlantSymbol):
+            return any(t is topic for t, _ in symbol.drives)
+        if isinstance(symbol, typed.ModuleSymbol):
+            return topic in symbol.sc.publishes
+        if not isinstance(symbol, typed.SystemSymbol):
             return False
         return any(
             self._drives(i.what, inner)
-            for i in what.instances
+            for i in symbol.instances
             for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
             if inner is not topic or topic not in i.renames
         )
 
-    def _no_topic(self, path: tree.DottedPath, what: object, depth: int) -> None:
+    def _report_no_topic(self, path: tree.DottedPath, symbol: object, depth: int) -> None:
         """Reports N004 for a path that leads to no topic."""
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)
         prefix = ".".join(n.text for n in path.parts[:depth])
         rest = path.parts[depth] if depth < len(path.parts) else path.parts[-1]
-        if isinstance(what, typed.SystemSymbol):
-            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
+        if isinstance(symbol, typed.SystemSymbol):
+            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(symbol)]
             helps = self.shared.diagnostics.did_you_mean(rest.text, topics, rest.span)
-        elif what is not None:
+        elif symbol is not None:
             notes = (*notes, "only a system has topics of its own: others use those beside them")
         message = (
             f"`{prefix}` has no topic `{rest.text}`" if depth else f"`{path.text}` is no topic"

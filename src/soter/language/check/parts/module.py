@@ -69,8 +69,12 @@ class ModuleChecker(CheckerPart):
         sc, plan = sc_of_plans(full, plans)
         if not plans:
             sc = self._one_sc(decl.sc, ac, context)
-        what, given = "a period", decl.period
-        period = None if given is None else self.shared.number(given, context, DURATION, what)
+        subject, period_expr = "a period", decl.period
+        period = (
+            None
+            if period_expr is None
+            else self.shared.number(period_expr, context, DURATION, subject)
+        )
         counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
         clean = number(decl.clean, context, INT, "`clean`", counts)
         shield = self._shield(decl, context)
@@ -102,7 +106,7 @@ class ModuleChecker(CheckerPart):
             plans=tuple(filter(None, plans)),
             plan=plan,
         )
-        self.shared.later(module, decl, scope)
+        self.shared.check_later(module, decl, scope)
         return module
 
     def _shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
@@ -150,7 +154,7 @@ class ModuleChecker(CheckerPart):
             step=(),
         )
 
-    def body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
+    def check_body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
         """Checks predicates and the other clauses, and the `verify` block."""
         assert decl.safe is not None
         check = self.shared.check_expr
@@ -171,13 +175,13 @@ class ModuleChecker(CheckerPart):
             module.rest = self._rest(decl, decl.rest, scope)
         half = (decl.ttf is None) != (decl.safer is None) and decl.rest is None
         if half and decl.name.text not in scope.broken:
-            what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
+            missing, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
             self.diagnostics.error(
                 "M006",
-                f"module `{decl.name.text}` has `{other}` but no `{what}`",
+                f"module `{decl.name.text}` has `{other}` but no `{missing}`",
                 decl.name.span,
                 notes=("one decides when to leave AC, the other when to return to it",),
-                helps=(f"write `{what}` too, or leave both out: then they are computed",),
+                helps=(f"write `{missing}` too, or leave both out: then they are computed",),
             )
         module.contract = tuple(self._contract(module, decl, scope))
         module.failsafe = self._law(module, decl, scope)
@@ -234,14 +238,14 @@ class ModuleChecker(CheckerPart):
         calls = self.shared.calls
         for node in nodes([condition]):
             if isinstance(node, typed.AgeRead):
-                what = f"reads the age of `{node.topic.name}`"
+                reads = f"reads the age of `{node.topic.name}`"
             elif isinstance(node, typed.TypedCall) and (f := calls.extern_below(node.fun)):
-                what = f"calls the extern `{f.name}`"
+                reads = f"calls the extern `{f.name}`"
             else:
                 continue
             self.diagnostics.error(
                 "M029",
-                f"`rest` of module `{decl.name.text}` {what}",
+                f"`rest` of module `{decl.name.text}` {reads}",
                 node.span,
                 notes=("it is said of true states, wherever SC brings the robot",),
                 helps=("say it of topics, constants and parameters",),
@@ -294,10 +298,10 @@ class ModuleChecker(CheckerPart):
             lacks.append(("is no `bool`", "declare it a `bool`: true while the button is pressed"))
         if topic.max_age is None:
             lacks.append(("has no `max_age`", "say how old a press may be: `max_age 2s`"))
-        for what, help_ in lacks[:1]:
+        for lack, help_ in lacks[:1]:
             self.diagnostics.error(
                 "M028",
-                f"`{topic.name}` acknowledges for module `{module.name}`, but {what}",
+                f"`{topic.name}` acknowledges for module `{module.name}`, but {lack}",
                 returns.topic.span,
                 also=((topic.span, "declared here"),),
                 notes=("control comes back after a press that is new, and not older than said",),
@@ -328,7 +332,7 @@ class ModuleChecker(CheckerPart):
                     helps=(f"leave `{ref.text}` out",),
                 )
             elif topic in spans:
-                self.shared.names.twice(ref.text, ref.span, spans[topic])
+                self.shared.names.report_two_of_one_name(ref.text, ref.span, spans[topic])
             elif not is_error(value):
                 value_by_topic[topic] = value
             spans.setdefault(topic, ref.span)
@@ -354,20 +358,20 @@ class ModuleChecker(CheckerPart):
         for item in decl.contract:
             condition = self.shared.check_expr(item.condition, context, BOOL)
             if self.shared.names.is_first(item.name, seen) and not is_error(condition):
-                self._about_its_outputs(module, item, condition)
+                self._require_outputs(module, item, condition)
                 text = " ".join(item.condition.span.text.split())
                 yield typed.ClauseSymbol(item.name.text, item.span, item.kind, condition, text)
 
-    def _about_its_outputs(
+    def _require_outputs(
         self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.TypedExpr
     ) -> None:
         """Reports M022: a guarantee must read an output of the module, an assumption must not."""
         outputs = set(module.sc.publishes)
         read = topic_reads(condition)
-        own = [e for t, e in read.items() if t in outputs]
+        outputs_read = [e for t, e in read.items() if t in outputs]
         published = listed([t.name for t in module.sc.publishes])
         also = ((module.span, f"publishes {published}"),)
-        if item.kind == "guarantees" and not own:
+        if item.kind == "guarantees" and not outputs_read:
             self.diagnostics.error(
                 "M022",
                 f"`{item.name.text}` says nothing of what module `{module.name}` publishes",
@@ -379,11 +383,11 @@ class ModuleChecker(CheckerPart):
                     "or state it as a property: `always ...;`",
                 ),
             )
-        elif item.kind == "assumes" and own:
+        elif item.kind == "assumes" and outputs_read:
             self.diagnostics.error(
                 "M022",
                 f"`{item.name.text}` assumes something of what module `{module.name}` publishes",
-                own[0].span,
+                outputs_read[0].span,
                 also=also,
                 notes=("a module relies on others, and answers for its own outputs",),
                 helps=("write `guarantees`, or leave its outputs out",),

@@ -57,7 +57,7 @@ def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
 
 
-def input_is_set(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
+def refuse_input(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
     """Reports M011 for an input topic that the program itself would set."""
     diagnostics.error(
         "M011",
@@ -108,7 +108,7 @@ class NodeChecker(CheckerPart):
             wcet=self.number_if_given(decl.wcet, context, DURATION, "`wcet`"),
             jitter=self.number_if_given(decl.jitter, context, DURATION, "`jitter`"),
         )
-        self.shared.later(node, decl, scope)
+        self.shared.check_later(node, decl, scope)
         return node
 
     def _takes(
@@ -134,7 +134,7 @@ class NodeChecker(CheckerPart):
             if topic is None:
                 continue
             if topic in subscription_by_topic:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"`{s.topic.text}` is subscribed to twice",
                     s.span,
                     subscription_by_topic[topic].span,
@@ -174,7 +174,7 @@ class NodeChecker(CheckerPart):
             if topic is None:
                 continue
             if topic in span_by_topic:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"`{ref.text}` is published twice", ref.span, span_by_topic[topic]
                 )
                 continue
@@ -189,7 +189,7 @@ class NodeChecker(CheckerPart):
                     helps=("keep the value in a local: `var last: ...;`",),
                 )
             if topic.input:
-                input_is_set(topic, ref.span, self.diagnostics)
+                refuse_input(topic, ref.span, self.diagnostics)
             span_by_topic[topic] = ref.span
             count, span = publication.burst, publication.span
             burst = self._count(count, span, topic, "a step publishes", "these messages hold")
@@ -204,11 +204,13 @@ class NodeChecker(CheckerPart):
                 helps=("put values that belong together into one record",),
             )
         if decl.extern:
-            self._short_names(decl, [s.topic for s in subscribes.values()], subscribes, "reads")
-            self._short_names(decl, list(span_by_topic), span_by_topic, "publishes")
+            self._compare_short_names(
+                decl, [s.topic for s in subscribes.values()], subscribes, "reads"
+            )
+            self._compare_short_names(decl, list(span_by_topic), span_by_topic, "publishes")
         return span_by_topic
 
-    def _short_names(
+    def _compare_short_names(
         self,
         decl: tree.NodeDecl,
         topics: list[typed.TopicSymbol],
@@ -252,7 +254,9 @@ class NodeChecker(CheckerPart):
             value = self.number_if_given(local.initial, context, t, "a first value", because)
             first = variables.get(local.name.text)
             if first is not None:
-                self.shared.names.twice(local.name.text, local.name.span, first.span)
+                self.shared.names.report_two_of_one_name(
+                    local.name.text, local.name.span, first.span
+                )
                 continue
             variables[local.name.text] = typed.Variable(
                 local.name.text, t, "local", local.name.span
@@ -288,7 +292,7 @@ class NodeChecker(CheckerPart):
                     ),
                 )
             elif topic in spans:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"the fail-safe value of `{ref.text}` is given twice", ref.span, spans[topic]
                 )
             elif not is_error(value):
@@ -298,7 +302,7 @@ class NodeChecker(CheckerPart):
 
     # ------------------------------------------------------------ code
 
-    def body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
+    def check_body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
         """Checks contracts, the code on takeover, and the step."""
         frame = {v.name: v for v in node.locals}
         inputs = {s.topic for s in node.subscribes}
@@ -317,7 +321,7 @@ class NodeChecker(CheckerPart):
             broken=decl.name.text in scope.broken,
             locals=[frame],
         )
-        self._contracts(node, decl, context)
+        self._check_contracts(node, decl, context)
         if decl.takeover is not None:
             reset = Context(
                 scope,
@@ -341,7 +345,7 @@ class NodeChecker(CheckerPart):
         if not decl.extern and not scope.loaded.library:
             self._warn(node, decl, context)
 
-    def _contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
+    def _check_contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
         """Checks `assumes` and `guarantees`, over topics, the time and modes, not locals."""
         inputs = {s.topic for s in node.subscribes}
         context = Context(
@@ -389,4 +393,4 @@ class NodeChecker(CheckerPart):
                     "",
                     out_of_list(s.span, "leave it out"),
                 )
-        self.shared.unused.variables(list(node.locals))
+        self.shared.unused.warn_of_variables(list(node.locals))

@@ -92,4 +92,4 @@ def _why_not_exchanged(module: typed.ModuleSymbol, k: int, plan: typed.NodeSymbo
         "reads a queue": any(s.queue is not None for s in plan.subscribes),
         f"does not publish what `{first.name}` does": {*plan.publishes} != {*first.publishes},
     }
-    yield from (why for why, there in wrong.items() if there)
+    yield from (why for why, present in wrong.items() if present)

@@ -11,15 +11,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import out_of_list
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import (
-    CheckerPart,
-    a_type,
-    error_expr,
-    is_error,
-    plain,
-)
-from soter.language.check.parts.node import check_binding, input_is_set, located, period_or_unknown
-from soter.language.check.statements import no_duration
+from soter.language.check.expression_base import CheckerPart, a_type, error_expr, is_error, plain
+from soter.language.check.parts.node import check_binding, located, period_or_unknown, refuse_input
+from soter.language.check.statements import report_stored_duration
 from soter.language.model import typed
 from soter.language.model.types import (
     DURATION,
@@ -57,7 +51,7 @@ class PlantChecker(CheckerPart):
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
             f"{full}.truth",
         )
-        self.shared.names.declares(truth.fields, decl)
+        self.shared.names.note_syntax_of_fields(truth.fields, decl)
         plant = typed.PlantSymbol(
             full,
             decl.name.span,
@@ -79,7 +73,7 @@ class PlantChecker(CheckerPart):
             truth=truth,
             read_spans=tuple(reads.values()),
         )
-        self.shared.later(plant, decl, scope)
+        self.shared.check_later(plant, decl, scope)
         return plant
 
     def _reads(self, decl: tree.PlantDecl, scope: FileScope) -> dict[typed.TopicSymbol, Span]:
@@ -89,7 +83,9 @@ class PlantChecker(CheckerPart):
             if topic is None:
                 continue
             if topic in reads:
-                self.shared.names.said_twice(f"`{ref.text}` is read twice", ref.span, reads[topic])
+                self.shared.names.report_twice(
+                    f"`{ref.text}` is read twice", ref.span, reads[topic]
+                )
             reads.setdefault(topic, ref.span)
         return reads
 
@@ -111,13 +107,13 @@ class PlantChecker(CheckerPart):
             if expr is None or topic is None:
                 continue
             if topic in spans:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"`{ref.text}` is driven twice", ref.span, spans[topic]
                 )
                 continue
             spans[topic] = ref.span
             if topic.input:
-                input_is_set(topic, ref.span, self.diagnostics)
+                refuse_input(topic, ref.span, self.diagnostics)
         return tuple((t, error_expr(span)) for t, span in spans.items())
 
     def _states(
@@ -137,7 +133,9 @@ class PlantChecker(CheckerPart):
             interval = self._start(s, t, context)
             first = states.get(s.name.text)
             if first is not None:
-                self.shared.names.twice(s.name.text, s.name.span, first.span, "state")
+                self.shared.names.report_two_of_one_name(
+                    s.name.text, s.name.span, first.span, "state"
+                )
                 continue
             states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
             self.shared.names.note(s.name.span, states[s.name.text])
@@ -180,11 +178,7 @@ class PlantChecker(CheckerPart):
         return None if is_error(low, high) else (low, high)
 
     def _disturbances(
-        self,
-        decl: tree.PlantDecl,
-        scope: FileScope,
-        context: Context,
-        states: list[typed.Variable],
+        self, decl: tree.PlantDecl, scope: FileScope, context: Context, states: list[typed.Variable]
     ) -> list[typed.DisturbanceSymbol]:
         disturbances: list[typed.DisturbanceSymbol] = []
         taken = {v.name: v for v in states}
@@ -194,13 +188,11 @@ class PlantChecker(CheckerPart):
             hold = self.number_if_given(d.hold, context, DURATION, "`hold`")
             first = taken.get(d.name.text)
             if first is not None:
-                self.shared.names.twice(d.name.text, d.name.span, first.span)
+                self.shared.names.report_two_of_one_name(d.name.text, d.name.span, first.span)
                 continue
             if not (isinstance(t, (FloatType, ErrorType)) or is_vector(t)):
                 self.diagnostics.error(
-                    "T018",
-                    f"a disturbance is a float or a vector, not {a_type(t)}",
-                    d.type.span,
+                    "T018", f"a disturbance is a float or a vector, not {a_type(t)}", d.type.span
                 )
                 t = ERROR
             variable = typed.Variable(d.name.text, t, "disturbance", d.name.span)
@@ -214,7 +206,7 @@ class PlantChecker(CheckerPart):
 
     # ------------------------------------------------------------ body
 
-    def body(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope) -> None:
+    def check_body(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope) -> None:
         """Checks lets, dynamics, outputs and measurement errors."""
         frame = {v.name: v for v in plant.states}
         frame.update({d.variable.name: d.variable for d in plant.disturbances})
@@ -231,7 +223,7 @@ class PlantChecker(CheckerPart):
             choices=[],
         )
         plant.lets = tuple(self._let(item, frame, context) for item in decl.lets)
-        self._dynamics(plant, decl, context)
+        self._check_der(plant, decl, context)
         self._drive_values(plant, decl, context)
         plant.measured = tuple(self._measured(plant, decl, scope))
         if not plant.extern and not scope.loaded.library:
@@ -245,23 +237,23 @@ class PlantChecker(CheckerPart):
         value = self.shared.check_expr(item.value, context, t, because)
         variable_type = t if t is not None else plain(value.type)
         if isinstance(variable_type, DurationType):
-            no_duration(value.span, self.diagnostics)
+            report_stored_duration(value.span, self.diagnostics)
             variable_type = ERROR
         first = frame.get(item.name.text)
         if first is not None:
-            self.shared.names.twice(item.name.text, item.name.span, first.span)
+            self.shared.names.report_two_of_one_name(item.name.text, item.name.span, first.span)
             first.used = True
         variable = typed.Variable(item.name.text, variable_type, "plantlet", item.name.span)
         frame[item.name.text] = variable
         self.shared.names.note(item.name.span, variable)
         return variable, value
 
-    def _dynamics(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
+    def _check_der(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
         states = {v.name: v for v in plant.states}
         given: dict[str, Span] = {}
         for name, _ in (*decl.der, *decl.next):
             if name.text not in states:  # report it before expressions do
-                self._no_state(plant, decl, name, context)
+                self._report_no_state(plant, decl, name, context)
         for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
             for name, expr in items:
                 variable = states.get(name.text)
@@ -271,10 +263,10 @@ class PlantChecker(CheckerPart):
                 at = replace(context, choices=None) if word == "der" else context
                 value = self.shared.check_expr(expr, at, wanted, because)
                 if variable is None:
-                    self._no_state(plant, decl, name, context)
+                    self._report_no_state(plant, decl, name, context)
                 elif name.text in given:
                     message = f"the dynamics of `{name.text}` are given twice"
-                    self.shared.names.said_twice(message, name.span, given[name.text])
+                    self.shared.names.report_twice(message, name.span, given[name.text])
                 elif word == "der" and not _can_be_integrated(variable.type):
                     self.diagnostics.error(
                         "T018",
@@ -286,21 +278,21 @@ class PlantChecker(CheckerPart):
                 else:
                     table[variable] = value
                 given.setdefault(name.text, name.span)
-        self._moved_by_one(plant, decl, given, context)
+        self._report_wrong_motion(plant, decl, given, context)
 
-    def _moved_by_one(
+    def _report_wrong_motion(
         self,
         plant: typed.PlantSymbol,
         decl: tree.PlantDecl,
-        given: dict[str, Span],
+        moved: dict[str, Span],
         context: Context,
     ) -> None:
         """Reports X010 for an extern plant with dynamics, M006 for another one without states."""
-        if plant.extern and given:
+        if plant.extern and moved:
             self.diagnostics.error(
                 "X010",
                 f"extern plant `{decl.name.text}` has dynamics of its own",
-                next(iter(given.values())),
+                next(iter(moved.values())),
                 notes=("the states of an extern plant are moved by the code it is bound to",),
                 helps=("leave out `extern` and `from`, or every `der` and `next`",),
             )
@@ -312,7 +304,7 @@ class PlantChecker(CheckerPart):
                 helps=("add `state x: float;` and `der x = ...;`",),
             )
 
-    def _no_state(
+    def _report_no_state(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, name: tree.Name, context: Context
     ) -> None:
         if decl.name.text in context.scope.broken:
@@ -383,7 +375,7 @@ class PlantChecker(CheckerPart):
                     helps=("name the fields that are floats",),
                 )
             elif overlap is not None:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"the error of `{path.span.text}` is given twice", path.span, overlap
                 )
             elif not is_error(within):
@@ -393,8 +385,8 @@ class PlantChecker(CheckerPart):
 
     def _warn(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
         unused = self.shared.unused
-        unused.variables([d.variable for d in plant.disturbances])
-        unused.variables([v for v, _ in plant.lets])
+        unused.warn_of_variables([d.variable for d in plant.disturbances])
+        unused.warn_of_variables([v for v, _ in plant.lets])
         if unmoved(plant):
             return  # its reads may be for dynamics that are not written yet
         for topic, span in zip(plant.reads, plant.read_spans, strict=True):

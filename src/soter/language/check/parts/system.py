@@ -16,10 +16,10 @@ from soter.language.check.field import find_instance, flat_names
 from soter.language.check.parts.instances import Unroller, Wires
 from soter.language.check.parts.system_items import (
     ItemChecker,
-    campaigned,
+    enter_measures_and_faults,
     externals,
     invariant_call,
-    mentioned,
+    mark_used,
     path_expr,
     source_line,
 )
@@ -57,15 +57,15 @@ class SystemChecker(ItemChecker):
         unroller = Unroller(self.shared, scope, f"system `{decl.name.text}`", instances)
         placed: list[tuple[typed.InstanceSymbol, tree.Instance, Mapping[str, int]]] = []
         for name, item, values in unroller.names(decl.instances):
-            what = self._what(item, scope)
-            if what is None:
+            made_of = self._what(item, scope)
+            if made_of is None:
                 lost |= {name.text, item.name.text}
                 continue
-            if what in self.shared.damaged:
+            if made_of in self.shared.damaged:
                 self.shared.names.losses += 1
             first = instances.get(name.text)
             if first is not None:
-                self._instance_twice(name, item, first)
+                self._report_instance_twice(name, item, first)
                 continue
             if name.text in scope.imports:
                 self.diagnostics.warning(
@@ -75,18 +75,18 @@ class SystemChecker(ItemChecker):
                     notes=(f"`{name.text}.` names what is inside the instance here",),
                     helps=(f"give it another name, such as `{name.text}_2`",),
                 )
-            symbol = typed.InstanceSymbol(name.text, what, {}, {}, name.span)
+            symbol = typed.InstanceSymbol(name.text, made_of, {}, {}, name.span)
             instances[name.text] = symbol
             placed.append((symbol, item, values))
         if unroller.too_many:
             lost |= {item.name.text for _, item, _ in placed}
             placed.clear()
             instances.clear()
-        self._arrays_apart(instances)
+        self._require_distinct_arrays(instances)
         for symbol, item, values in placed:
             filled = unroller.filled(item, values)
             if isinstance(filled, tree.Instance):
-                self._renames(symbol, filled, instances, scope)
+                self._check_wires(symbol, filled, instances, scope)
                 self.settings[symbol] = filled.sets
         whole = self.shared.mark() == mark and decl.name.text not in scope.broken
         if whole and not instances:
@@ -113,7 +113,7 @@ class SystemChecker(ItemChecker):
             of = typed.SystemSymbol
             system.deploys = self.referred(decl.deploys, scope, "system", of, notes=notes)
         self.shared.lost[system] = frozenset(lost)
-        self.shared.later(system, decl, scope)
+        self.shared.check_later(system, decl, scope)
         return system
 
     def _what(
@@ -122,7 +122,7 @@ class SystemChecker(ItemChecker):
         entry = self.shared.names.find_ref(scope, item.what, item.kind or "name")
         if entry is None:
             return None
-        what = self.shared.resolve(entry, item.what.span)
+        subject = self.shared.resolve(entry, item.what.span)
         wanted = (item.kind,) if item.kind else INSTANTIABLE
         if entry.kind not in wanted:
             expected = ", ".join(wanted[:-1]) + " or " + wanted[-1] if wanted[1:] else wanted[0]
@@ -140,9 +140,9 @@ class SystemChecker(ItemChecker):
             )
             return None
         kinds = (typed.PlantSymbol, typed.NodeSymbol, typed.ModuleSymbol, typed.SystemSymbol)
-        return what if isinstance(what, kinds) else None
+        return subject if isinstance(subject, kinds) else None
 
-    def _instance_twice(
+    def _report_instance_twice(
         self, name: tree.Name, item: tree.Instance, first: typed.InstanceSymbol
     ) -> None:
         if first.span == name.span:  # one line of a loop that made the name twice
@@ -160,7 +160,7 @@ class SystemChecker(ItemChecker):
             helps=helps,
         )
 
-    def _arrays_apart(self, instances: dict[str, typed.InstanceSymbol]) -> None:
+    def _require_distinct_arrays(self, instances: dict[str, typed.InstanceSymbol]) -> None:
         """Reports N002 if `r` is an instance and an array, or an array of one index and of two."""
         seen: dict[str, tuple[int, typed.InstanceSymbol]] = {}
         for name, instance in instances.items():
@@ -175,7 +175,7 @@ class SystemChecker(ItemChecker):
                     notes=("the elements of an array all have the same number of indices",),
                 )
 
-    def _renames(
+    def _check_wires(
         self,
         symbol: typed.InstanceSymbol,
         item: tree.Instance,
@@ -192,7 +192,7 @@ class SystemChecker(ItemChecker):
             if inner is None or outer is None:
                 continue
             if self.wires.is_reversed(symbol.what, inner, outer):
-                self.wires.backwards(inner_ref, outer_ref, outer)
+                self.wires.report_backwards(inner_ref, outer_ref, outer)
                 continue
             if inner.type != outer.type:
                 self.diagnostics.error(
@@ -204,7 +204,7 @@ class SystemChecker(ItemChecker):
                     notes=("wired topics are one topic, so they have one type",),
                 )
             elif inner in renames:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"`{inner_ref.text}` is wired twice", inner_ref.span, spans[inner]
                 )
             else:
@@ -213,7 +213,9 @@ class SystemChecker(ItemChecker):
 
     # ------------------------------------------------------------ properties and overrides
 
-    def body(self, system: typed.SystemSymbol, decl: tree.SystemDecl, scope: FileScope) -> None:
+    def check_body(
+        self, system: typed.SystemSymbol, decl: tree.SystemDecl, scope: FileScope
+    ) -> None:
         """Checks properties, overrides, inputs and the other items."""
         where = f"system `{decl.name.text}`"
         instances = {i.name: i for i in system.instances}
@@ -223,35 +225,30 @@ class SystemChecker(ItemChecker):
         unroller = Unroller(self.shared, scope, where, instances)
         properties = [self.property(p, context) for p in unroller.items(decl.properties)]
         system.properties = tuple(p for p in properties if p is not None)
-        self._forces(system, decl.name.text, unroller.items(decl.forces))
+        self._enter_forces(system, decl.name.text, unroller.items(decl.forces))
         system.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
         system.inlines = tuple((i.what.text, i.what.span) for i in unroller.items(decl.inlines))
         inside = [(i.name, s) for i in system.instances for s in self.settings.get(i, ())]
-        own = [("", s) for s in unroller.items(decl.sets)]
-        system.sets = tuple(self.sets.all([*own, *inside], system, scope))
+        pairs = [("", s) for s in unroller.items(decl.sets)]
+        system.sets = tuple(self.sets.all([*pairs, *inside], system, scope))
         system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
         system.externals = externals(self, decl, scope)
-        campaigned(self.shared, system, decl, context, unroller.items(decl.faults))
+        enter_measures_and_faults(self.shared, system, decl, context, unroller.items(decl.faults))
 
-    def _forces(
-        self,
-        system: typed.SystemSymbol,
-        name: str,
-        items: list[tree.Force],
-    ) -> None:
+    def _enter_forces(self, system: typed.SystemSymbol, name: str, items: list[tree.Force]) -> None:
         instances = system.by_name
         forces: dict[str, tuple[str, str, Span]] = {}
         for force in items:
             path = force.module.text
-            what, depth = find_instance(instances, force.module.parts)
+            symbol, depth = find_instance(instances, force.module.parts)
             whole = depth == len(force.module.parts)
             if path in forces:
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"`{path}` is forced twice", force.module.span, forces[path][2]
                 )
-            elif whole and isinstance(what, typed.ModuleSymbol):
+            elif whole and isinstance(symbol, typed.ModuleSymbol):
                 forces[path] = (path, force.to, force.module.span)
-            elif system in self.shared.damaged or what in self.shared.damaged:
+            elif system in self.shared.damaged or symbol in self.shared.damaged:
                 self.shared.names.losses += 1
             else:
                 modules = [
@@ -271,8 +268,8 @@ class SystemChecker(ItemChecker):
 def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
     """Help for a node's name where that of its module is meant."""
     for name, instance in instances.items():
-        what = instance.what
-        if isinstance(what, typed.ModuleSymbol) and node in [n.name for n in what.named]:
+        symbol = instance.what
+        if isinstance(symbol, typed.ModuleSymbol) and node in [n.name for n in symbol.named]:
             return (f"it is a node of module `{name}`",)
     return ()
 
@@ -307,10 +304,12 @@ class TestChecker(SystemChecker):
         if not isinstance(system, typed.SystemSymbol):
             return None
         test = typed.TestSymbol(full, decl.name.span, system, (), None, None, ())
-        self.shared.later(test, decl, scope)
+        self.shared.check_later(test, decl, scope)
         return test
 
-    def test_body(self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope) -> None:
+    def check_test_body(
+        self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope
+    ) -> None:
         """Checks properties, replacements, times, faults and inputs."""
         name = decl.name.text
         mark = self.shared.mark()
@@ -326,23 +325,23 @@ class TestChecker(SystemChecker):
         test.properties = tuple(p for p in properties if p is not None)
         test.faults = tuple(self._fault(f, context) for f in unroller.items(decl.faults))
         test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
-        own = [("", s) for s in unroller.items(decl.sets)]
+        pairs = [("", s) for s in unroller.items(decl.sets)]
         test.order = decl.order
         stated = [self._stated(s, inside) for s in unroller.items(decl.stated)]
         test.stated = tuple(s for s in stated if s is not None)
-        test.sets = tuple(self.sets.all(own, test.system, scope))
+        test.sets = tuple(self.sets.all(pairs, test.system, scope))
         if self.shared.mark() != mark or name in scope.broken:
             self.shared.damaged.add(test)
 
     def _fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
         by = self.time(item.by, context, "`by`")
         count = self.number_if_given(item.at_most, context, INT, "`at most`")
-        mentioned(item.component, context.scope)
+        mark_used(item.component, context.scope)
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
     def _stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
         """Checks stated values of a topic or a field; the elaborator checks who publishes it."""
-        mentioned(item.topic, context.scope)
+        mark_used(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
         if is_error(read):
             return None
@@ -393,11 +392,11 @@ class TestChecker(SystemChecker):
         """The instance path of the module that an argument means; None after a report."""
         instances = context.instances or {}
         names = flat_names(argument) or []
-        what, depth = find_instance(instances, names)
-        if names and depth == len(names) and isinstance(what, typed.ModuleSymbol):
+        symbol, depth = find_instance(instances, names)
+        if names and depth == len(names) and isinstance(symbol, typed.ModuleSymbol):
             return ".".join(n.text for n in names)
         damaged = self.shared.damaged
-        if test.system in damaged or what in damaged or (names and names[0].text in context.lost):
+        if test.system in damaged or symbol in damaged or (names and names[0].text in context.lost):
             self.shared.names.losses += 1
             return None
         text = print_expr(argument)

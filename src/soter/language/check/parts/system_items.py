@@ -51,7 +51,7 @@ class SettingReader(CheckerPart):
             first = setting_by_key.setdefault(key, symbol)
             if first is not symbol:
                 name = f"{symbol.path}.{item.param.parts[-1].text}".lstrip(".")
-                self.shared.names.said_twice(f"`{name}` is set twice", symbol.span, first.span)
+                self.shared.names.report_twice(f"`{name}` is set twice", symbol.span, first.span)
         return list(setting_by_key.values())
 
     def _one(
@@ -60,15 +60,15 @@ class SettingReader(CheckerPart):
         names = item.param.parts
         inside = system.by_name
         if home:
-            what = inside[home].what
-            inside = what.by_name if isinstance(what, typed.SystemSymbol) else {}
+            symbol = inside[home].what
+            inside = symbol.by_name if isinstance(symbol, typed.SystemSymbol) else {}
         depth = 0
         if not (names[0].text in scope.imports and names[0].text not in inside):
             _, depth = find_instance(inside, names[:-1])
         path = ".".join([*filter(None, [home]), *(n.text for n in names[:depth])])
         rest = names[depth:]
         if len(rest) > 2 or (len(rest) == 2 and rest[0].text not in scope.imports):
-            self._no_instance(item, rest[0], system, inside)
+            self._report_no_instance(item, rest[0], system, inside)
             return None
         ref = tree.Ref(
             rest[0] if len(rest) == 2 else None, rest[-1], rest[0].span.to(rest[-1].span)
@@ -81,7 +81,7 @@ class SettingReader(CheckerPart):
             return None
         return typed.SetSymbol(path, param, value, item.param.span)
 
-    def _no_instance(
+    def _report_no_instance(
         self,
         item: tree.SetParam,
         name: tree.Name,
@@ -110,7 +110,7 @@ def _instances_of(name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]) -
     return (helps,)
 
 
-def campaigned(
+def enter_measures_and_faults(
     shared: Shared,
     system: typed.SystemSymbol,
     decl: tree.SystemDecl,
@@ -134,7 +134,7 @@ def _measures(
         first = seen.setdefault(item.name.text, item.name.span)
         if first is not item.name.span:
             message = f"measure `{item.name.text}` is said twice"
-            shared.names.said_twice(message, item.name.span, first)
+            shared.names.report_twice(message, item.name.span, first)
         value = shared.check_expr(item.value, context, FLOAT)
         parts = (
             number(item.interval.low, place, FLOAT, "the range of a histogram"),
@@ -150,11 +150,11 @@ def _fault(shared: Shared, item: tree.SystemFault, context: Context) -> typed.Sy
     """Checks one item of `faults { ... }`."""
     wanted = DURATION if item.kind in {"late", "overrun"} else FLOAT
 
-    def checked(e: tree.SyntaxExpr | None, what: str, t: Type) -> typed.TypedExpr | None:
-        return None if e is None else sound(shared.number(e, context, t, what))
+    def checked(e: tree.SyntaxExpr | None, subject: str, t: Type) -> typed.TypedExpr | None:
+        return None if e is None else sound(shared.number(e, context, t, subject))
 
     if item.target is not None:
-        mentioned(item.target, context.scope)
+        mark_used(item.target, context.scope)
     amounts = [checked(e, f"`{item.kind}`", wanted) for e in item.by]
     return typed.SystemFaultSymbol(
         kind=item.kind,
@@ -168,7 +168,7 @@ def _fault(shared: Shared, item: tree.SystemFault, context: Context) -> typed.Sy
     )
 
 
-def mentioned(path: tree.DottedPath, scope: FileScope) -> None:
+def mark_used(path: tree.DottedPath, scope: FileScope) -> None:
     """Marks the names of a path as used, which is only replaced or disturbed."""
     for part in path.parts:
         if part.text in scope.entries:
@@ -185,10 +185,10 @@ class ItemChecker(CheckerPart):
         self.sets = SettingReader(shared)
 
     def time(
-        self, expr: tree.SyntaxExpr | None, context: Context, what: str
+        self, expr: tree.SyntaxExpr | None, context: Context, subject: str
     ) -> typed.TypedExpr | None:
         """The typed expression of a time, whose value each system computes; None without one."""
-        return self.number_if_given(expr, context, DURATION, what)
+        return self.number_if_given(expr, context, DURATION, subject)
 
     def inside(
         self,
@@ -232,7 +232,7 @@ class ItemChecker(CheckerPart):
         parts = (item.kind, premise, condition, within, read(item.condition), item.span)
         return typed.PropertySymbol(*parts, whole=whole, asks=asks)
 
-    def _by_contract(
+    def _replace_by_contract(
         self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
     ) -> None:
         """Checks `replace M by contract;`, which only tests may have."""
@@ -255,8 +255,8 @@ class ItemChecker(CheckerPart):
         replacements: list[Replaced] = []
         for item in items:
             if item.by.text == "contract" and "contract" not in scope.entries:
-                self._by_contract(item, replacements, in_test=in_test)
-                mentioned(item.what, scope)
+                self._replace_by_contract(item, replacements, in_test=in_test)
+                mark_used(item.what, scope)
                 continue
             entry = self.shared.names.find_ref(scope, item.by)
             symbol = self.shared.resolve(entry, item.by.span) if entry else None
@@ -269,7 +269,7 @@ class ItemChecker(CheckerPart):
                     item.by.span,
                     also=((entry.decl.name.span, "declared here"),),
                 )
-            mentioned(item.what, scope)
+            mark_used(item.what, scope)
         return replacements
 
     def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
@@ -287,14 +287,14 @@ class ItemChecker(CheckerPart):
             if is_error(read):
                 continue
             if item.values == ():
-                self._no_values(item)
+                self._report_no_values(item)
                 continue
             values = self.values(item, read, context, "an input")
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
-                self._no_input(item, read, context.scope)
+                self._report_no_input(item, read, context.scope)
             elif read.topic in input_by_topic:
                 first = input_by_topic[read.topic].span
-                self.shared.names.said_twice(
+                self.shared.names.report_twice(
                     f"`{item.topic.text}` is drawn twice", item.topic.span, first
                 )
             elif not item.values and has_list(read.type):
@@ -335,7 +335,7 @@ class ItemChecker(CheckerPart):
             )
         return tuple(v for v in values if not is_error(v))
 
-    def _no_values(self, item: tree.DriveInput) -> None:
+    def _report_no_values(self, item: tree.DriveInput) -> None:
         self.diagnostics.error(
             "E002",
             f"there is nothing that `{item.topic.text}` could be",
@@ -345,7 +345,9 @@ class ItemChecker(CheckerPart):
             helps=("list its values, or leave `in { }` out: then they are those of the topic",),
         )
 
-    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
+    def _report_no_input(
+        self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope
+    ) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
         name = item.topic.parts[-1].text
         help_ = (
@@ -460,7 +462,7 @@ def _measured(
             )
         elif first is not None:
             message = f"the error of `{path.span.text}` is given twice"
-            shared.names.said_twice(message, path.span, first)
+            shared.names.report_twice(message, path.span, first)
         elif not is_error(within):
             yield typed.MeasuredSymbol(topic, below, within, path.span)
         taken.append((below, path.span))

@@ -34,8 +34,8 @@ class VerifyChecker(CheckerPart):
     def check(self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope) -> None:
         """Fills in `module.verify`, and the subscriptions of a synthesized SC."""
         block = module.verify = typed.TypedVerifyBlock(span=verify.span)
-        self._times(block, verify, scope)
-        self._sets(module, verify, scope)
+        self._check_times(block, verify, scope)
+        self._check_sets(module, verify, scope)
         block.views = tuple(self._views(module, verify, scope))
         block.commands = tuple(self._commands(module, verify, scope))
         if verify.core is not None:
@@ -54,11 +54,8 @@ class VerifyChecker(CheckerPart):
                 typed.Subscribed(t, None, "drop_oldest", verify.span) for t in dict.fromkeys(topics)
             )
 
-    def _sets(
-        self,
-        module: typed.ModuleSymbol,
-        where: tree.VerifyBlock | tree.View,
-        scope: FileScope,
+    def _check_sets(
+        self, module: typed.ModuleSymbol, where: tree.VerifyBlock | tree.View, scope: FileScope
     ) -> None:
         """Checks the abstractions and groups of `where`, and enters them in `module.verify`."""
         module.verify.abstracts = tuple(
@@ -76,17 +73,17 @@ class VerifyChecker(CheckerPart):
         for view in verify.views:
             self.shared.names.is_first(view.name, seen)
             module.verify = replace(block, abstracts=(), groups=(), span=view.span)
-            self._sets(module, view, scope)
+            self._check_sets(module, view, scope)
             yield typed.ViewSymbol(view.name.text, module.verify, view.span)
         module.verify = block
 
-    def _times(
+    def _check_times(
         self, block: typed.TypedVerifyBlock, verify: tree.VerifyBlock, scope: FileScope
     ) -> None:
         context = Context(scope, "a `verify` block")
 
-        def time(expr: tree.SyntaxExpr | None, what: str) -> typed.TypedExpr | None:
-            return self.number_if_given(expr, context, DURATION, what)
+        def time(expr: tree.SyntaxExpr | None, subject: str) -> typed.TypedExpr | None:
+            return self.number_if_given(expr, context, DURATION, subject)
 
         block.horizon = time(verify.horizon, "`horizon`")
         block.acts_least = time(verify.acts_least, "the least time of `acts within`")
@@ -120,10 +117,7 @@ class VerifyChecker(CheckerPart):
     # ------------------------------------------------------------ axes
 
     def _groups(
-        self,
-        module: typed.ModuleSymbol,
-        verify: tree.VerifyBlock | tree.View,
-        scope: FileScope,
+        self, module: typed.ModuleSymbol, verify: tree.VerifyBlock | tree.View, scope: FileScope
     ) -> list[typed.TypedAxisGroup]:
         seen: dict[AxisKey, typed.TypedGridAxis] = {}
         groups = []
@@ -308,7 +302,7 @@ class VerifyChecker(CheckerPart):
                 checked = self.shared.check_expr(part.value, context, wanted)
                 value = value or (None if is_error(checked) else checked)
             if not homes:
-                self._mentioned(part.value, scope)
+                self._mark_used(part.value, scope)
             if plant is not None:
                 links.append(
                     typed.AbstractionLink(
@@ -350,7 +344,7 @@ class VerifyChecker(CheckerPart):
             )
         return contexts
 
-    def _mentioned(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
+    def _mark_used(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
         """Marks as used the names in an expression that cannot be checked."""
         for qualifier, name, _ in mentioned(expr):
             if qualifier is not None and qualifier in scope.imports:

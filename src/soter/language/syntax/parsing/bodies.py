@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Edit, Fix, Span, append, remove, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.items import Parts, clauses, time
-from soter.language.syntax.parsing.literals_and_operators import unclosed
+from soter.language.syntax.parsing.literals_and_operators import report_unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
@@ -48,19 +48,19 @@ class BodyParser(StatementParser):
         self.declared: tree.Name | None = None  # by the declaration at hand
         self.loops = 0  # around the items at hand
 
-    def declare(self, what: str) -> tree.Name:
+    def declare(self, subject: str) -> tree.Name:
         """The name of the declaration at hand."""
-        self.declared = self.name(what)
+        self.declared = self.name(subject)
         return self.declared
 
     # ------------------------------------------------------------ items
 
-    def _open_body(self, what: str, items: Items) -> int:
+    def _open_body(self, subject: str, items: Items) -> int:
         """Steps over the `{` of a body; the index of it, or of the token in its place."""
         if self.kinds[self.i] == "{":
             self.opened.append(self.take())
             return self.i - 1
-        self.report("S005", f"expected `{{` to begin the body of {what}, found {self.found()}")
+        self.report("S005", f"expected `{{` to begin the body of {subject}, found {self.found()}")
         stop = self.item_end()
         if self.texts[self.i] not in items or self.kinds[stop] == "{":
             self.damaged = True
@@ -72,39 +72,41 @@ class BodyParser(StatementParser):
                 raise Panic
         return self.i - 1
 
-    def body(self, what: str, items: Items, other: Other = None) -> Parts:
+    def body(self, subject: str, items: Items, other: Other = None) -> Parts:
         """`{ items }`: a row for each leading word; `other` tries what has none."""
         parts = Parts()
-        opener = self._open_body(what, items)
+        opener = self._open_body(subject, items)
         outer, self.items = self.items, frozenset(items)
-        self._items_of(opener, what, parts, items, other)
+        self._parse_items(opener, subject, parts, items, other)
         self.items = outer
         return parts
 
-    def _items_of(self, opener: int, what: str, parts: Parts, items: Items, other: Other) -> None:
+    def _parse_items(
+        self, opener: int, subject: str, parts: Parts, items: Items, other: Other
+    ) -> None:
         while True:
             if self.accept("}"):
                 return
             kind = self.kinds[self.i]
             if kind == EOF or self.at_declaration():
                 if kind != EOF and self.nested_declaration():
-                    self.misplaced_declaration()
+                    self.skip_misplaced_declaration()
                     continue
                 self.damaged = True
-                unclosed(self, opener, what)
+                report_unclosed(self, opener, subject)
                 return
             if kind == ";":
-                self.stray_semicolon()
+                self.skip_stray_semicolons()
                 continue
             before = self.i
             try:
                 if other is None or not other(self, parts):
                     item = items.get(self.texts[before])
                     if item is not None:
-                        self._no_colon(before)
-                        self._item(item, parts)
+                        self._take_out_colon(before)
+                        self._parse_item(item, parts)
                     else:
-                        self._unknown_item(what, parts, items)
+                        self._report_unknown_item(subject, parts, items)
                 assert self.i > before, "whoever reads an item goes on"
             except Panic:
                 self.damaged = True
@@ -115,7 +117,7 @@ class BodyParser(StatementParser):
                 while self.kinds[self.i] == ";":  # behind a block that was skipped
                     self.i += 1
 
-    def _no_colon(self, word: int) -> None:
+    def _take_out_colon(self, word: int) -> None:
         """`period: 50ms;` and `period = 50ms;`: report the sign and take it out."""
         sign = self.kinds[word + 1]
         if sign in (":", "="):
@@ -134,7 +136,7 @@ class BodyParser(StatementParser):
         start, end = self.ends[index - 1], self.starts[index + 1]
         return replace(Span(self.source, start, end), " ", "leave it out")
 
-    def _item(self, item: Item, parts: Parts) -> None:
+    def _parse_item(self, item: Item, parts: Parts) -> None:
         """Parses an item, at its word, and keeps its values."""
         at, word = self.i, self.texts[self.i]
         self.i += 1
@@ -150,9 +152,9 @@ class BodyParser(StatementParser):
         for value in read if item.how == "each" else (read,):
             parts.several[field].append(value)
 
-    def _unknown_item(self, what: str, parts: Parts, items: Items) -> None:
+    def _report_unknown_item(self, subject: str, parts: Parts, items: Items) -> None:
         word, kind = self.texts[self.i], self.kinds[self.i]
-        if word == "period" and what == self.without_period:
+        if word == "period" and subject == self.without_period:
             raise Panic  # that it stands before the body was told
         if word == "polytope" and "grid" in items:
             raise self.failure(
@@ -161,9 +163,9 @@ class BodyParser(StatementParser):
                 notes=("states that follow others need a grid of one cell, docs/autopilot.md, 3",),
                 helps=("write a `grid`, and where that is too dear `rest`",),
             )
-        message = f"expected an item of {what}, found {self.found()}"
+        message = f"expected an item of {subject}, found {self.found()}"
         if self._at_loose_statement():
-            self._loose_statements(message, items)
+            self._skip_loose_statements(message, items)
             return
         known = word in THEIRS or not word.isidentifier()
         near = None if known else self.close_word(word, items)
@@ -174,9 +176,9 @@ class BodyParser(StatementParser):
         if help_ is not None:
             raise self.failure("S010", message, helps=(help_,))
         if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS:
-            self._loose_statements(message, items)
+            self._skip_loose_statements(message, items)
             return
-        notes = (_item_list(what.partition(" `")[0], items),)
+        notes = (_item_list(subject.partition(" `")[0], items),)
         raise self.failure("S010", message, notes=notes)
 
     def _at_loose_statement(self) -> bool:
@@ -198,7 +200,7 @@ class BodyParser(StatementParser):
         helps = (replace(self.token_span(self.i), word, f"did you mean `{word}`?"),)
         self.report("S010", message, helps=helps, once=False)
         self.texts[self.i] = word
-        self._item(items[word], parts)
+        self._parse_item(items[word], parts)
 
     def _named_alone(self, word: str, items: Items) -> Help:
         """`House;` for `system House;`: by what is declared under that name."""
@@ -221,7 +223,7 @@ class BodyParser(StatementParser):
         where = "" if "eventually" in items else " in a `test` block"
         return f"write `always {text};`{where}"
 
-    def _loose_statements(self, message: str, items: Items) -> None:
+    def _skip_loose_statements(self, message: str, items: Items) -> None:
         """Statements without a `step {` around them: reported once, read, and left out."""
         in_a_node = "step" in items
         note = "statements stand inside a `step { ... }` block of a node, or in a function"
@@ -232,7 +234,7 @@ class BodyParser(StatementParser):
             self.skip_statement()
         while self._at_statement() and self.texts[self.i] not in items:
             self.quiet = -1
-            self._recovering([], self.kinds[self.i])
+            self._parse_or_recover([], self.kinds[self.i])
         after = self.i + 1
         if (
             in_a_node
@@ -250,23 +252,23 @@ class BodyParser(StatementParser):
 
     def _keep_once(self, item: Item, parts: Parts, read: Any, at: int) -> None:  # noqa: ANN401
         """Keep what an item says that may stand once; report the second."""
-        what, span = item.told or self.texts[at], self.token_span(at)
-        if what in parts.first:
+        title, span = item.told or self.texts[at], self.token_span(at)
+        if title in parts.first:
             self.quiet = -1
-            also = ((parts.first[what], "the first one"),)
+            also = ((parts.first[title], "the first one"),)
             self.report(
-                "S022", f"`{what}` stands twice in this body", span, "again", also=also, once=False
+                "S022", f"`{title}` stands twice in this body", span, "again", also=also, once=False
             )
             return
-        parts.first[what] = span
+        parts.first[title] = span
         values = (read,) if len(item.defaults) == 1 else read
         parts.once.update(zip(item.defaults, values, strict=True))
 
-    def refs(self, what: str) -> list[tree.Ref]:
+    def refs(self, subject: str) -> list[tree.Ref]:
         """One name or more, between commas."""
-        refs = [self.ref(what)]
+        refs = [self.ref(subject)]
         while self.accept(",") or self.forgotten_comma():
-            refs.append(self.ref(what))
+            refs.append(self.ref(subject))
         return refs
 
     def forgotten_comma(self) -> bool:
@@ -289,34 +291,34 @@ class BodyParser(StatementParser):
         return any(kind == "topic" and text == word for kind, text in pairs)
 
     def head_of(
-        self, what: str, name: tree.Name, *, extern: bool
+        self, kind: str, name: tree.Name, *, extern: bool
     ) -> tuple[tree.SyntaxExpr, tree.SyntaxExpr | None, str | None, Span | None]:
         """Period, phase and origin in the head of a node or plant, in any order."""
         rows: dict[str, Step] = {"period": time("`period`"), "from": BodyParser._origin}
-        rows |= {"phase": time("`phase`")} if what == "node" else {}
+        rows |= {"phase": time("`phase`")} if kind == "node" else {}
         if not extern:
             rows.pop("from")
-        found = clauses(self, what, rows)
+        found = clauses(self, kind, rows)
         if "period" not in found:
-            found |= {"period": self.period(what, name), **clauses(self, what, rows)}
-        origin = found.get("from", (None, None)) if extern else self.stray_origin(what)
+            found |= {"period": self.period(kind, name), **clauses(self, kind, rows)}
+        origin = found.get("from", (None, None)) if extern else self.stray_origin(kind)
         return found["period"], found.get("phase"), *origin
 
-    def period(self, what: str, name: tree.Name) -> tree.SyntaxExpr:
+    def period(self, kind: str, name: tree.Name) -> tree.SyntaxExpr:
         """The period in the head of a declaration, an ErrorExpr where there is none."""
         word = self.texts[self.i]
-        example = f"write `{what} {visible(name.text)} period 10ms {{ ... }}`"
-        message = f"expected `period` after the name of the {what}, found {self.found()}"
-        self.without_period = f"{what} `{name.text}`"
+        example = f"write `{kind} {visible(name.text)} period 10ms {{ ... }}`"
+        message = f"expected `period` after the name of the {kind}, found {self.found()}"
+        self.without_period = f"{kind} `{name.text}`"
         span = self.after_previous() if self.kinds[self.i] == "{" else None
-        self.report("S005", message, span, helps=(self._period_inside(what, name) or example,))
+        self.report("S005", message, span, helps=(self._period_inside(kind, name) or example,))
         if self.kinds[self.i] == NAME and self.kinds[self.i + 1] != "{" and word != "from":
             self.i += 1
             self.quiet = -1
             return self.time("`period`")
         return tree.ErrorExpr(self.after_previous())
 
-    def _period_inside(self, what: str, name: tree.Name) -> Fix | None:
+    def _period_inside(self, kind: str, name: tree.Name) -> Fix | None:
         """The `period 20ms;` that stands in the body, moved into the head."""
         depth, i = 0, self.i
         while self.kinds[i] != EOF and not (depth == 0 and i > self.i):
@@ -325,7 +327,7 @@ class BodyParser(StatementParser):
             if depth == 1 and begins and self.texts[i] == "period" and self.kinds[i + 2] == ";":
                 written = Span(self.source, self.starts[i], self.ends[i + 2])
                 head = f"period {self.texts[i + 1]}"
-                title = f"write `{what} {visible(name.text)} {head} {{ ... }}`"
+                title = f"write `{kind} {visible(name.text)} {head} {{ ... }}`"
                 moved = append(name.span, f" {head}", title)
                 return Fix(title, (*moved.edits, *remove(written, title).edits))
             i += 1
@@ -333,13 +335,13 @@ class BodyParser(StatementParser):
 
     # ------------------------------------------------------------ common parts
 
-    def typed(self, what: str) -> tree.TypeExpr:
-        """`: type` behind the name of `what`."""
+    def typed(self, owner: str) -> tree.TypeExpr:
+        """`: type` behind the name of `owner`."""
         if self.accept(":"):
-            return type_expression(self, f"the type of {what}")
+            return type_expression(self, f"the type of {owner}")
         self.report(
             "S005",
-            f"expected `:` and a type after the name of {what}, found {self.found()}",
+            f"expected `:` and a type after the name of {owner}, found {self.found()}",
             self.after_previous(),
             "the type is missing here",
         )
@@ -348,14 +350,14 @@ class BodyParser(StatementParser):
             kind == NAME and self.kinds[self.i + 1] in ("=", "in", ";", ",", ")", "[")
         ):
             self.quiet = -1
-            return type_expression(self, f"the type of {what}")
+            return type_expression(self, f"the type of {owner}")
         return tree.ErrorTypeExpr(self.after_previous())
 
-    def range_of(self, what: str) -> tree.IntervalExpr:
+    def range_of(self, subject: str) -> tree.IntervalExpr:
         """An interval, made of errors where it cannot be read."""
         start = self.i
         try:
-            return self.interval(what)
+            return self.interval(subject)
         except Panic:
             self.depth = 0
             self.skip_interval(start)
@@ -398,14 +400,14 @@ class BodyParser(StatementParser):
         if origin is not None:
             before = len(text[: text.rindex("from", 0, origin.start)].rstrip())
             edits.append(Edit(Span(self.source, before, origin.end), ""))
-        what = "`extern` and `from`" if origin is not None else "`extern`"
-        return Fix(f"leave {what} out", tuple(edits))
+        words = "`extern` and `from`" if origin is not None else "`extern`"
+        return Fix(f"leave {words} out", tuple(edits))
 
-    def stray_origin(self, what: str) -> tuple[str | None, Span | None]:
+    def stray_origin(self, kind: str) -> tuple[str | None, Span | None]:
         """`from` behind something that is not extern."""
         if self.is_word("from"):
             message = "only what is `extern` comes from elsewhere"
-            self.report("S025", message, helps=(f"write `extern {what} ...`",))
+            self.report("S025", message, helps=(f"write `extern {kind} ...`",))
             self.damaged = True
             self.origin()
         return None, None

@@ -60,11 +60,11 @@ def fun(parser: BodyParser) -> tree.Decl:
     body: tree.Block | None = None
     if parser.kinds[parser.i] == "{":
         if extern:
-            _extern_body(parser, name, parser.not_extern(start, source_span))
+            _report_extern_body(parser, name, parser.not_extern(start, source_span))
         else:
             body = parser.block("after the result type")
     elif extern:
-        parser.semicolon("the extern function")
+        parser.expect_semicolon("the extern function")
     else:
         body = _function_body(parser)
     return tree.FunDecl(
@@ -97,7 +97,7 @@ def _function_body(parser: BodyParser) -> tree.Block | None:
     return None
 
 
-def _extern_body(parser: BodyParser, name: tree.Name, not_extern: Fix) -> None:
+def _report_extern_body(parser: BodyParser, name: tree.Name, not_extern: Fix) -> None:
     parser.report(
         "S025",
         f"the extern function `{visible(name.text)}` has a body",
@@ -196,7 +196,7 @@ def plant(parser: BodyParser) -> tree.Decl:
 
 def _reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Ref]:
     yield from parser.refs("the name of a topic")
-    parser.semicolon("the read topics")
+    parser.expect_semicolon("the read topics")
 
 
 def _drives(
@@ -209,7 +209,7 @@ def _drives(
         parser.assign("after the driven topic")
         value = parser.expr("the driven value")
         if parser.kinds[parser.i] == "," and parser.kinds[parser.i + 1] == NAME:
-            parser.missing_semicolon("the driven value", (_ONE_DRIVES,))
+            parser.report_missing_semicolon("the driven value", (_ONE_DRIVES,))
             yield topic, value
             parser.i += 1
             yield from _drives(parser, word, start, extern=extern)
@@ -221,7 +221,7 @@ def _drives(
         parser.damaged = True
         parser.skip_statement()
     elif extern:
-        parser.semicolon("the driven topic")
+        parser.expect_semicolon("the driven topic")
     else:
         parser.report(
             "S024" if parser.kinds[parser.i] == ";" else "S005",
@@ -248,7 +248,7 @@ def _state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     if initial is not None:
         initial = parser.ended(initial, "the initial value")
     else:
-        parser.no_initial("the type of the state")
+        parser.skip_missing_initial("the type of the state")
     return tree.PlantState(name, type_, interval, initial, parser.span_from(start))
 
 
@@ -268,7 +268,7 @@ def _disturbance(parser: BodyParser, _word: str, start: int) -> tree.Disturbance
         parser.report("S005", message, notes=notes, helps=helps)
         error = tree.ErrorExpr(parser.after_previous())
         interval = tree.IntervalExpr(error, error, error.span)
-    parser.semicolon("the disturbance")
+    parser.expect_semicolon("the disturbance")
     return tree.DisturbanceItem(name, type_, interval, found.get("hold"), parser.span_from(start))
 
 
@@ -291,7 +291,7 @@ def _integrate(parser: BodyParser, _word: str, _start: int) -> tuple[str, tree.S
         raise parser.failure("S005", f"expected {names} after `integrate`, found {parser.found()}")
     parser.i += 1
     substeps = parser.expr("the number of substeps") if parser.accept_word("substeps") else None
-    parser.semicolon("the method of integration")
+    parser.expect_semicolon("the method of integration")
     return method, substeps
 
 
@@ -308,7 +308,7 @@ def _measured(
         yield _BOUND(parser)
         if not parser.accept(","):
             break
-    parser.semicolon("the measurement bounds")
+    parser.expect_semicolon("the measurement bounds")
 
 
 PLANT_ITEMS: Items = {
@@ -332,24 +332,24 @@ def node(parser: BodyParser) -> tree.Decl:
     parser.i += 1
     name = parser.declare("the name of the node")
     period, phase, source, source_span = parser.head_of("node", name, extern=extern)
-    what = f"node `{visible(name.text)}`"
-    parts = parser.body(what, NODE_ITEMS)
+    subject = f"node `{visible(name.text)}`"
+    parts = parser.body(subject, NODE_ITEMS)
     fields = parts.fields(NODE_ITEMS)
     if extern and fields["step"] is not None:
-        _misplaced(
+        _report_loudly(
             parser,
             "S025",
-            f"the extern {what} has a `step`",
+            f"the extern {subject} has a `step`",
             parts.first["step"],
             parser.not_extern(start, source_span),
             remove(parts.first["step"].to(fields["step"].span), "or leave the step out"),
         )
         fields["step"] = None
     if not extern and fields["step"] is None and not parser.damaged:
-        _misplaced(
+        _report_loudly(
             parser,
             "S024",
-            f"{what} has no `step`",
+            f"{subject} has no `step`",
             name.span,
             "add `step { ... }`, or declare it `extern node`",
         )
@@ -366,7 +366,7 @@ def node(parser: BodyParser) -> tree.Decl:
     )
 
 
-def _misplaced(parser: BodyParser, code: Code, message: str, span: Span, *helps: Help) -> None:
+def _report_loudly(parser: BodyParser, code: Code, message: str, span: Span, *helps: Help) -> None:
     quiet, parser.quiet = parser.quiet, -1
     parser.report(code, message, span, helps=helps)
     parser.quiet = quiet
@@ -384,18 +384,18 @@ def _subscribes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Su
         yield tree.Subscription(topic, queue, policy, parser.span_from(start))
         if not parser.accept(",") and not parser.forgotten_comma():
             break
-    parser.semicolon("the subscriptions")
+    parser.expect_semicolon("the subscriptions")
 
 
-def _count(parser: BodyParser, what: str) -> int | None:
+def _count(parser: BodyParser, subject: str) -> int | None:
     i = parser.i
     if parser.kinds[i] == INT and len(parser.texts[i]) <= 9:
         parser.i += 1
         return int(parser.texts[i])
     if parser.kinds[i] in (INT, ERROR):
-        parser.report("L005", f"this number is too large for {what}", skip=1)
+        parser.report("L005", f"this number is too large for {subject}", skip=1)
         return None
-    raise parser.failure("S005", f"expected {what} as a whole number, found {parser.found()}")
+    raise parser.failure("S005", f"expected {subject} as a whole number, found {parser.found()}")
 
 
 def _policy(parser: BodyParser) -> str | None:
@@ -423,7 +423,7 @@ def _publishes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Pub
         yield tree.Publication(topic, burst, parser.span_from(start))
         if not parser.accept(",") and not parser.forgotten_comma():
             break
-    parser.semicolon("the published topics")
+    parser.expect_semicolon("the published topics")
 
 
 def _burst(parser: BodyParser) -> int | None:
@@ -446,7 +446,7 @@ def _local(parser: BodyParser, _word: str, start: int) -> tree.LocalVar:
     if parser.kinds[parser.i] in ("=", ":=", "=="):
         initial = parser.assigned_value("the type of the variable", "the initial value")
     else:
-        parser.no_initial("the type of the variable")
+        parser.skip_missing_initial("the type of the variable")
     return tree.LocalVar(name, type_, initial, parser.span_from(start))
 
 
@@ -470,7 +470,7 @@ NODE_ITEMS: Items = {
         "takeover",
         only(word("takeover", "after `on`"), block("after `on takeover`")),
         "on takeover",
-        told="on takeover",
+        title="on takeover",
     ),
     "step": once("step", only(block("after `step`"))),
 }

@@ -53,8 +53,8 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ entry points
 
-    def expr(self, what: str, *, stop_at_brace: bool = False) -> tree.SyntaxExpr:
-        """One expression; `what` names it in messages. A broken one becomes an ErrorExpr."""
+    def expr(self, subject: str, *, stop_at_brace: bool = False) -> tree.SyntaxExpr:
+        """One expression; `subject` names it in messages. A broken one becomes an ErrorExpr."""
         start = self.i
         depth = self.depth
         self.strict = False
@@ -65,19 +65,19 @@ class ExpressionParser(Cursor):
             self.skip_expression(start, stop_at_brace=stop_at_brace)
             return tree.ErrorExpr(self.span_from(self.starts[start]))
         if self.i - start > LEVELS_MAX and height(result) > LEVELS_MAX:
-            report_nesting(self, result.span, what)
+            report_nesting(self, result.span, subject)
             return tree.ErrorExpr(result.span)
         return result
 
-    def value(self, what: str) -> tree.SyntaxExpr:
+    def value(self, subject: str) -> tree.SyntaxExpr:
         """Parses an expression and the `;` after it."""
-        return self.ended(self.expr(what), what)
+        return self.ended(self.expr(subject), subject)
 
-    def ended(self, result: tree.SyntaxExpr, what: str) -> tree.SyntaxExpr:
+    def ended(self, result: tree.SyntaxExpr, subject: str) -> tree.SyntaxExpr:
         """Steps over the `;` after `result`; an ErrorExpr if other tokens stand between."""
         if self.accept(";"):
             return result
-        self.missing_semicolon(what)
+        self.report_missing_semicolon(subject)
         if self.fresh_start():
             return result
         start = self.i
@@ -86,9 +86,9 @@ class ExpressionParser(Cursor):
         self.accept(";")
         return tree.ErrorExpr(result.span)
 
-    def time(self, what: str) -> tree.SyntaxExpr:
+    def time(self, subject: str) -> tree.SyntaxExpr:
         """Parses an expression for a time; reports a bare number, which needs a unit."""
-        result = self.expr(what, stop_at_brace=True)
+        result = self.expr(subject, stop_at_brace=True)
         if isinstance(result, tree.IntLit | tree.FloatLit):
             i = self.i
             number = result.span.text
@@ -109,7 +109,7 @@ class ExpressionParser(Cursor):
             self.quiet = -1
             self.report(
                 "S019",
-                f"{what} needs a unit of time",
+                f"{subject} needs a unit of time",
                 self.span_from(result.span.start),
                 "a number without a unit",
                 notes=("units are ns, us, ms, s, min and h, written right behind the number",),
@@ -119,10 +119,10 @@ class ExpressionParser(Cursor):
             return tree.ErrorExpr(result.span)
         return result
 
-    def time_value(self, what: str) -> tree.SyntaxExpr:
+    def time_value(self, subject: str) -> tree.SyntaxExpr:
         """Parses a time and the `;` after it."""
-        result = self.time(what)
-        self.semicolon(what)
+        result = self.time(subject)
+        self.expect_semicolon(subject)
         return result
 
     # ------------------------------------------------------------ operators
@@ -320,7 +320,7 @@ class ExpressionParser(Cursor):
         span = Span(self.source, start, self.ends[self.i - 1])
         return tree.CallExpr(span, callee, arguments) if named else tree.ErrorExpr(span)
 
-    def _elements(self, close: str, what: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
+    def _elements(self, close: str, subject: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
         """Parses expressions up to `close`, and steps over it."""
         if self.accept(close):
             return ()
@@ -331,7 +331,7 @@ class ExpressionParser(Cursor):
                     self.report("S007", "expected an argument after `,`, found `)`", once=False)
                 break
             elements.append(self.expression(ANY))
-        self.close(close, what, opener)
+        self.close(close, subject, opener)
         return tuple(elements)
 
     def close(self, kind: str, after: str, opener: int) -> None:
@@ -440,13 +440,13 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ intervals and sets
 
-    def interval(self, what: str) -> tree.IntervalExpr:
+    def interval(self, subject: str) -> tree.IntervalExpr:
         """Parses `[low, high]`; Panic if the bracket is missing."""
         opener = self.i
         if self.kinds[opener] != "[":
             raise self.failure(
                 "S005",
-                f"expected {what} as `[low, high]`, found {self.found()}",
+                f"expected {subject} as `[low, high]`, found {self.found()}",
                 helps=("an interval is written with brackets, ends included: `[-1.0, 1.0]`",),
             )
         self.i += 1

@@ -47,26 +47,26 @@ def element(parser: BodyParser, name: tree.Name) -> tree.Name:
     return tree.ElementName(name.text, parser.span_from(name.span.start), tuple(indices))
 
 
-def path(parser: BodyParser, what: str) -> tree.DottedPath:
+def path(parser: BodyParser, subject: str) -> tree.DottedPath:
     """`name[i].name.name`."""
-    first = parser.name(what)
+    first = parser.name(subject)
     parts = [element(parser, first)]
     while parser.accept("."):
         parts.append(element(parser, parser.name("a name after `.`")))
     return tree.DottedPath(tuple(parts), parser.span_from(first.span.start))
 
 
-def dotted(what: str) -> Step:
+def dotted(subject: str) -> Step:
     """`path`, as a step of a row of items."""
-    return lambda parser: path(parser, what)
+    return lambda parser: path(parser, subject)
 
 
 def setting(parser: BodyParser, _word: str, start: int, *, inside: bool = False) -> tree.SetParam:
     """`set K = 3`, behind `set` at `start`; `inside` an instance's braces a comma may follow."""
     param = path(parser, "the name of a parameter")
     parser.assign("after the parameter")
-    what = "the value of the parameter"
-    value = parser.expr(what) if inside else parser.value(what)
+    subject = "the value of the parameter"
+    value = parser.expr(subject) if inside else parser.value(subject)
     return tree.SetParam(param, value, parser.span_from(start))
 
 

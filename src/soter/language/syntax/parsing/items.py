@@ -46,10 +46,10 @@ class Item:
 
 
 def once(
-    fields: str | Mapping[str, Any], read: Read, *begins: str, told: str = "", none: object = None
+    fields: str | Mapping[str, Any], read: Read, *begins: str, title: str = "", none: object = None
 ) -> Item:
     """An item that may stand once. One of several fields reads a tuple of their values."""
-    return Item({fields: none} if isinstance(fields, str) else fields, read, "once", begins, told)
+    return Item({fields: none} if isinstance(fields, str) else fields, read, "once", begins, title)
 
 
 def often(field: str, read: Read, *begins: str) -> Item:
@@ -91,8 +91,8 @@ def begins(items: Items) -> tuple[str, ...]:
 
 
 def _step(method: str) -> Callable[[str], Step]:
-    def of(what: str) -> Step:
-        return lambda parser: getattr(parser, method)(what)
+    def of(subject: str) -> Step:
+        return lambda parser: getattr(parser, method)(subject)
 
     return of
 
@@ -111,7 +111,7 @@ def _sign(method: str) -> Callable[[str], Step]:
 expr, value, time, time_value = map(_step, ("expr", "value", "time", "time_value"))
 name, ref, interval, range_of = map(_step, ("name", "ref", "interval", "range_of"))
 block = _step("block")
-assign, semicolon = map(_sign, ("assign", "semicolon"))
+assign, semicolon = map(_sign, ("assign", "expect_semicolon"))
 
 
 def word(text: str, where: str) -> Step:
@@ -125,9 +125,9 @@ def word(text: str, where: str) -> Step:
     return read
 
 
-def equal(where: str, what: str) -> Step:
+def equal(where: str, subject: str) -> Step:
     """`= e`, as a clause of `clauses`."""
-    return group(lambda value: value, assign(where), expr(what))
+    return group(lambda value: value, assign(where), expr(subject))
 
 
 def maybe(text: str, step: Step, none: object = None) -> Step:

@@ -31,22 +31,22 @@ if TYPE_CHECKING:
 LEVELS_MAX = 200
 
 
-def too_deep(cursor: Cursor, what: str) -> NoReturn:
+def too_deep(cursor: Cursor, kind: str) -> NoReturn:
     """Report what nests deeper than `LEVELS_MAX`; raises Panic."""
     raise cursor.failure(
         "S020",
-        f"this {what} is nested too deeply",
+        f"this {kind} is nested too deeply",
         notes=(f"at most {LEVELS_MAX} levels: brackets and operators count one each",),
         helps=("name parts of it with `let`",),
     )
 
 
-def report_nesting(cursor: Cursor, span: Span, what: str) -> None:
+def report_nesting(cursor: Cursor, span: Span, subject: str) -> None:
     """Report an expression whose tree turned out higher than `LEVELS_MAX`."""
     cursor.quiet = -1
     cursor.report(
         "S020",
-        f"{what} is nested too deeply",
+        f"{subject} is nested too deeply",
         Span(span.source, span.start, min(span.end, span.start + 40)),
         "this expression",
         notes=(f"at most {LEVELS_MAX} levels: a chain of n operators has n of them",),
@@ -83,16 +83,16 @@ def children(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
     return subexpressions
 
 
-def unclosed(cursor: Cursor, opener: int, what: str) -> None:
+def report_unclosed(cursor: Cursor, opener: int, subject: str) -> None:
     """Report that the block opened at token `opener` has no end before the cursor."""
-    begins = "it" if what == "this block" else f"the body of {what}"
+    begins = "it" if subject == "this block" else f"the body of {subject}"
     also = [(cursor.token_span(opener), f"{begins} begins here")]
     suspect = _suspect(cursor, opener)
     if suspect is not None:
         opening, closing = suspect
         also.append((cursor.token_span(opening), "this `{` may be the one without an end"))
         also.append((cursor.token_span(closing), "this `}` is indented less"))
-    message = f"expected `}}` to close {what}, found {cursor.found()}"
+    message = f"expected `}}` to close {subject}, found {cursor.found()}"
     cursor.report("S012", message, also=tuple(also))
 
 
@@ -145,9 +145,9 @@ def _duration(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
     return tree.DurationLit(span, value, text)
 
 
-def _too_large(cursor: Cursor, span: Span, what: str) -> tree.SyntaxExpr:
+def _too_large(cursor: Cursor, span: Span, subject: str) -> tree.SyntaxExpr:
     cursor.i -= 1
-    cursor.report("L005", f"this number is too large for {what}", span, skip=1)
+    cursor.report("L005", f"this number is too large for {subject}", span, skip=1)
     return tree.ErrorExpr(span)
 
 

@@ -95,7 +95,7 @@ def _delays(parser: BodyParser, word: str, _start: int) -> tree.Delays:
             nodes.append((path, parser.time(f"`{path.text}`")))
         if not parser.accept(","):
             break
-    parser.semicolon(f"the times of `{word}`")
+    parser.expect_semicolon(f"the times of `{word}`")
     return tree.Delays(time_by_role.get("dm"), time_by_role.get("sc"), tuple(nodes))
 
 
@@ -106,7 +106,7 @@ def _acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr]:
     if parser.texts[parser.i] == "to":
         parser.i += 1
         least, most = most, parser.time("`to`")
-    parser.semicolon("`within`")
+    parser.expect_semicolon("`within`")
     return least, most
 
 
@@ -116,7 +116,7 @@ def _recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | N
         parser.expect_word("within", "after `recover`")
         return parser.time_value("`within`"), None
     parser.i += 1
-    parser.semicolon("`recover never`")
+    parser.expect_semicolon("`recover never`")
     return None, parser.span_from(start)
 
 
@@ -183,7 +183,7 @@ def rta(parser: BodyParser) -> tree.Decl:
 
 def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
     """`assumes name: e;` and `guarantees name: e;`."""
-    what = "the assumption" if kind == "assumes" else "the guarantee"
+    subject = "the assumption" if kind == "assumes" else "the guarantee"
     if parser.kinds[parser.i] != NAME or parser.kinds[parser.i + 1] != ":":
         raise parser.failure(
             "S005",
@@ -191,9 +191,9 @@ def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
             notes=("reports tell the clauses of a module's contract by their names",),
             helps=(f"write `{kind} bounded: ...;`",),
         )
-    name = parser.name(f"the name of {what}")
-    parser.expect(":", f"after the name of {what}")
-    condition = parser.value(what)
+    name = parser.name(f"the name of {subject}")
+    parser.expect(":", f"after the name of {subject}")
+    condition = parser.value(subject)
     return tree.Clause(kind, name, condition, parser.span_from(start))
 
 
@@ -207,7 +207,7 @@ def _advanced(parser: BodyParser, _word: str, _start: int) -> tree.Ref:
             helps=("name a node, as the AC of that module: what it kept, nobody keeps then",),
         )
     node = parser.ref("the name of a node after `ac`")
-    parser.semicolon("the node of `ac`")
+    parser.expect_semicolon("the node of `ac`")
     return node
 
 
@@ -220,7 +220,7 @@ def _safe(parser: BodyParser, _word: str, _start: int) -> tuple[object, tuple[tr
         period = parser.time_value("`period`")
         return tree.Synthesized(period, parser.span_from(start)), ()
     plans = commas(ref("the name of a node after `sc`"))(parser)
-    parser.semicolon("the node of `sc`")
+    parser.expect_semicolon("the node of `sc`")
     return plans[0], plans if len(plans) > 1 else ()
 
 
@@ -230,26 +230,26 @@ def _returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
     if not parser.accept_word("never"):
         parser.expect_word("after", "or `never` after `returns`")
         topic = parser.ref("the name of a topic after `returns after`")
-    parser.semicolon("`returns`")
+    parser.expect_semicolon("`returns`")
     return tree.Returns(topic, parser.span_from(start))
 
 
 def _shield(parser: BodyParser, _word: str, start: int) -> tuple[object, bool, tree.Ref | None]:
     """`shield 8;`, `shield 8 toward sc;`, `shield;`, or `shield toward plans, sc;`."""
-    what, candidates = "the value of `shield`", None
+    subject, candidates = "the value of `shield`", None
     no_number = parser.kinds[parser.i] == ";" or (
         parser.texts[parser.i] == "toward" and parser.kinds[parser.i + 1] == NAME
     )
-    cells = None if no_number else parser.expr(what)
+    cells = None if no_number else parser.expr(subject)
     toward = parser.accept_word("toward")
     if toward and not parser.accept_word("sc"):
         candidates = parser.ref("`sc`, or a topic with an array of commands, after `toward`")
         parser.expect(",", "and `sc` after the topic of commands")
         parser.expect_word("sc", "after the topic of commands")
     if cells is None:
-        parser.semicolon("`shield`")
+        parser.expect_semicolon("`shield`")
         return tree.EachCommand(parser.span_from(start)), toward, candidates
-    return parser.ended(cells, what), toward, candidates
+    return parser.ended(cells, subject), toward, candidates
 
 
 _MOVE = group(

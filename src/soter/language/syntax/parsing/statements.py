@@ -12,7 +12,7 @@ from __future__ import annotations
 from soter.diagnostics.diagnostic import Span, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.expressions import ExpressionParser
-from soter.language.syntax.parsing.literals_and_operators import c_style_loop, unclosed
+from soter.language.syntax.parsing.literals_and_operators import c_style_loop, report_unclosed
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
     ITEM_WORDS,
@@ -57,7 +57,7 @@ class StatementParser(ExpressionParser):
         elif single:
             return self._braceless(where, start)
         else:
-            self._no_brace(where)
+            self._report_missing_brace(where)
         self.blocks += 1
         if self.blocks > BLOCKS_MAX:
             self.report(
@@ -80,19 +80,19 @@ class StatementParser(ExpressionParser):
             kind = kinds[self.i]
             if kind == EOF or (kind not in STATEMENT_WORDS and self.at_declaration()):
                 if kind != EOF and self.nested_declaration():
-                    self.misplaced_declaration()
+                    self.skip_misplaced_declaration()
                     continue
-                unclosed(self, opener, "this block")
+                report_unclosed(self, opener, "this block")
                 break
             item = kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{")
             if item and not self.closed_below(self.blocks + 1):
-                unclosed(self, opener, "this block")  # the body around goes on here
+                report_unclosed(self, opener, "this block")  # the body around goes on here
                 break
-            self._recovering(statements, kind)
+            self._parse_or_recover(statements, kind)
         self.blocks -= 1
         return tree.Block(tuple(statements), self.span_from(start))
 
-    def _recovering(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
+    def _parse_or_recover(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
         """One statement into the list, or past what is none."""
         before = self.i
         blocks = self.blocks
@@ -103,7 +103,7 @@ class StatementParser(ExpressionParser):
             if parse is not None:
                 statements.append(parse(self))
             else:
-                self._no_statement(kind)
+                self._report_no_statement(kind)
         except Panic:
             self.depth = 0
             self.blocks = blocks
@@ -112,23 +112,23 @@ class StatementParser(ExpressionParser):
                 self.advance()
             self.skip_statement()
 
-    def misplaced_declaration(self) -> None:
+    def skip_misplaced_declaration(self) -> None:
         """Report a declaration inside another one and step over it."""
         raise NotImplementedError
 
-    def _no_brace(self, where: str) -> None:
+    def _report_missing_brace(self, where: str) -> None:
         message = f"expected `{{` {where}, found {self.found()}"
         if not self._at_statement():
             raise self.failure("S005", message)
         self.report("S005", message, helps=("braces are never left out",), once=False)
 
     def _braceless(self, where: str, start: int) -> tree.Block:
-        self._no_brace(where)
+        self._report_missing_brace(where)
         statements: list[tree.SyntaxStmt] = []
         self.blocks += 1
         if self.blocks > BLOCKS_MAX:
             raise Panic
-        self._recovering(statements, self.kinds[self.i])
+        self._parse_or_recover(statements, self.kinds[self.i])
         self.blocks -= 1
         return tree.Block(tuple(statements), self.span_from(start))
 
@@ -138,16 +138,16 @@ class StatementParser(ExpressionParser):
             return self.kinds[self.i + 1] in PLACE_FOLLOWS
         return kind in STATEMENT_WORDS
 
-    def head(self, what: str) -> tree.SyntaxExpr:
+    def head(self, subject: str) -> tree.SyntaxExpr:
         """The expression between a statement word and its block; Panic where there is no block."""
         start = self.i
         if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
-            self.report("S007", f"expected {what}, found `{{`", once=False)
+            self.report("S007", f"expected {subject}, found `{{`", once=False)
             return tree.ErrorExpr(self.after_previous())
-        result = self.expr(what, stop_at_brace=True)
+        result = self.expr(subject, stop_at_brace=True)
         if self.kinds[self.i] in ("{", "..") or self._at_statement():
             return result
-        message = f"expected `{{` after {what}, found {self.found()}"
+        message = f"expected `{{` after {subject}, found {self.found()}"
         indented = self.kinds[self.i] == ":" and self.kinds[self.i + 1] != "{"
         braces = ("a block stands in braces: `if x > 0.0 { ... }`",)
         self.report("S005", message, helps=braces if indented else ())
@@ -175,12 +175,12 @@ class StatementParser(ExpressionParser):
         name = self.name("a name after `var`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
         if type_ is not None and self.kinds[self.i] not in ("=", ":=", "=="):
-            self.no_initial("the type of the variable")
+            self.skip_missing_initial("the type of the variable")
             return tree.VarStmt(self.span_from(start), name, type_, None)
         value = self.assigned_value(f"`{visible(name.text)}`", "the value")
         return tree.VarStmt(self.span_from(start), name, type_, value)
 
-    def no_initial(self, after: str) -> None:
+    def skip_missing_initial(self, after: str) -> None:
         """Step over the `;` behind a type; a value without `=` is reported as such."""
         if self.kinds[self.i] in _VALUES:
             message = f"expected `=` or `;` after {after}, found {self.found()}"
@@ -188,9 +188,9 @@ class StatementParser(ExpressionParser):
             self.damaged = True
             self.skip_statement()
         else:
-            self.semicolon(after)
+            self.expect_semicolon(after)
 
-    def assigned_value(self, after: str, what: str) -> tree.SyntaxExpr:
+    def assigned_value(self, after: str, subject: str) -> tree.SyntaxExpr:
         """`= value;`: an ErrorExpr where there is no `=` after what `after` names."""
         start = self.i
         try:
@@ -199,7 +199,7 @@ class StatementParser(ExpressionParser):
             self.skip_expression(start)
             self.accept(";")
             return tree.ErrorExpr(self.after_previous())
-        return self.value(what)
+        return self.value(subject)
 
     def _assign(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
@@ -225,10 +225,7 @@ class StatementParser(ExpressionParser):
             )
         elif kind == "(":
             raise self.failure(
-                "S011",
-                "a call is not a statement",
-                place.span,
-                "functions only compute a value",
+                "S011", "a call is not a statement", place.span, "functions only compute a value"
             )
         elif kind in (";", "}"):
             raise self.failure("S011", "an expression is not a statement", place.span)
@@ -325,7 +322,7 @@ class StatementParser(ExpressionParser):
                 message = string_value(self.texts[self.take()])
             else:
                 self.report("S005", f"expected a string after `,`, found {self.found()}")
-        self.semicolon("the assertion")
+        self.expect_semicolon("the assertion")
         return tree.AssertStmt(self.span_from(start), condition, message)
 
     def _if(self) -> tree.SyntaxStmt:
@@ -403,17 +400,17 @@ class StatementParser(ExpressionParser):
         condition = tree.ErrorExpr(body.span)
         return tree.IfStmt(body.span, ((condition, body),), None)
 
-    def _no_statement(self, kind: str) -> None:
+    def _report_no_statement(self, kind: str) -> None:
         """The token at the cursor begins no statement."""
         if kind == ";":
-            self.stray_semicolon()
+            self.skip_stray_semicolons()
             return
         message = f"expected a statement, found {self.found()}"
         of_a_body = kind in BODY_WORDS and not self.closed_below(self.blocks + 1)
         note = f"`{kind}` belongs in the body around: is a `}}` missing before it?"
         raise self.failure("S011", message, notes=(note,) if of_a_body else ())
 
-    def stray_semicolon(self) -> None:
+    def skip_stray_semicolons(self) -> None:
         """Report a `;` that ends nothing and step over all that follow."""
         behind_block = self.i and self.kinds[self.i - 1] == "}"
         message = "no `;` after a block" if behind_block else "this `;` ends nothing"

@@ -69,7 +69,7 @@ def _fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
         per = parser.time("`per`")
         if parser.accept("for"):
             lasts = parser.time("`for`")
-    parser.semicolon("the fault")
+    parser.expect_semicolon("the fault")
     return tree.SystemFault(kind, target, by, rate, per, lasts, parser.span_from(start))
 
 
@@ -115,7 +115,7 @@ def system(parser: BodyParser) -> tree.Decl:
 def _instance(parser: BodyParser, parts: Parts) -> bool:
     """`name: What;` if that stands here."""
     i = parser.i
-    _no_leads_to(parser, i)
+    _refuse_leads_to(parser, i)
     element = parser.kinds[i : i + 2] == [NAME, "["] and (
         parser.kinds[instance_arrays.behind_indices(parser, i + 1)] == ":"
     )
@@ -131,15 +131,15 @@ def _instance(parser: BodyParser, parts: Parts) -> bool:
     else:
         message = f"expected `:` after the name of the instance, found {parser.found()}"
         parser.report("S005", message, parser.after_previous(), "`:` is missing here")
-    what = parser.ref("what the instance is made of")
-    renames, sets = _wires_and_sets(parser, what)
-    parser.semicolon("the instance")
-    instance = tree.Instance(name, what, None, renames, parser.span_from(start), sets)
+    made_of = parser.ref("what the instance is made of")
+    renames, sets = _wires_and_sets(parser, made_of)
+    parser.expect_semicolon("the instance")
+    instance = tree.Instance(name, made_of, None, renames, parser.span_from(start), sets)
     parts.several["instances"].append(instance)
     return True
 
 
-def _no_leads_to(parser: BodyParser, i: int) -> None:
+def _refuse_leads_to(parser: BodyParser, i: int) -> None:
     """`p leadsto q within d;` is a property of tests only."""
     at = i
     while parser.kinds[at] not in (";", "{", "}", EOF) and parser.texts[at] != "leadsto":
@@ -166,14 +166,14 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
 
 
 def _instance_item(parser: BodyParser, kind: str, start: int) -> tree.Instance:
-    what = parser.ref(f"the name of a {kind}")
-    renames, sets = _wires_and_sets(parser, what)
-    parser.semicolon(f"the {kind}")
-    return tree.Instance(what.name, what, kind, renames, parser.span_from(start), sets)
+    made_of = parser.ref(f"the name of a {kind}")
+    renames, sets = _wires_and_sets(parser, made_of)
+    parser.expect_semicolon(f"the {kind}")
+    return tree.Instance(made_of.name, made_of, kind, renames, parser.span_from(start), sets)
 
 
 def _wires_and_sets(
-    parser: BodyParser, what: tree.Ref
+    parser: BodyParser, made_of: tree.Ref
 ) -> tuple[tuple[tuple[tree.Ref, tree.DottedPath], ...], tuple[tree.SetParam, ...]]:
     """`{ topic = other, set K = 3 }` behind what an instance is made of: wires and settings."""
     if parser.kinds[parser.i] != "{":
@@ -183,7 +183,7 @@ def _wires_and_sets(
     sets: list[tree.SetParam] = []
     try:
         while True:
-            after = _wire_or_setting(parser, what, pairs, sets)
+            after = _wire_or_setting(parser, made_of, pairs, sets)
             if not parser.comma("}", after, opener):
                 break
     except Panic:
@@ -196,18 +196,18 @@ def _wires_and_sets(
 
 def _wire_or_setting(
     parser: BodyParser,
-    what: tree.Ref,
+    made_of: tree.Ref,
     pairs: list[tuple[tree.Ref, tree.DottedPath]],
     sets: list[tree.SetParam],
 ) -> str:
-    """One of them is read; what it is called where a comma is missing behind it."""
+    """Parses one wire or setting; returns its name, for the message about a missing comma."""
     if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
         start = parser.starts[parser.take()]
         sets.append(instance_arrays.setting(parser, "set", start, inside=True))
         return "the value of the parameter"
     pair = _reversed_wire(parser)
     if pair is None:
-        inner = parser.ref(f"a topic of `{visible(what.text)}`")
+        inner = parser.ref(f"a topic of `{visible(made_of.text)}`")
         parser.assign("between the two names of a topic")
         pair = inner, instance_arrays.path(parser, "the name of a topic")
     pairs.append(pair)
@@ -240,12 +240,12 @@ def _faults(parser: BodyParser, _word: str, _start: int) -> tuple[tree.SystemFau
 
 
 def _always(parser: BodyParser, kind: str, start: int) -> tree.PropertyItem:
-    _no_name(parser)
+    _skip_property_name(parser)
     condition = parser.value("the property")
     return tree.PropertyItem(kind, None, condition, None, parser.span_from(start))
 
 
-def _no_name(parser: BodyParser) -> None:
+def _skip_property_name(parser: BodyParser) -> None:
     """Reports S015 for `always calm: e;`, and goes on with the property."""
     i = parser.i
     if parser.kinds[i] != NAME or parser.kinds[i + 1] != ":":
@@ -265,17 +265,17 @@ def _force(parser: BodyParser, _word: str, start: int) -> tree.Force:
             "S005", f"expected `ac` or `sc` after the module, found {parser.found()}"
         )
     parser.i += 1
-    parser.semicolon("the forced mode")
+    parser.expect_semicolon("the forced mode")
     return tree.Force(module, to, parser.span_from(start))
 
 
 def _inline(parser: BodyParser, _word: str, start: int) -> Iterator[tree.Inline]:
     while True:
-        what = instance_arrays.path(parser, "the name of a node after `inline`")
-        yield tree.Inline(what, parser.span_from(start))
+        node = instance_arrays.path(parser, "the name of a node after `inline`")
+        yield tree.Inline(node, parser.span_from(start))
         if not parser.accept(","):
             break
-    parser.semicolon("the nodes of `inline`")
+    parser.expect_semicolon("the nodes of `inline`")
 
 
 def _stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
@@ -283,7 +283,7 @@ def _stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
     topic = instance_arrays.path(parser, f"the name of a topic after `{kind}`")
     parser.expect("in", "after the topic")
     values = _values(parser)
-    parser.semicolon("the values")
+    parser.expect_semicolon("the values")
     return tree.StatedValues(kind, topic, values, parser.span_from(start))
 
 
@@ -305,7 +305,7 @@ def _external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
     parser.expect("topic", "after `external`")
     topic = parser.path("the name of a topic")
     found = clauses(parser, "external topic", _OF_AN_EXTERNAL_TOPIC)
-    parser.semicolon("the external topic")
+    parser.expect_semicolon("the external topic")
     return tree.ExternalTopic(
         topic,
         found.get("every"),
@@ -321,7 +321,7 @@ def _input(parser: BodyParser, _word: str, start: int) -> tree.DriveInput:
     if "every" not in found:
         parser.expect_word("every", "after the input")
         found["every"] = parser.time("`every`")
-    parser.semicolon("`every`")
+    parser.expect_semicolon("`every`")
     return tree.DriveInput(topic, found.get("in"), found["every"], parser.span_from(start))
 
 
@@ -368,12 +368,12 @@ def _skip(parser: BodyParser, _word: str, start: int) -> tree.TimingFaultItem:
         parser.expect_word("most", "after `at`")
         at_most = parser.value("`at most`")
     else:
-        parser.semicolon("the node that may skip a step")
+        parser.expect_semicolon("the node that may skip a step")
     return tree.TimingFaultItem("skip", component, None, at_most, parser.span_from(start))
 
 
 def _eventually(parser: BodyParser, _word: str, start: int) -> tree.PropertyItem:
-    _no_name(parser)
+    _skip_property_name(parser)
     condition = parser.expr("the property")
     within = _within(parser)
     return tree.PropertyItem("eventually", None, condition, within, parser.span_from(start))
@@ -411,7 +411,7 @@ def _within(parser: BodyParser) -> tree.SyntaxExpr:
         parser.after_previous(),
         notes=("a property that may wait forever cannot be tested",),
     )
-    parser.semicolon("the property")
+    parser.expect_semicolon("the property")
     return tree.ErrorExpr(parser.after_previous())
 
 

@@ -307,7 +307,7 @@ class Cursor:
         return wired or self.kinds[i + 4] == "."
 
     def close_word(self, word: str, words: Iterable[str]) -> str | None:
-        """The one of `words` that was probably meant by `word`."""
+        """The known word that was probably meant by `word`."""
         near = closest(word.lower(), words, 0.75)
         return near[0] if near else None
 
@@ -368,16 +368,16 @@ class Cursor:
             return
         raise self.failure("S005", f"expected `=` {where}, found {self.found()}")
 
-    def semicolon(self, after: str) -> None:
+    def expect_semicolon(self, after: str) -> None:
         """Step over `;`; if it is missing, say so where it belongs and carry on."""
         if self.accept(";"):
             return
-        self.missing_semicolon(after)
+        self.report_missing_semicolon(after)
         if not self.fresh_start():
             self.damaged = True
             self.skip_statement()
 
-    def missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
+    def report_missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
         """Report that `;` is missing behind the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
         if not helps and self.new_line() and self.fresh_start():
@@ -402,7 +402,7 @@ class Cursor:
             or self.at_declaration()
         )
 
-    def name(self, what: str) -> Name:
+    def name(self, subject: str) -> Name:
         """A NAME, or a reserved word used as one (reported once per word); else Panic."""
         i = self.i
         kind = self.kinds[i]
@@ -410,12 +410,12 @@ class Cursor:
             self.i = i + 1
             return Name(self.texts[i], self.token_span(i))
         if kind in _KIND_WORDS and self._name_beside(i):
-            return self._named_with_its_kind(what)
+            return self._named_with_its_kind(subject)
         if kind in RESERVED and not self._stops(i):
-            return self.misused_word(what)
-        raise self.failure("S006", f"expected {what}, found {self.found()}")
+            return self.misused_word(subject)
+        raise self.failure("S006", f"expected {subject}, found {self.found()}")
 
-    def _named_with_its_kind(self, what: str) -> Name:
+    def _named_with_its_kind(self, subject: str) -> Name:
         """`ac node Fast`, or `ac node Fast period 10ms { ... }`, which is stepped over."""
         i = self.i
         name = self.texts[i + 1]
@@ -425,7 +425,7 @@ class Cursor:
         if in_place:
             help_ = f"declare it at the top of the file, and name it here: `{name}`"
         label = "nothing is declared here" if in_place else "the name stands alone here"
-        message = f"expected {what}, found the keyword `{self.texts[i]}`"
+        message = f"expected {subject}, found the keyword `{self.texts[i]}`"
         self.report("S006", message, label=label, helps=(help_,))
         self.i = i + 2
         if in_place:
@@ -442,14 +442,14 @@ class Cursor:
         between = self.source.text[self.ends[i] : self.starts[i + 1]]
         return self.kinds[i + 1] == NAME and "\n" not in between
 
-    def misused_word(self, what: str) -> Name:
+    def misused_word(self, subject: str) -> Name:
         """The reserved word at the cursor, taken for a name; reported the first time."""
         i = self.i
         word = self.texts[i]
         if word not in self.misused:
             self.report(
                 "S006",
-                f"expected {what}, found the keyword `{word}`",
+                f"expected {subject}, found the keyword `{word}`",
                 label="this word is reserved",
                 helps=() if self._name_beside(i) else (f"choose another name, such as `{word}_`",),
             )
@@ -464,17 +464,17 @@ class Cursor:
             following in (EOF, "{") and self.new_line()
         )
 
-    def ref(self, what: str) -> Ref:
+    def ref(self, subject: str) -> Ref:
         """`name` or `file.name`."""
-        first = self.name(what)
+        first = self.name(subject)
         if not self.accept("."):
             return Ref(None, first, first.span)
         second = self.name(f"a name after `{visible(first.text)}.`")
         return Ref(first, second, self.span_from(first.span.start))
 
-    def path(self, what: str) -> DottedPath:
+    def path(self, subject: str) -> DottedPath:
         """`name.name.name`."""
-        first = self.name(what)
+        first = self.name(subject)
         parts = [first]
         while self.accept("."):
             parts.append(self.name("a name after `.`"))

@@ -21,11 +21,11 @@ _IN_UNITS = frozenset(["/", "*", "^"])
 _BUILTIN = frozenset(["bool", "float", "duration", "int"])
 
 
-def type_expression(parser: ExpressionParser, what: str) -> tree.TypeExpr:
+def type_expression(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
     """A type expression; a broken one becomes an ErrorTypeExpr."""
     start, depth = parser.i, parser.depth
     try:
-        return _type(parser, what)
+        return _type(parser, subject)
     except Panic:
         parser.depth = depth
         _skip_type(parser, start)
@@ -49,12 +49,12 @@ def _skip_type(parser: ExpressionParser, start: int) -> None:
     parser.quiet = parser.i
 
 
-def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
+def _type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
     parser.depth += 1
     if parser.depth > LEVELS_MAX:
         too_deep(parser, "type")
     start = parser.starts[parser.i]
-    result = _base_type(parser, what)
+    result = _base_type(parser, subject)
     suffixes = 0
     while parser.kinds[parser.i] == "[":
         opener = parser.take()
@@ -74,12 +74,12 @@ def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
         where, unit = parser.token_span(parser.i - 1), string_value(parser.texts[parser.i - 1])
         result = tree.UnitTypeExpr(parser.span_from(start), result, unit, where)
     elif parser.is_word("unit") and parser.kinds[parser.i + 1] == NAME:
-        _without_quotes(parser)
+        _report_missing_quotes(parser)
     parser.depth -= 1
     return result
 
 
-def _without_quotes(parser: ExpressionParser) -> None:
+def _report_missing_quotes(parser: ExpressionParser) -> None:
     """`unit m/s`: told, and gone over."""
     parser.i += 1
     last = parser.i
@@ -91,7 +91,7 @@ def _without_quotes(parser: ExpressionParser) -> None:
     parser.i = last + 1
 
 
-def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
+def _base_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
     i = parser.i
     kind = parser.kinds[i]
     if kind in _BUILTIN:
@@ -105,7 +105,7 @@ def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
         return _record_type(parser)
     if kind == NAME:
         ref = parser.ref("a type")
-        _foreign_type(parser, ref, i)
+        _refuse_foreign_type(parser, ref, i)
         return tree.NamedType(ref.span, ref)
     notes: tuple[str, ...] = ()
     helps: tuple[str, ...] = ()
@@ -113,11 +113,11 @@ def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
         helps = ("declare it first: `type Name = enum { ... };`",)
     elif kind == "[":
         notes = ("the size of an array follows its type: `float[3]`",)
-    message = f"expected {what}, found {parser.found()}"
+    message = f"expected {subject}, found {parser.found()}"
     raise parser.failure("S008", message, notes=notes, helps=helps)
 
 
-def _foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
+def _refuse_foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
     """`List<float>` and the like are no types; `double` is left to the checker."""
     if parser.kinds[parser.i] != "<":
         return
