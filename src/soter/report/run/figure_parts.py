@@ -206,6 +206,12 @@ def dense(series: Series) -> bool:
     return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
 
 
+def unit_of(series: Series, others: Iterable[Series]) -> str:
+    """The unit of a series, or of those that share its panel: what measures it may have one."""
+    sharing = [x for x in others if (x.panel or x.name) == (series.panel or series.name)]
+    return next((x.unit for x in (series, *sharing) if x.unit), "")
+
+
 def by_controller(
     rows: NDArray[np.float64], in_control: NDArray[np.bool_], *, ac: bool
 ) -> NDArray[np.float64]:

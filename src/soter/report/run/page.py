@@ -21,6 +21,7 @@ from soter.report.run.figure_parts import (
     place,
     predicates_text,
 )
+from soter.report.run.path_figure import path_figure
 from soter.report.run.timeline import chart_timeline, flight_timeline
 from soter.report.run.where_sc_leads import led_json
 from soter.report.templates import filled, script_json
@@ -144,7 +145,8 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
     flown = _flown(page.flights)
     end_s = longest_s(page.charts)
     charted = [_charted(c, f"chart-{i}", end_s) for i, c in enumerate(page.charts)]
-    drawn = [*drawn, *flown, *chain(*charted)]
+    paths = [path_figure(c, f"path-{i}") for i, c in enumerate(page.charts)]
+    drawn = [*drawn, *flown, *(p for p in paths if p), *chain(*charted)]
     main = filled(
         "report/run/page.html.j2",
         page=page,
@@ -152,8 +154,8 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         headline=headline(page),
         cards=_cards(page, longest_s(arms)),
         scene=scene,
-        flown=[(f.title, [figure]) for f, figure in zip(page.flights, flown, strict=True)],
-        charted=[(c.title, figure) for c, figure in zip(page.charts, charted, strict=True)],
+        flown=[(f.title, None, [x]) for f, x in zip(page.flights, flown, strict=True)],
+        charted=[(c.title, *of) for c, *of in zip(page.charts, paths, charted, strict=True)],
         program=_program_section(page.picture),
         where_text=_where,
         change_text=change_text,

@@ -40,6 +40,7 @@ from soter.report.run.figure_parts import (
     takeover_dot,
     takeovers,
     thin,
+    unit_of,
     violation_cross,
     violation_hover,
     violations_title,
@@ -223,7 +224,7 @@ def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 
 def _panel_title(name: str, members: Sequence[Series]) -> str:
     """Write a panel's name and unit, and what the lines drawn over the first one are."""
-    title = quantity(name, members[0].unit)
+    title = quantity(name, unit_of(members[0], members))
     title += ", steps too dense to tell apart" if dense(members[0]) else ""
     overlays = [
         f"{DASH_NAMES[dash]}: {each.name}"

@@ -1,0 +1,107 @@
+"""The path of a run seen from above.
+
+Purpose: `path_figure` draws the first two signals of a chart that are called x and y in one place,
+such as `c.x` and `c.y`, over each other at one scale: in the colour of AC where all modules have AC
+in control, else in that of SC.
+Non-goals: what stands beside the path: a program says no walls that a page could draw.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.run.figure_parts import (
+    AC_COLOUR,
+    SC_COLOUR,
+    axis,
+    by_controller,
+    crowded,
+    decision_hover,
+    giveback_dot,
+    givebacks,
+    layout,
+    line,
+    mode_edges,
+    nearest_indices,
+    takeover_dot,
+    takeovers,
+    thin,
+    unit_of,
+    violation_cross,
+    violation_hover,
+)
+from soter.report.run.record import Figure
+from soter.report.templates import numbers
+from soter.report.wording import quantity
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.report.run.record import Chart, Json, Series
+
+SHARES_MIN = (0.9, 0.3)
+"""What is seen is at least so wide as a part of its height, and so high as a part of its width."""
+
+
+def path_figure(chart: Chart, key: str) -> Figure | None:
+    """The path of a chart, which is None where no two signals are called x and y in one place."""
+    if (found := _x_and_y(chart.series)) is None:
+        return None
+    rows = np.column_stack([s.values for s in found])
+    if np.isnan(rows).all(axis=0).any():  # never published
+        return None
+    all_ac = np.all([band.in_control for band in chart.modes], axis=0)
+    in_control = np.broadcast_to(all_ac, chart.time_s.shape)
+    events = [d.time_s for d in chart.decisions] + [v.time_s for v in chart.violations]
+    keep = mode_edges(in_control) + nearest_indices(chart.time_s, events)
+    drawn = thin(len(rows), keep)
+    data: list[Json] = []
+    for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
+        part = by_controller(rows[drawn], in_control[drawn], ac=ac)
+        if len(part):
+            data.append(_trace(part, "lines", line=line(colour, 2.2), hovertemplate=_hover(who)))
+    size = crowded(len(chart.decisions), 9)
+    told = [
+        (giveback_dot(size), [(d.time_s, decision_hover(d)) for d in givebacks(chart.decisions)]),
+        (takeover_dot(size), [(d.time_s, decision_hover(d)) for d in takeovers(chart.decisions)]),
+        (violation_cross(10), [(v.time_s, violation_hover(v)) for v in chart.violations]),
+        ({"symbol": "square", "size": 8, "color": "@ink"}, [(chart.time_s[0], "the start")]),
+    ]
+    for marker, texts in told:
+        at = rows[nearest_indices(chart.time_s, [t for t, _ in texts])]
+        text, template = [t for _, t in texts], "%{text}<extra></extra>"
+        data.append(_trace(at, "markers", marker=marker, text=text, hovertemplate=template))
+    low, high = np.nanmin(rows, axis=0), np.nanmax(rows, axis=0)
+    half = np.maximum(high - low, np.max(high - low) * np.array(SHARES_MIN)) * 0.55 + 1e-3
+    ends = np.transpose([(low + high) / 2 - half, (low + high) / 2 + half]).round(4).tolist()
+    x, y = (
+        axis(quantity(s.name, unit_of(s, chart.series)), range=shown, constrain="domain")
+        for s, shown in zip(found, ends, strict=True)
+    )
+    label = f"{chart.title}: the path in {found[0].name} and {found[1].name}"
+    return Figure(key, label, tuple(data), layout(xaxis=x, yaxis={**y, "scaleanchor": "x"}))
+
+
+def _x_and_y(series: Sequence[Series]) -> tuple[Series, Series] | None:
+    """The first two that are coordinates; a quaternion has a w, too."""
+    by_name = {s.name: s for s in series}
+    for name, x in by_name.items():
+        place, _, last = name.rpartition(".")
+        y = by_name.get(f"{place}.y")
+        in_space = f"{place}.w" not in by_name and unit_of(x, series) in {"", "m"}
+        if last == "x" and y is not None and in_space:
+            return x, y
+    return None
+
+
+def _trace(rows: NDArray[np.float64], mode: str, **more: object) -> Json:
+    x, y = (numbers(column, 4) for column in rows.T)
+    return {"type": "scatter", "mode": mode, "x": x, "y": y, **more}
+
+
+def _hover(who: str) -> str:
+    return f"%{{x:.2f}}, %{{y:.2f}}, {who}<extra></extra>"
