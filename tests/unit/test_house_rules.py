@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,51 @@ def test_a_module_opens_with_its_purpose(path: Path) -> None:
     if path.name != "__init__.py":
         assert "Purpose:" in docstring
         assert "Non-goals:" in docstring
+
+
+def first_sentence(path: Path) -> str:
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return re.split(r"\.\s", " ".join(docstring.partition("\n\n")[0].split()))[0]
+
+
+SEVERAL_SUBJECTS = {
+    "addons.py": 1,
+    "api": 14,
+    "campaign": 6,
+    "certificate": 24,
+    "cli": 14,
+    "codegen": 11,
+    "core": 7,
+    "diagnostics": 5,
+    "diagram": 3,
+    "editor": 6,
+    "explore": 17,
+    "gym": 5,
+    "language": 46,
+    "mapping": 3,
+    "monitor": 11,
+    "native": 5,
+    "playground": 3,
+    "policy": 6,
+    "remote": 2,
+    "report": 14,
+    "semantics": 6,
+    "simulate": 12,
+    "targets": 12,
+    "verify": 46,
+    "version.py": 1,
+    "workers": 3,
+}
+"""Of each room: files whose first sentence has an "and". These may only become fewer."""
+
+
+def test_a_file_has_one_subject() -> None:
+    """It is said in the first sentence of its docstring, without an "and"."""
+    rooms = [p.relative_to(ROOT / "src" / "soter").parts[0] for p in SOURCES]
+    several = Counter(
+        room for room, p in zip(rooms, SOURCES, strict=True) if " and " in first_sentence(p)
+    )
+    assert several == SEVERAL_SUBJECTS
 
 
 def test_the_page_of_the_house_has_every_room_and_files_that_are_there() -> None:

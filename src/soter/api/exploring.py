@@ -24,7 +24,7 @@ from soter.explore.results import ExploreReport, TestResult
 from soter.explore.search_options import SearchOptions
 from soter.explore.trace import TIME_MAX
 from soter.language.elaborate.derived_systems import with_test
-from soter.language.elaborate.tested_system import MAX_STEPS
+from soter.language.elaborate.explorable import MAX_STEPS
 from soter.language.front_end import CheckResult, system_of_test
 from soter.language.model.types import Value, show_ns
 from soter.simulate.interrupt import receiving_signals, stop_request

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Fix, Label, Severity, SoterError
 from soter.language.check.checker import check
 from soter.language.elaborate.derived_systems import faultless, without_held_topics
-from soter.language.elaborate.elaborator import Elaborator, implicit_system
+from soter.language.elaborate.flatten_system import flatten, flatten_loose, implicit_system
 from soter.language.elaborate.lints.module_lints import doubt
+from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.system_numbers import has_param
 from soter.language.elaborate.tested_system import elaborate_test
 from soter.language.elaborate.wellformed import check_declaration, check_deployed, check_periods
@@ -241,11 +242,11 @@ def _flatten(
     lints: bool = True,
 ) -> System | None:
     """The flat system, None if it has errors; without `lints` there are no warnings."""
-    elaborator = Elaborator(program, symbol, overrides, diagnostics, draft=draft)
+    flattening = Flattening(program, symbol, overrides, diagnostics, draft=draft)
     before = len(diagnostics.items)
-    flat = elaborator.run()
+    flat = flatten(flattening)
     if flat is not None:
-        check_periods(flat, diagnostics, elaborator.unknown)
+        check_periods(flat, diagnostics, flattening.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
         if lints and sound and not program.damaged and not diagnostics.has_errors:
             doubt(flat, diagnostics)
@@ -261,7 +262,7 @@ def _proved(
     """The flat system that `symbol` deploys; None if it has errors, reported for that system."""
     assert symbol.deploys is not None
     diagnostics = Diagnostics()
-    flat = Elaborator(program, symbol.deploys, overrides, diagnostics).run()
+    flat = flatten(Flattening(program, symbol.deploys, overrides, diagnostics))
     return None if diagnostics.has_errors else flat
 
 
@@ -275,16 +276,11 @@ def _check_the_rest(
     if not instances and not topics:
         return
     span = (instances[0] if instances else topics[0]).span
-    loose = SystemSymbol(
-        "",
-        span,
-        default=False,
-        instances=instances,
-    )
-    elaborator = Elaborator(program, loose, {}, diagnostics)
-    flat = elaborator.run_loose(topics)
+    loose = SystemSymbol("", span, default=False, instances=instances)
+    flattening = Flattening(program, loose, {}, diagnostics)
+    flat = flatten_loose(flattening, topics)
     if flat is not None:
-        check_periods(flat, diagnostics, elaborator.unknown)
+        check_periods(flat, diagnostics, flattening.unknown)
 
 
 def _placed(systems: list[SystemSymbol]) -> set[object]:

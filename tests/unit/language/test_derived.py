@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -135,8 +136,15 @@ def without_plants(system: System) -> System:
         for t, _ in c.plant.drives
     ]
     nodes = [c.index for c in system.components if c.plant is None]
-    return derived_systems.driven_outside(
-        derived_systems.only(system, nodes), [*driven, *(i.topic for i in system.inputs)]
+    topics = {*driven, *(i.topic for i in system.inputs)}
+    left = derived_systems.only(system, nodes)
+    return replace(
+        left,
+        topics=tuple(
+            replace(t, driver=derived_systems.OUTSIDE) if {t.index, t.queue_of} & topics else t
+            for t in left.topics
+        ),
+        inputs=(),
     )
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.tested_system import MAX_STEPS, elaborate_test
+from soter.language.elaborate.explorable import MAX_STEPS
+from soter.language.elaborate.tested_system import elaborate_test
 from soter.language.front_end import check_file, system_of, system_of_test
 
 if TYPE_CHECKING:

@@ -23,7 +23,8 @@ from soter.certificate.reading.module_facts import DiffersError, Facts, driven_t
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import without_held_topics
-from soter.language.elaborate.elaborator import Elaborator
+from soter.language.elaborate.flatten_system import flatten
+from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
 from soter.language.model.system import holder_of
@@ -180,9 +181,9 @@ def abstracted_system(
     )
     diagnostics = Diagnostics()
     around = {p.name: v for p, v in module.around.items()}
-    elaborator = Elaborator(system.program, made, around, diagnostics)
-    elaborator.partial = True
-    flattened = elaborator.run()
+    flattening = Flattening(system.program, made, around, diagnostics)
+    flattening.partial = True
+    flattened = flatten(flattening)
     if flattened is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     flattened = without_held_topics(flattened)

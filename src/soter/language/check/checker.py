@@ -1,7 +1,7 @@
 """The checker: makes a checked program of the loaded files.
 
 Purpose: resolves every declaration once and on demand, then checks every body, in one pass.
-Non-goals: numbers of a particular system (`elaborator.py`), the paper's P1 (`wellformed.py`).
+Non-goals: numbers of a particular system (`system_numbers.py`), the paper's P1 (`wellformed.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: `ConstantChecker` computes constants, sizes, bounds of loops and data files within a
 budget, so that a check always ends; `TypeChecker` resolves type expressions, with limits of size.
-Non-goals: numbers that depend on parameters (`elaborator.py`), the operations
+Non-goals: numbers that depend on parameters (`system_numbers.py`), the operations
 (`language/evaluate/statements.py`), declarations of types (`declarations.py`), storage.
 """
 

@@ -2,7 +2,7 @@
 
 Purpose: sends each kind of declaration to its checker, and checks types, constants, parameters,
 functions and topics itself.
-Non-goals: name look-up order (`scope.py`), numbers (`elaborator.py`), P1 (`wellformed.py`).
+Non-goals: name look-up order (`scope.py`), numbers (`system_numbers.py`), P1 (`wellformed.py`).
 """
 
 from __future__ import annotations

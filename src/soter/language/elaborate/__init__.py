@@ -1,1 +1,1 @@
-"""Flattens a system of the checked program, checks what belongs together, and warns."""
+"""Makes flat systems of a checked program: each pass, check or warning is a file."""

@@ -2,7 +2,7 @@
 
 Purpose: reports what breaks the paper's composability (Section IV: disjoint nodes, disjoint
 outputs), topics with two drivers or none (M005, with edits that add one), and too long calendars.
-Non-goals: numbers of single declarations (`elaborator.py`), P1 (`wellformed.py`).
+Non-goals: numbers of single declarations (`make_components.py`), P1 (`wellformed.py`).
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class Composition:
             driven_topic = self.system.topics[index]
             driven_topic.driver = topic_drivers[0][0]
             if len(topic_drivers) > 1:
-                self._two_drivers(driven_topic, topic_drivers)
+                self._report_two_drivers(driven_topic, topic_drivers)
             if driven_topic.symbol.input:
                 self._drives_an_input(driven_topic, *topic_drivers[0])
         self._disjoint_topics()
@@ -214,7 +214,7 @@ class Composition:
                 drivers_by_topic.setdefault(index, []).append((f"module `{m.name}`", span))
         return drivers_by_topic
 
-    def _two_drivers(self, topic: Topic, drivers: list[tuple[str, Span]]) -> None:
+    def _report_two_drivers(self, topic: Topic, drivers: list[tuple[str, Span]]) -> None:
         if self.draft and self.partial:
             return  # a module that was not read may own one of them
         second, first = drivers[1], drivers[0]

@@ -1,10 +1,10 @@
-"""Makes systems from systems: parts left out, replaced, or answered and driven from outside.
+"""Makes systems from systems: parts left out, replaced, or answered from outside.
 
 Purpose: the one place that takes a flat system apart. Proofs, attacks, environments, tests and
-targets need a system without its plants, with another node, or with topics driven from outside;
+targets need a system without its plants, with another node, or with nodes answered from outside;
 each such change is a function here that returns a new system and leaves the given one as it is.
-Non-goals: what the text says (`elaborator.py`), where a `replace` of a system or a test is judged
-(`instantiate.py`); the re-checker derives its own systems, on purpose.
+Non-goals: what the text says (`flatten_system.py`), where a `replace` of a system or a test is
+judged (`replace_parts.py`); the re-checker derives its own systems, on purpose.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.elaborator import Elaborator
+from soter.language.elaborate.flatten_system import flatten
+from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.step_times import waiting
 from soter.language.model import typed
 from soter.language.model.system import InputDrive, Scope
@@ -75,14 +76,7 @@ def only(system: System, kept: Collection[int]) -> System:
         system,
         components=tuple(components),
         modules=tuple(
-            replace(
-                m,
-                index=i,
-                dm=at[m.dm],
-                ac=at[m.ac],
-                sc=at[m.sc],
-                scope=seen(m.scope),
-            )
+            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=seen(m.scope))
             for i, m in enumerate(modules)
         ),
         properties=tuple(
@@ -127,9 +121,9 @@ def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSym
     )
     diagnostics = Diagnostics()
     around = {p.name: v for p, v in module.around.items()}
-    elaborator = Elaborator(flat.program, made, around, diagnostics)
-    elaborator.partial = True  # nothing drives topics that only AC reads
-    system = elaborator.run()
+    flattening = Flattening(flat.program, made, around, diagnostics)
+    flattening.partial = True  # nothing drives topics that only AC reads
+    system = flatten(flattening)
     if system is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     system.params = flat.params
@@ -234,20 +228,6 @@ def with_topic(
 def drawn(system: System, topic: int, every_ns: int) -> System:
     """The system with a topic drawn from its set every `every_ns` ns, as an input is."""
     return replace(system, inputs=(*system.inputs, InputDrive(topic, every_ns)))
-
-
-def driven_outside(system: System, topics: Collection[int]) -> System:
-    """The system with these topics published from outside instead of drawn or driven."""
-    inside = {c.scope.topics[t] for c in system.components for t in c.published}
-    assert inside.isdisjoint(topics)
-    return replace(
-        system,
-        topics=tuple(
-            replace(t, driver=OUTSIDE) if {t.index, t.queue_of} & set(topics) else t
-            for t in system.topics
-        ),
-        inputs=drawn_where(system, lambda topic: topic not in topics).inputs,
-    )
 
 
 def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:

@@ -1,4 +1,4 @@
-"""Finds which values and which times the code of a test can distinguish.
+"""Finds what the code of a test can distinguish.
 
 Purpose: if no step, predicate, contract or property distinguishes two values of a stand-in's topic,
 one of them is enough (docs/testing.md, "Floats, lists, wide ints"): any value of a part
@@ -84,10 +84,7 @@ class Readers:
     """
 
     def __init__(
-        self,
-        system: System,
-        asked: Iterable[tuple[typed.TypedExpr, Scope]],
-        constant: Constant,
+        self, system: System, asked: Iterable[tuple[typed.TypedExpr, Scope]], constant: Constant
     ) -> None:
         """`asked`: further conditions that the test judges, each with its scope."""
         self._constant = constant
@@ -108,7 +105,7 @@ class Readers:
         for topic in system.topics:
             if topic.queue_of is not None:
                 self._all_of(topic.queue_of, topic.symbol.span)
-        self._contracts([c for c in system.components if c.stands_for is not None])
+        self._add_reads_of_contracts([c for c in system.components if c.stands_for is not None])
 
     def of(self, topic: int) -> ReadTopic:
         """What code reads of the topic with this index."""
@@ -131,7 +128,7 @@ class Readers:
             self._read(plant_code(c.plant), c.scope)
             self.heard |= {*c.reads}
 
-    def _contracts(self, stand_ins: list[Component]) -> None:
+    def _add_reads_of_contracts(self, stand_ins: list[Component]) -> None:
         """Adds what contracts of stand-ins read, for those stand-ins that something hears."""
         waiting = stand_ins
         while True:

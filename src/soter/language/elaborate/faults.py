@@ -13,6 +13,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.check.field import listed
+from soter.language.elaborate.passes.memory_topics import make_held_topic, refuse_overrun
 from soter.language.elaborate.step_times import waiting
 from soter.language.model.system import Fault
 from soter.language.model.types import FloatType, IntType, has_list, leaves, show_ns
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics, Span
-    from soter.language.elaborate.topics import Topics
+    from soter.language.elaborate.passes.flattening import Flattening
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System, Topic
+
+    _Target = tuple[Component, int | None, tuple[int, ...], int | None]
+    """What an item hits: component, topic, leaves and disturbance."""
 
 
 def named(system: System, path: str) -> list[Component]:
@@ -41,8 +45,8 @@ def _aliases(system: System, c: Component) -> set[str]:
     if c.module is not None:
         module = system.modules[c.module]
         symbols.append(module.symbol.ac if c.role == "ac" else module.symbol.sc)
-        aliases |= {f"{module.name}.{_last_part(s.name)}" for s in symbols}
-    return aliases | {s.name for s in symbols} | {_last_part(s.name) for s in symbols}
+        aliases |= {f"{module.name}.{s.name.rpartition('.')[2]}" for s in symbols}
+    return aliases | {s.name for s in symbols} | {s.name.rpartition(".")[2] for s in symbols}
 
 
 def not_found(
@@ -67,10 +71,6 @@ def not_found(
     )
 
 
-def _last_part(name: str) -> str:
-    return name.rpartition(".")[2]
-
-
 GROUPS = ("all", "modules")
 """Targets of timing faults: all nodes and DMs, or only those of modules."""
 APART = ("late", "skip", "silent")
@@ -85,19 +85,29 @@ TIMED = ("late", "overrun")
 GIVEN = (*TIMED, "bias", "noise", "scale")
 
 
-def place_faults(elaborator: Topics, system: System) -> None:
-    """Enters the faults of a system, `shuffled` included, from its symbol."""
-    places = _FaultPlacer(elaborator, system)
-    faults = [f for item in elaborator.symbol.faults for f in places.of(item)]
+def place_faults(flat: Flattening, system: System) -> None:
+    """Enters the faults of a system, `shuffled` included, from its symbol.
+
+    Outputs of steps that overrun are held in topics that come last.
+    """
+    if not flat.symbol.faults:
+        return
+    places = _FaultPlacer(flat, system)
+    faults = [f for item in flat.symbol.faults for f in places.of(item)]
     places.decide(faults)
-    system.shuffled = any(item.kind == "order" for item in elaborator.symbol.faults)
+    system.shuffled = any(item.kind == "order" for item in flat.symbol.faults)
     system.faults = waiting(system.modules, faults, shuffled=system.shuffled)
+    for f in system.faults:
+        if f.kind == "overrun":
+            make_held_topic(flat, system.components[f.component])
+            refuse_overrun(system, system.components[f.component], f.text, flat.diagnostics)
+    system.topics = tuple(flat.topics)
 
 
 class _FaultPlacer:
-    def __init__(self, elaborator: Topics, system: System) -> None:
-        self.elaborator = elaborator
-        self.diagnostics = elaborator.diagnostics
+    def __init__(self, flat: Flattening, system: System) -> None:
+        self.flat = flat
+        self.diagnostics = flat.diagnostics
         self.system = system
         self.streams: dict[str, int] = {}
 
@@ -105,7 +115,7 @@ class _FaultPlacer:
         """Yields the faults of one item, one for each component; none after a report."""
         if item.kind == "order":
             return
-        lasts = self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
+        lasts = self.flat.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
         amount = self._amount_values(item, lasts)
         rate = self._rate(item)
         if amount is None or rate is None:
@@ -159,8 +169,8 @@ class _FaultPlacer:
         """How often it happens, per second; 0 if it always does, None after a report."""
         if item.rate is None or item.per is None:
             return 0.0
-        rate = self.elaborator.number(item.rate, "how often")
-        per = self.elaborator.duration(item.per, "`per`")
+        rate = self.flat.number(item.rate, "how often")
+        per = self.flat.duration(item.per, "`per`")
         if rate is None or per is None:
             return None
         if not (math.isfinite(rate) and rate >= 0.0):
@@ -169,7 +179,7 @@ class _FaultPlacer:
         return float(rate) / (per / 1e9)
 
     def _amount_values(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
-        numbers = [self.elaborator.number(e, f"`{item.kind}`") for e in item.by]
+        numbers = [self.flat.number(e, f"`{item.kind}`") for e in item.by]
         values = [v for v in numbers if v is not None]
         if len(values) != len(numbers):
             return None
@@ -221,9 +231,7 @@ class _FaultPlacer:
 
     # ------------------------------------------------------------ targets
 
-    def _group(
-        self, item: typed.SystemFaultSymbol
-    ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
+    def _group(self, item: typed.SystemFaultSymbol) -> list[_Target]:
         if item.kind == "overrun":
             self._impossible(item, f"not all nodes of `{item.path}` can: name those that shall")
             return []
@@ -234,10 +242,8 @@ class _FaultPlacer:
         components = [c for c in self.system.components if c.role in wanted]
         return [(c, None, (), None) for c in components]
 
-    def _targets(
-        self, item: typed.SystemFaultSymbol
-    ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
-        """What an item hits: component, topic, leaves and disturbance of each target."""
+    def _targets(self, item: typed.SystemFaultSymbol) -> list[_Target]:
+        """What an item hits."""
         if item.path in GROUPS:
             return self._group(item)
         parts = item.path.split(".")
@@ -245,14 +251,14 @@ class _FaultPlacer:
             components = named(self.system, ".".join(parts[:count]))
             if components:
                 return [x for c in components for x in self._hit(item, c, parts[count:])]
-        if not self.elaborator.partial:
+        if not self.flat.partial:
             verb = f"have a fault `{item.kind}`"
             not_found(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
         return []
 
     def _hit(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
-    ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
+    ) -> Iterator[_Target]:
         if item.kind in {"late", "skip"}:
             if rest:
                 self._impossible(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
@@ -282,7 +288,7 @@ class _FaultPlacer:
 
     def _published(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
-    ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
+    ) -> Iterator[_Target]:
         parts = [x for part in rest for x in part.replace("[", ".[").split(".") if x]
         topics = [t for t in c.published if not parts or t.name.rpartition(".")[2] == parts[0]]
         hit, below = False, parts[1:]
@@ -350,8 +356,8 @@ class _FaultPlacer:
 
     def _number(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
         """A time of a `verify` block in ns, with the parameters of its module."""
-        with self.elaborator.under(m.scope.params):
-            value = self.elaborator.number(expr, "a time of `verify`")
+        with self.flat.under(m.scope.params):
+            value = self.flat.number(expr, "a time of `verify`")
         return None if value is None else float(value)
 
     def _declared_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:

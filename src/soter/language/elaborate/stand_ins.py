@@ -6,8 +6,8 @@ to be tried one by one, it tries the values that the test states (`guarantees t.
 and of other parts one value of each kind that code can distinguish. Stated values become a
 condition by which the real part is judged in each test in which it runs; those of `assumes` are
 told as an assumption if no test judges them.
-Non-goals: where a stand-in stands (`instantiate.py`), whether what it stands for keeps its contract
-(tests), which values can be told apart (`language/elaborate/distinguished.py`).
+Non-goals: where a stand-in stands (`replace_parts.py`), whether what it stands for keeps its
+contract (tests), which values can be told apart (`distinguished.py`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Source, Span
 from soter.language.check.operators_and_choices import MAX_CHOICES
-from soter.language.elaborate.distinguished import (
-    representatives,
-)
+from soter.language.elaborate.distinguished import representatives
 from soter.language.model import typed
 from soter.language.model.system import StandIn
 from soter.language.model.tree_walk import joined, mode_reads, nodes, rewritten, topic_reads
@@ -40,11 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.elaborate.distinguished import (
-        Path,
-        Readers,
-        ReadTopic,
-    )
+    from soter.language.elaborate.distinguished import Path, Readers, ReadTopic
     from soter.language.model.system import Bound, Component, Topic
     from soter.language.model.types import Type, Value
 

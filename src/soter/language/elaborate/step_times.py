@@ -1,9 +1,8 @@
 """Elaborates times of steps (`takes`, `wcet`, `jitter`), and computes ages of what a DM reads.
 
-Purpose: checks which nodes may take how long (M023), and makes the topic that holds the outputs of
-a step until they take effect: its stamp is that time, NEVER while nothing is held. Computes the
-numbers of `wcet` and `jitter`, marks the nodes that run `inline` in the trusted thread, and adds
-the faults by which an SC waits for its DM (decision module) where the deployed order is kept.
+Purpose: checks which nodes may take how long (M023), computes the numbers of `wcet` and `jitter`,
+marks the nodes that run `inline` in the trusted thread, and adds the faults by which an SC waits
+for its DM (decision module) where the deployed order is kept.
 Computes the least `max_age` that the periods of a system allow (W034, remedies of `verify`), and
 the ages at which a DM may see a fresh topic.
 Non-goals: what a run does with it (`semantics/rules.py`, `codegen/nodes.py`); what follows from
@@ -17,35 +16,22 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import the_other_way
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
-from soter.language.model.system import Fault, Topic
-from soter.language.model.types import (
-    BOOL,
-    INT,
-    FloatType,
-    RecordType,
-    default_value,
-    leaves,
-    show_ns,
-    write_ns,
-)
+from soter.language.model.system import Fault
+from soter.language.model.types import FloatType, leaves, show_ns, write_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.elaborate.instantiate import SubSystem
+    from soter.language.elaborate.passes.flattening import Flattening
     from soter.language.elaborate.system_numbers import Numbers
     from soter.language.model import typed
-    from soter.language.model.system import Bound, Component, Module, System
+    from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import NodeSymbol
-    from soter.language.model.types import Type
 
 
-def may_take(
-    node: NodeSymbol,
-    role: str,
-    times: tuple[int, int],
-    diagnostics: Diagnostics,
+def check_step_times(
+    node: NodeSymbol, role: str, times: tuple[int, int], diagnostics: Diagnostics
 ) -> None:
     """Reports V001 for times in the wrong order, M023 if `node` may not take so long.
 
@@ -121,30 +107,6 @@ def check_double_response(
             )
 
 
-def held_topic(index: int, c: Component, topics: Sequence[Topic]) -> Topic:
-    """The hidden topic, with index `index`, that holds the outputs of a component's steps."""
-    assert c.node is not None
-    published = [topics[c.scope.topics[t]] for t in c.node.publishes]
-    fields: list[tuple[str, Type]] = []
-    bounds: list[Bound | None] = []
-    for k, topic in enumerate(published):
-        fields += [(f"has_{k}", BOOL), (f"at_{k}", INT), (f"out_{k}", topic.type)]
-        bounds += [None, None, *topic.bounds]
-    t = RecordType(tuple(fields))
-    return Topic(
-        index=index,
-        name=f"{c.name}.held",
-        symbol=published[0].symbol,
-        type=t,
-        bounds=tuple(bounds),
-        set_declared=False,
-        default=default_value(t),
-        max_age_ns=None,
-        driver=c.name,
-        held=True,
-    )
-
-
 def budget(numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol) -> tuple[int | None, int]:
     """`wcet` and `jitter` in ns; None and 0 if they are not declared or after a report."""
     jitter = _time(numbers, of.jitter, f"the jitter of `{of.name}`", least=0)
@@ -166,24 +128,22 @@ def _time(numbers: Numbers, expr: typed.TypedExpr | None, what: str, *, least: i
     return None
 
 
-def inlined(
-    parts: Iterable[SubSystem], components: Sequence[Component], diagnostics: Diagnostics
-) -> None:
+def mark_inline(flat: Flattening) -> None:
     """Marks the nodes that systems declare `inline`; reports M013 for other names."""
-    by_name = {c.name: c for c in components if c.node is not None}
-    for part in parts:
+    by_name = {c.name: c for c in flat.components if c.node is not None}
+    for part in flat.parts if not flat.partial else ():
         for path, span in part.system.inlines:
             component = by_name.get(part.prefix + path)
             if component is not None:
                 component.inline = True
                 continue
             near = [n.removeprefix(part.prefix) for n in by_name if n.startswith(part.prefix)]
-            diagnostics.error(
+            flat.diagnostics.error(
                 "M013",
                 f"`{path}` is not a node of system `{part.system.name}`",
                 span,
                 notes=("`inline` names the nodes that run in the thread of the trusted part",),
-                helps=diagnostics.did_you_mean(path, near, span),
+                helps=flat.diagnostics.did_you_mean(path, near, span),
             )
 
 

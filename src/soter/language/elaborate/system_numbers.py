@@ -4,7 +4,7 @@ Purpose: finds the value of each parameter in each instance, and evaluates perio
 intervals with checks of their ranges. It counts instances and numbers before it makes them, as a
 few lines can ask for 2^50 instances; then it reports M007. It warns of settings of instances that
 nothing there reads (W010).
-Non-goals: what the numbers are for (`elaborator.py`), the exact size of the state
+Non-goals: what the numbers are for (`make_components.py`), the exact size of the state
 (`core/layout.py`).
 
 The rule: inside an instance a parameter has the value that is set for this instance, or else the
@@ -246,6 +246,15 @@ class Numbers:
     def count(self, expr: typed.TypedExpr | None, what: str, low: int, high: int) -> int | None:
         """A whole number in [low, high]; None where there is none or after a report (C002)."""
         return self._limited(self.number(expr, what), expr, what, (low, high), str)
+
+    def bound(self, expr: typed.TypedExpr, what: str) -> float | None:
+        """The value of a bound, not negative; None after a report (V006)."""
+        bound = self.number(expr, what)
+        if bound is None or (math.isfinite(bound) and bound >= 0):
+            return bound
+        message = f"{what} must be finite and not negative"
+        self.diagnostics.error("V006", message, expr.span, f"this is {bound!r}")
+        return None
 
     def interval(
         self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, what: str

@@ -30,14 +30,7 @@ from soter.language.model.tree_walk import (
     rewritten,
     topic_reads,
 )
-from soter.language.model.types import (
-    FLOAT,
-    ArrayType,
-    FloatType,
-    RecordType,
-    has_list,
-    leaves,
-)
+from soter.language.model.types import FLOAT, ArrayType, FloatType, RecordType, has_list, leaves
 from soter.language.syntax.parsing.modules import VIEW_ITEMS
 
 if TYPE_CHECKING:

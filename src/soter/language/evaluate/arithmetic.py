@@ -1,4 +1,4 @@
-"""The machine operations of Soter in Python, bit for bit those of C on binary64 and int64.
+"""The machine operations of Soter in Python, bit for bit those of C.
 
 Purpose: one place for the traps between Python and the machine: unbounded ints, division that
 floors, `math` functions that raise. The constant evaluator and the reference interpreter use

@@ -1,4 +1,4 @@
-"""Evaluates expressions and statements when all that they read is known by ranges only.
+"""Evaluates code when all that it reads is known by ranges only.
 
 Purpose: `RangeEvaluator` has a method for each kind of expression and statement of `typed.py`; it
 computes sound bounds of the value as a `Range`, and whether the evaluation may fault. A value that

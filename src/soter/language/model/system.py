@@ -294,7 +294,7 @@ class Module:
     """The hidden topic with what the DM saw last; None if nothing reads the module's `margin`."""
     latch: int | None = None
     """The hidden topic in which a DM remembers that it may not give control back by itself
-    (`elaborate/topics.py`); None: it may."""
+    (`elaborate/passes/memory_topics.py`); None: it may."""
     acknowledgement: int | None = None
     """With a `latch`: the topic of the button after whose press it gives control back; None: once
     it has taken control from AC it never does."""

@@ -2,7 +2,7 @@
 
 Purpose: the records that the checker hands to every later pass: the reference interpreter and the
 lowering to Core read these, and nothing of the syntax tree.
-Non-goals: numbers that depend on parameters (periods, ranges): `elaborator.py` computes them.
+Non-goals: numbers that depend on parameters (periods, ranges): `system_numbers.py` computes them.
 
 Rules that hold of every tree built by the checker:
 - integer literals in float positions are already `Literal` of type FLOAT;

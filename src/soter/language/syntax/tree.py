@@ -1,4 +1,4 @@
-"""The syntax tree: what the text says, before names and types are checked.
+"""The syntax tree: what the text says, before anything is checked.
 
 Purpose: immutable nodes with spans, one class per construct of `docs/grammar.ebnf`.
 Non-goals: names, types, meaning (`language/check/`); comments (the printer reads them from tokens).

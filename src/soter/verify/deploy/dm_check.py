@@ -27,7 +27,7 @@ from soter.codegen.unit import generate
 from soter.core.layout import MODULE, placed_leaves, state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
-from soter.language.elaborate.topics import NEVER_HELD
+from soter.language.elaborate.passes.memory_topics import NEVER_HELD
 from soter.language.model.read_together import apart_at_most
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead

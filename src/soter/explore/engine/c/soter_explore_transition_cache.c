@@ -18,9 +18,8 @@
 #define TOO_MANY 65536U /* and that are remembered */
 #define LONG 4096U      /* answers of a step: a violation need not wait for the rest */
 #define OLDER 16U       /* times at once at which a configuration is made older */
-#define SIGHTS \
-  3U /* a configuration that is not looked at; one that is; one after which nothing comes */
-#define FEW 65536U /* schedules, before it is asked whether they come back */
+#define KINDS 3U        /* of configurations: not looked at; looked at; nothing comes after it */
+#define FEW 65536U      /* schedules, before it is asked whether they come back */
 
 /* How a step may end: it breaks something, and these bits of `writes` are the new ones. */
 typedef struct {
@@ -65,7 +64,7 @@ struct soter_memo {
   uint32_t words, actors;
   map* steps; /* [2 * actors]: 2a, and 2a + 1 for first releases */
   map when, owing;
-  map seen[SIGHTS];
+  map seen[KINDS];
   list values, calendars, plans, bits, brokens, debts;
   uint64_t* clear;    /* [actors * words]: schedule and writes */
   uint64_t* judged;   /* [words]: what decides whether a configuration that is looked at violates */
@@ -83,7 +82,7 @@ uint64_t soter_memo_bytes(const struct soter_memo* memo) {
   const list* const lists[] = {&memo->values, &memo->calendars, &memo->plans,
                                &memo->bits,   &memo->brokens,   &memo->debts};
   uint64_t bytes = map_bytes(&memo->when, memo->words) + map_bytes(&memo->owing, memo->words);
-  for (uint32_t i = 0; i < SIGHTS; i++) {
+  for (uint32_t i = 0; i < KINDS; i++) {
     bytes += map_bytes(&memo->seen[i], memo->words);
   }
   for (uint32_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
@@ -145,7 +144,7 @@ static void look_at_model(struct soter_memo* memo, const soter_model* m) {
 
 static bool maps_open(struct soter_memo* memo, uint32_t words) {
   bool fine = map_open(&memo->when, words) && map_open(&memo->owing, words);
-  for (uint32_t i = 0; fine && i < SIGHTS; i++) {
+  for (uint32_t i = 0; fine && i < KINDS; i++) {
     fine = map_open(&memo->seen[i], words);
   }
   for (uint32_t a = 0; fine && a < 2U * memo->actors; a++) {
@@ -198,7 +197,7 @@ void soter_memo_close(struct soter_memo* memo) {
   }
   map_close(&memo->when, memo->words);
   map_close(&memo->owing, memo->words);
-  for (uint32_t i = 0; i < SIGHTS; i++) {
+  for (uint32_t i = 0; i < KINDS; i++) {
     map_close(&memo->seen[i], memo->words);
   }
   free(memo->steps);
@@ -244,8 +243,8 @@ SPECIAL void make_older(const soter_model* m, const uint64_t* packed, uint64_t t
 }
 
 /* The configuration that is expanded, so many ticks later: several moves happen at one time. */
-SPECIAL const uint64_t* older(struct soter_memo* memo, const soter_model* m, const uint64_t* packed,
-                              uint64_t later, const uint32_t words) {
+SPECIAL const uint64_t* aged_state(struct soter_memo* memo, const soter_model* m,
+                                   const uint64_t* packed, uint64_t later, const uint32_t words) {
   if (later == 0U || m->ageings == 0U) {
     return packed;
   }
@@ -316,15 +315,15 @@ static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_mov
   return true;
 }
 
-/* Which moves there are in `here`, which is unpacked and looked at. False: there is no memory, or
- * schedules seldom come back, so that looking them up gains nothing; nothing is kept then, as it
- * would be asked for again and again. */
 /* Whether one more schedule is worth remembering, and there is room for it. */
 static bool may_remember(struct soter_memo* memo) {
   return (memo->when.used < FEW || memo->when.used <= memo->turn / 2U) &&
          may_put(memo, &memo->when) && !is_too_large(memo);
 }
 
+/* Which moves there are in `here`, which is unpacked and looked at. False: there is no memory, or
+ * schedules seldom come back, so that looking them up gains nothing; nothing is kept then, as it
+ * would be asked for again and again. */
 static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const uint64_t* packed) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
@@ -367,7 +366,7 @@ static uint64_t number_of(struct soter_memo* memo, const soter_broken* broken) {
 }
 
 /* As one number; 0: there is no room. */
-static uint64_t folded(struct soter_memo* memo, const effect* found) {
+static uint64_t effect_as_word(struct soter_memo* memo, const effect* found) {
   const uint64_t broken = found->broke ? number_of(memo, &found->broken) : 0U;
   SOTER_CHECK(found->count >> COUNT_BITS == 0U && COUNT_BITS + BROKEN_BITS < 32U);
   if (found->broke && broken == 0U) {
@@ -376,7 +375,7 @@ static uint64_t folded(struct soter_memo* memo, const effect* found) {
   return THERE | broken << (32U + COUNT_BITS) | (uint64_t)found->count << 32U | found->first;
 }
 
-SPECIAL effect unfolded(const struct soter_memo* memo, uint64_t number) {
+SPECIAL effect effect_of_word(const struct soter_memo* memo, uint64_t number) {
   const uint64_t broken = number >> (32U + COUNT_BITS) & ((UINT64_C(1) << BROKEN_BITS) - 1U);
   effect found = {(uint32_t)number,
                   (uint32_t)(number >> 32U) & ((1U << COUNT_BITS) - 1U),
@@ -484,7 +483,7 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
     breaks = breaks || (found.count > count && breaks_news(x));
   } while (more_answers(e, breaks) && soter_next_picks(x));
   soter_tell_answers(x, true);
-  const uint64_t number = folded(memo, &found);
+  const uint64_t number = effect_as_word(memo, &found);
   return number != 0U && map_put(memo, steps, before, m->actor[p->actor].reads, number);
 }
 
@@ -517,8 +516,8 @@ SPECIAL calendar* calendar_of(soter_expander* e, const uint64_t* packed, const u
 }
 
 /* A configuration when the step of a plan begins. */
-SPECIAL const uint64_t* begun(const soter_model* m, const uint64_t* then, const uint64_t* bits,
-                              uint64_t* to, const uint32_t words) {
+SPECIAL const uint64_t* state_at_step(const soter_model* m, const uint64_t* then,
+                                      const uint64_t* bits, uint64_t* to, const uint32_t words) {
   for (uint32_t k = 0; k < words; k++) {
     to[k] = (then[k] & ~m->scheduled[k]) | bits[k];
   }
@@ -535,7 +534,7 @@ SPECIAL uint64_t effect_of(soter_expander* e, const uint64_t* packed, const uint
   const soter_model* const m = x->m;
   const uint64_t* const reads = m->actor[p->actor].reads;
   const uint64_t* const asked =
-      memo->clocked[p->actor] ? begun(m, then, bits, memo->own, words) : then;
+      memo->clocked[p->actor] ? state_at_step(m, then, bits, memo->own, words) : then;
   map* const steps = &memo->steps[2U * p->actor + (p->first ? 1U : 0U)];
   const uint64_t* slot = slot_of(steps, asked, reads, words);
   if (slot[words] == 0U) {
@@ -544,7 +543,7 @@ SPECIAL uint64_t effect_of(soter_expander* e, const uint64_t* packed, const uint
       soter_look(x);
       *unpacked = true;
     }
-    if (!compute_effect(e, memo, begun(m, then, bits, memo->own, words), p, steps)) {
+    if (!compute_effect(e, memo, state_at_step(m, then, bits, memo->own, words), p, steps)) {
       return 0U;
     }
     slot = slot_of(steps, memo->own, reads, words);
@@ -636,7 +635,7 @@ SPECIAL bool add_lost(soter_expander* e, const uint64_t* then, const plan* p, co
   if (successor == NULL) {
     return false;
   }
-  (void)begun(e->place.m, then, bits, successor, words);
+  (void)state_at_step(e->place.m, then, bits, successor, words);
   return !p->seen || !e->memo->promises || keep_promises(e, successor, words);
 }
 
@@ -646,7 +645,7 @@ SPECIAL bool follow(soter_expander* e, const uint64_t* packed, const plan* p, co
                     uint64_t asleep, const plan* of, uint64_t* last, const uint32_t words,
                     bool* unpacked) {
   struct soter_memo* const memo = e->memo;
-  const uint64_t* const then = older(memo, e->place.m, packed, p->later, words);
+  const uint64_t* const then = aged_state(memo, e->place.m, packed, p->later, words);
   if (p->lost) {
     return add_lost(e, then, p, bits, asleep, words);
   }
@@ -655,7 +654,7 @@ SPECIAL bool follow(soter_expander* e, const uint64_t* packed, const plan* p, co
   if (!again) {
     *last = effect_of(e, packed, then, p, bits, words, unpacked);
   }
-  const effect done = unfolded(memo, *last);
+  const effect done = effect_of_word(memo, *last);
   return *last != 0U && add_outcomes(e, then, p, bits, &done, asleep, words);
 }
 
@@ -762,7 +761,7 @@ static bool find_effects(soter_expander* e, batch* q, const plan* p, const uint6
     q->did[i] = did;
     q->successors += did >> 32U & MOST_OUTCOMES;
     if (!breaks_nothing(did)) {
-      e->broken = e->broke ? e->broken : unfolded(memo, did).broken;
+      e->broken = e->broke ? e->broken : effect_of_word(memo, did).broken;
       e->broke = true;
       e->transitions++;
     }
@@ -885,12 +884,12 @@ SPECIAL effect judged(soter_expander* e, const uint64_t* packed, map* seen, cons
   soter_place* const x = &e->place;
   const uint64_t* const at = slot_of(seen, packed, decides, words);
   if (at[words] != 0U) {
-    return unfolded(memo, at[words]);
+    return effect_of_word(memo, at[words]);
   }
   effect found = {0U, 0U, false, {0U, 0U}};
   x->m->unpack(packed, x->there);
   found.broke = soter_violates(x, &found.broken);
-  const uint64_t number = folded(memo, &found);
+  const uint64_t number = effect_as_word(memo, &found);
   (void)(number != 0U && map_put(memo, seen, packed, decides, number));
   return found;
 }

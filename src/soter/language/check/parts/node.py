@@ -3,7 +3,7 @@
 Purpose: turns `node` and `extern node` declarations into `NodeSymbol`s; inputs and outputs must be
 disjoint. A binding (`"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`) must have a
 known form; its file is relative to the file that declares it.
-Non-goals: modules (`module.py`), numbers (`elaborator.py`), whether there is such a file
+Non-goals: modules (`module.py`), numbers (`system_numbers.py`), whether there is such a file
 (`simulate/externs/`).
 """
 
@@ -53,7 +53,7 @@ UNKNOWN = "<error>"
 
 
 def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
-    """The period, or after a report a literal that `elaborator.py` ignores."""
+    """The period, or after a report a literal that `system_numbers.py` ignores."""
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
 
 

@@ -3,7 +3,7 @@
 Purpose: `sc_of_plans` makes the node that stands for all of them, and `join_steps` its step, which
 does what one plan does: that whose number is in the hidden topic of the module. It reports M030 for
 plans of which one cannot take the place of another in flight.
-Non-goals: which plan that is (the DM chooses), their periods (`elaborate/elaborator.py`), whether
+Non-goals: which plan that is (the DM chooses), their periods (`make_components.py`), whether
 they are safe (`verify/`).
 """
 

@@ -1,7 +1,7 @@
 """Checks plants: states, disturbances, dynamics, measurements.
 
 Purpose: turns `plant` and `extern plant` declarations into `PlantSymbol`s.
-Non-goals: numbers (`elaborator.py`), integration (`semantics/`, `core/`).
+Non-goals: numbers (`system_numbers.py`), integration (`semantics/`, `core/`).
 """
 
 from __future__ import annotations

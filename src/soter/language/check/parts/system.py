@@ -2,7 +2,7 @@
 
 Purpose: `SystemChecker` turns `system` declarations into `SystemSymbol`s, and `TestChecker` `test`
 declarations into `TestSymbol`s.
-Non-goals: items that both share (`system_items.py`); flattening and numbers (`elaborator.py`,
+Non-goals: items that both share (`system_items.py`); flattening and numbers (`flatten_system.py`,
 `language/elaborate/tested_system.py`); exploring (`explore/`).
 """
 
@@ -340,7 +340,7 @@ class TestChecker(SystemChecker):
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
     def _stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
-        """Checks stated values of a topic or a field; the elaborator checks who publishes it."""
+        """Checks stated values of a topic or a field; `stated_values.py` asks who publishes it."""
         mark_used(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
         if is_error(read):

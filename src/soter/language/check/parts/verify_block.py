@@ -1,7 +1,7 @@
 """Checks `verify` blocks: names, types and constants of what `soter verify` needs.
 
 Purpose: turns grids, abstractions, commands and times into a `TypedVerifyBlock`.
-Non-goals: values of the numbers (`elaborator.py`), whether they determine a problem (`verify/`).
+Non-goals: values of the numbers (`make_modules.py`), whether they determine a problem (`verify/`).
 """
 
 from __future__ import annotations

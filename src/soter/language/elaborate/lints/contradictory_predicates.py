@@ -1,4 +1,4 @@
-"""Warns of a module whose `ttf` and `safer`, as written, contradict each other or `safe`.
+"""Warns of a module whose predicates, as written, contradict each other.
 
 Purpose: W013 with a witness: allowed values of the topics at which `ttf` and `safer` both hold, or
 which show that the two are exchanged or that one says the opposite. It tries a few hundred values,
@@ -185,13 +185,7 @@ def tried_topics(module: Module) -> list[int]:
 
 def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
     """Whether topic values are enough to evaluate them: no ages, times, modes, externs, choices."""
-    late = (
-        typed.AgeRead,
-        typed.TimeRead,
-        typed.ModeRead,
-        typed.MarginRead,
-        typed.TypedChoose,
-    )
+    late = (typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead, typed.TypedChoose)
     return not any(
         isinstance(n, late) or (isinstance(n, typed.TypedCall) and n.fun.extern)
         for n in _everything(predicates)

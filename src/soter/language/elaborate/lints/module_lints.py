@@ -1,4 +1,4 @@
-"""Warns of doubtful modules and of times that contradict each other, in a system without errors.
+"""Warns of what is doubtful in a system without errors.
 
 Purpose: W012 (AC and SC look exchanged), W018 (`safe` reads an output of its module), W033 (several
 commands move one group of a shield), W036 (a plant or node reads what it publishes), W028 (a topic
@@ -126,10 +126,7 @@ def _part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None
 
 
 def _reads(
-    plant: typed.PlantSymbol,
-    e: typed.TypedExpr,
-    path: Path,
-    outputs: Iterable[typed.TopicSymbol],
+    plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path, outputs: Iterable[typed.TopicSymbol]
 ) -> Iterator[str]:
     """Yields the numbers of commands (`outputs`) that part `path` of `e` certainly reads."""
     parts: list[tuple[typed.TypedExpr, Path]] = []
@@ -295,7 +292,7 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
             _published_rarely(topic, module, drivers[index], topic.max_age_ns, diagnostics)
         elif topic.symbol.input and _runs_alone(system):
             every_ns = drawn_every.get(index)
-            _drawn_rarely(system, topic, module, every_ns, diagnostics)
+            _warn_of_rarely_drawn_inputs(system, topic, module, every_ns, diagnostics)
 
 
 def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -416,7 +413,7 @@ def _runs_alone(system: System) -> bool:
     return symbol.default or symbol.until is not None or not tested
 
 
-def _drawn_rarely(
+def _warn_of_rarely_drawn_inputs(
     system: System, topic: Topic, module: Module, every_ns: int | None, diagnostics: Diagnostics
 ) -> None:
     """Warns W028 of an input topic that runs of this system draw too rarely, or never."""

@@ -1,4 +1,4 @@
-"""Warns, without a proof, of modules and properties that a proof or a run would refute at once.
+"""Warns, without a proof, of what a proof or a run would refute at once.
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
@@ -337,7 +337,7 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
             _warn_unread(system, module, diagnostics)
             return
         if module.period_ns >= RARELY * plant.period_ns:
-            _rare_look(system, module, plant, diagnostics)
+            _warn_of_rare_looks(system, module, plant, diagnostics)
             return
 
 
@@ -367,7 +367,9 @@ def _warn_unread(system: System, module: Module, diagnostics: Diagnostics) -> No
     )
 
 
-def _rare_look(system: System, module: Module, plant: Component, diagnostics: Diagnostics) -> None:
+def _warn_of_rare_looks(
+    system: System, module: Module, plant: Component, diagnostics: Diagnostics
+) -> None:
     assert plant.plant is not None
     of_sc = system.components[module.sc].period_ns
     diagnostics.warning(

@@ -1,4 +1,4 @@
-"""Warns of what steps of nodes and plants certainly do wrong, whatever they read, or leave out.
+"""Warns of what a step certainly does wrong or leaves out, whatever it reads.
 
 Purpose: `doubt_steps` warns W015 (a value lies outside of its topic's set) and W025 (an index, an
 int or the bounds of a `clamp` fault whenever they are reached): it evaluates each expression once,
@@ -17,11 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from soter.diagnostics.diagnostic import Span, exchange, replace
 from soter.language.check.parts.plant import unmoved
 from soter.language.evaluate.integration_stability import diverging
-from soter.language.evaluate.range_evaluation import (
-    RangeEvaluator,
-    TooHardError,
-    anything,
-)
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
 from soter.language.evaluate.ranges import FALSE, TRUE, Range
 from soter.language.evaluate.topic_ranges import declared
 from soter.language.model import typed as t

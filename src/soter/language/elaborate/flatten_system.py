@@ -1,0 +1,142 @@
+"""Flattens a system, pass by pass: instances get names, parameters values, numbers are computed.
+
+Purpose: `flatten` calls the passes over one record (`flattening.py`) in the order in which they
+need each other, to the `System` of a `SystemSymbol`.
+Non-goals: what a pass does (a file each); P1a and P1b (`wellformed.py`), behaviour, storage.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.composition_check import Composition, hyperperiod
+from soter.language.elaborate.explorable import refuse_world
+from soter.language.elaborate.faults import place_faults
+from soter.language.elaborate.passes.make_components import make_components
+from soter.language.elaborate.passes.make_modules import make_modules
+from soter.language.elaborate.passes.memory_topics import make_memory_topics
+from soter.language.elaborate.passes.outside_values import add_externals, add_inputs
+from soter.language.elaborate.passes.place_instances import check_wired_sets, place_instances
+from soter.language.elaborate.passes.properties import (
+    add_measures,
+    add_properties,
+    add_properties_of_test,
+    enter_modes_in_scopes,
+)
+from soter.language.elaborate.passes.stated_values import hold_to_stated_values
+from soter.language.elaborate.passes.topics import topic_at
+from soter.language.elaborate.step_times import mark_inline
+from soter.language.elaborate.system_numbers import TooLargeError, warn_of_idle_settings
+from soter.language.model import typed
+from soter.language.model.system import System
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.language.elaborate.passes.flattening import Flattening
+
+
+def flatten(flat: Flattening) -> System | None:
+    """Flattens a system; None if it is too large. After errors the result is incomplete.
+
+    The passes stand in the order in which they mention topics, which numbers the topics.
+    """
+    try:
+        return _flatten(flat) if flat.sizes.instances() else None
+    except TooLargeError:
+        return None
+
+
+def _flatten(flat: Flattening) -> System:
+    place_instances(flat)
+    check_wired_sets(flat)
+    make_components(flat, "node")
+    make_modules(flat)
+    mark_inline(flat)
+    enter_modes_in_scopes(flat)
+    add_properties(flat)
+    if flat.test is not None:
+        hold_to_stated_values(flat, flat.test)
+        add_properties_of_test(flat, flat.test)
+    add_inputs(flat)
+    add_externals(flat)
+    if flat.test is None:
+        add_measures(flat)
+    make_memory_topics(flat)
+    system = _system(flat)
+    Composition(
+        system, flat.symbol, flat.diagnostics, partial=flat.partial, draft=flat.draft
+    ).check(flat.property_reads)
+    if flat.test is None:
+        place_faults(flat, system)
+    else:
+        refuse_world(flat, flat.test, system)
+    _warn_of_idle_settings(flat)
+    if not flat.unknown:
+        system.hyperperiod_ns = hyperperiod(system, flat.symbol, flat.diagnostics)
+    return system
+
+
+def flatten_loose(flat: Flattening, topics: Iterable[typed.TopicSymbol]) -> System | None:
+    """Checks numbers of declarations outside systems and of `topics`, but no composition."""
+    flat.partial = True
+    try:
+        place_instances(flat)
+        make_components(flat, "sc")
+        make_modules(flat)
+        for topic in topics:
+            topic_at(flat, flat.parts[0], topic)
+    except TooLargeError:
+        return None
+    return _system(flat)
+
+
+def _system(flat: Flattening) -> System:
+    return System(
+        name=flat.symbol.name,
+        program=flat.program,
+        topics=tuple(flat.topics),
+        components=tuple(flat.components),
+        modules=tuple(flat.modules),
+        properties=tuple(flat.properties),
+        inputs=tuple(flat.inputs),
+        until_ns=flat.long_duration(flat.symbol.until, "`until`"),
+        params=flat.parameters.named,
+        hyperperiod_ns=1,
+        externals=tuple(flat.externals),
+        measures=tuple(flat.measures),
+    )
+
+
+def _warn_of_idle_settings(flat: Flattening) -> None:
+    """Warns W010 of settings that nothing reads, unless parts are missing, which may."""
+    settings = flat.parameters.of_instances()
+    if not settings or flat.partial:
+        return
+    code: list[tuple[str, tuple[object, ...]]] = [
+        (part.prefix[:-1], (part.system.properties, part.system.inputs)) for part in flat.parts
+    ]
+    code += [(p.name, (p.symbol, *p.replaced.values())) for p in flat.placed]
+    code += [
+        (
+            t.name.removesuffix(t.symbol.name).rstrip("."),
+            (t.symbol.values, t.symbol.default, t.symbol.max_age),
+        )
+        for t in flat.topics
+    ]
+    warn_of_idle_settings(settings, code, flat.diagnostics)
+
+
+def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
+    """The system of a file that declares none: everything in the file, once."""
+    used = {n for m in program.modules.values() for n in m.named}
+    whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
+        *program.plants.values(),
+        *program.modules.values(),
+        *(n for n in program.nodes.values() if n not in used),
+    ]
+    own = [w for w in whats if "." not in w.name]
+    if not own:
+        return None
+    instances = tuple(typed.InstanceSymbol(w.name, w, {}, {}, w.span) for w in own)
+    return typed.SystemSymbol(name="Main", span=own[0].span, default=True, instances=instances)

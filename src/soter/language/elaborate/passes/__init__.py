@@ -1,0 +1,1 @@
+"""The passes that flatten a system, a file each, over one record (`flattening.py`)."""

@@ -1,0 +1,143 @@
+"""Walks the tree of a system's instances to a flat list with full names.
+
+Purpose: places every plant, node and module below a system, with its wires and the values of its
+parameters, and applies what systems say about their parts: `force`, `replace`.
+Non-goals: what stands in the place of a part (`replace_parts.py`), what an instance is made into
+(`make_components.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.passes.flattening import PlacedInstance, SubSystem
+from soter.language.elaborate.passes.replace_parts import replace_part
+from soter.language.elaborate.passes.topics import home_of
+from soter.language.elaborate.passes.value_sets import set_and_default
+from soter.language.model import typed
+from soter.language.model.tree_walk import topics_beside, topics_mentioned
+
+if TYPE_CHECKING:
+    from soter.language.elaborate.passes.flattening import Bounds, Flattening, Wires
+    from soter.language.elaborate.system_numbers import Values
+    from soter.language.model.types import Value
+
+
+def place_instances(flat: Flattening) -> None:
+    """The first pass: adds `placed`, `parts` and `params_at`, with `gone` and `put_in` of tests."""
+    _place(flat, flat.symbol, "", [])
+
+
+def _place(flat: Flattening, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
+    """Places every instance below `prefix`, then applies the system's `force`, `replace`."""
+    around = flat.params_at[prefix]
+    flat.parts.append(SubSystem(system, prefix, outer, around))
+    if prefix:
+        flat.parameters.add(prefix, system.sets)
+    for instance in system.instances:
+        name = prefix + instance.name
+        what = instance.what
+        flat.partial = flat.partial or what in flat.program.damaged
+        _check_wires(flat, instance)
+        params = flat.parameters.inside(name, around)
+        wires = {
+            inner: home_of(flat, target, prefix, outer)
+            for inner, target in instance.renames.items()
+        }
+        if isinstance(what, typed.SystemSymbol):
+            _warn_of_ignored_sets(flat, what, name)
+            flat.params_at[name + "."] = params
+            _place(flat, what, name + ".", [wires])
+            continue
+        if isinstance(what, typed.ModuleSymbol):
+            damaged = flat.program.damaged
+            flat.partial = flat.partial or what.ac in damaged or what.sc in damaged
+        flat.placed.append(
+            PlacedInstance(name, what, prefix, [wires, *outer], instance.span, params)
+        )
+    forced = {prefix + path: to for path, to, _ in system.forces}
+    for placed in flat.placed if forced else ():
+        placed.forced = forced.get(placed.name, placed.forced)
+    for path, by, span in system.replaces:
+        replace_part(flat, prefix, path, by, span)
+
+
+def _check_wires(flat: Flattening, instance: typed.InstanceSymbol) -> None:
+    """Reports M013 for a wire to a topic that the instance does not have."""
+    what = instance.what
+    if not instance.renames or what in flat.program.damaged:
+        return
+    known = {*topics_mentioned(what)}
+    if isinstance(what, typed.SystemSymbol):
+        known |= {*topics_beside(what)}
+    for topic, span in instance.rename_spans.items():
+        if topic not in known:
+            flat.diagnostics.error(
+                "M013",
+                f"`{instance.name}` has no topic `{topic.name}` that could be wired",
+                span,
+                "left of `=` stands a topic of the instance",
+                also=((what.span, f"`{what.name}` is declared here"),),
+            )
+
+
+def _warn_of_ignored_sets(flat: Flattening, inner: typed.SystemSymbol, path: str) -> None:
+    """Warns (W006) of each `set` of a sub-system that has no effect in the system that runs."""
+    for item in inner.sets:
+        if not (item.path or flat.parameters.sets(item.param, path)):
+            flat.diagnostics.warning(
+                "W006",
+                f"`set {item.param.name}` has no effect in system `{flat.symbol.name}`",
+                item.span,
+                also=((flat.symbol.span, f"this system has `{inner.name}` as a part"),),
+                notes=("the system that runs sets parameters, or those of its instances",),
+                helps=(
+                    f"repeat it in `{flat.symbol.name}`",
+                    f"or write `{{ set {item.param.name} = ... }}` where it is used",
+                ),
+            )
+
+
+def check_wired_sets(flat: Flattening) -> None:
+    """The second pass: reports V010 for a wire between topics with different sets or `max_age`s."""
+    for part in flat.parts:
+        for instance in part.system.instances:
+            for inner, target in instance.renames.items():
+                home, outer = home_of(flat, target, part.prefix, part.wires)
+                if not {inner, outer} & flat.program.damaged:
+                    place = f"{part.prefix}{instance.name}."
+                    params = flat.params_at.get(place, part.params)
+                    _require_same_set(
+                        flat, (inner, params), (outer, flat.params_at[home]), instance
+                    )
+
+
+def _require_same_set(
+    flat: Flattening,
+    written: tuple[typed.TopicSymbol, Values],
+    used: tuple[typed.TopicSymbol, Values],
+    instance: typed.InstanceSymbol,
+) -> None:
+    """Reports V010 if the instance's topic and the one wired to it differ, by parameters."""
+    inner, outer = written[0], used[0]
+    (own, old), (given, new) = (_set_and_age(flat, *x) for x in (written, used))
+    what = "other values" if any(own) and own != given else ""
+    if not what and inner.max_age is not None and old != new:
+        what = "another `max_age`"
+    if what:
+        flat.diagnostics.error(
+            "V010",
+            f"`{outer.name}` has {what} than `{inner.name}`, in whose place it stands",
+            instance.rename_spans.get(inner, instance.span),
+            "wired here",
+            also=((inner.span, "written for these"), (outer.span, "gets these")),
+            notes=("what was concluded from a set holds for that set only",),
+            helps=("declare both alike",),
+        )
+
+
+def _set_and_age(
+    flat: Flattening, symbol: typed.TopicSymbol, params: Values
+) -> tuple[Bounds, Value | None]:
+    with flat.under(params):
+        return set_and_default(flat, symbol)[0], flat.number(symbol.max_age, "a `max_age`")

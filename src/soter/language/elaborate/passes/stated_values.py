@@ -1,0 +1,157 @@
+"""Gives stand-ins the values that tests state for them.
+
+Purpose: reads `guarantees t.x in { a, b };` of all tests of a system, holds the real part to what
+others state of its stand-in, and gives stand-ins their steps.
+Non-goals: what a stand-in does in a step (`stand_ins.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.language.check.constants_and_types import Calculator
+from soter.language.elaborate.distinguished import Readers
+from soter.language.elaborate.passes.topics import topic_at
+from soter.language.elaborate.passes.value_sets import require_in_set
+from soter.language.elaborate.stand_ins import (
+    StatedValues,
+    field_path,
+    give_step,
+    is_one_of,
+    part_of,
+    with_part,
+)
+from soter.language.model import typed
+from soter.language.model.system import Property
+from soter.language.model.types import RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.language.elaborate.distinguished import Path
+    from soter.language.elaborate.passes.flattening import Flattening
+    from soter.language.model.system import Component, Scope, StandIn, System
+    from soter.language.model.types import Value
+
+
+def hold_to_stated_values(flat: Flattening, own: typed.TestSymbol) -> None:
+    """Adds `stated`, and `properties` by which real parts publish what tests but `own` state."""
+    sets = _sets_of(own)
+    for test in flat.program.tests.values():
+        alike = test.system is own.system and _sets_of(test) == sets
+        flat.stated[test] = _stated_values(flat, test) if alike or test is own else []
+    _check_stated(flat, own)
+    for test, known in flat.stated.items():
+        for s in known:
+            for c in flat.components:
+                if test is not own and _is_own(flat, own, c, s.topic):
+                    index = len(flat.properties)
+                    flat.properties.append(_stated_property(c, s, test, index))
+
+
+def _stated_values(flat: Flattening, test: typed.TestSymbol) -> list[StatedValues]:
+    """The values that a test of this system states; V005 for one outside its set."""
+    known: list[StatedValues] = []
+    for item in test.stated:
+        symbol, path = field_path(item.read)
+        topic = flat.topics[topic_at(flat, flat.parts[0], symbol)]
+        values = []
+        for e in item.values:
+            value = flat.number(e, "the value of a stand-in")
+            if value is not None:
+                values.append(value)
+                whole = with_part(topic.default, path, value)
+                require_in_set(flat, topic, whole, e, f"this value of `{topic.symbol.name}`")
+        first, promised = part_of(topic.default, path), item.kind == "guarantees"
+        known.append(
+            StatedValues(topic.index, path, tuple(values), first, promised, item.text, item.span)
+        )
+    return known
+
+
+def _is_own(flat: Flattening, test: typed.TestSymbol, c: Component, topic: int) -> bool:
+    """Whether `c` publishes `topic` and is the system's own, not put there by the test.
+
+    A replacement by the system itself counts as its own: every test has it.
+    """
+    by_test = flat.put_in.get(c.name) in [span for _, _, span in test.replaces]
+    if c.node is None or c.stands_for is not None or by_test:
+        return False
+    return topic in c.writes
+
+
+def _stated_property(c: Component, s: StatedValues, test: typed.TestSymbol, index: int) -> Property:
+    assert c.node is not None
+    symbol = next(t for t in c.node.publishes if c.scope.topics[t] == s.topic)
+    read: typed.TypedExpr = typed.TopicRead(symbol.type, s.span, symbol)
+    for i in s.path:
+        assert isinstance(read.type, RecordType)
+        read = typed.TypedField(read.type.fields[i][1], s.span, read, i)
+    condition = is_one_of(read, s.tried)
+    says = "has" if s.promised else "assumes"
+    text = f"{s.text}, as {test.name} {says} it, in {c.name}"
+    return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
+
+
+def _check_stated(flat: Flattening, test: typed.TestSymbol) -> None:
+    """Reports E020 for values stated of no stand-in's topic, N002 for values stated twice."""
+    published = {t for c in flat.components if c.stands_for is not None for t in c.writes}
+    before: list[StatedValues] = []
+    for s in flat.stated[test]:
+        for other in before:
+            short = min(len(s.path), len(other.path))
+            if s.topic == other.topic and s.path[:short] == other.path[:short]:
+                flat.diagnostics.error(
+                    "N002",
+                    f"the values of `{flat.topics[s.topic].name}` are stated twice",
+                    s.span,
+                    "again",
+                    also=((other.span, "the first time"),),
+                )
+        before.append(s)
+        if s.topic not in published and not flat.partial:
+            flat.diagnostics.error(
+                "E020",
+                f"nobody who publishes `{flat.topics[s.topic].name}` is replaced by a contract",
+                s.span,
+                also=((test.span, "in this test"),),
+                notes=("values are stated of what stands in: who runs as it is has its own",),
+                helps=("write `replace ... by contract;`, or leave this line out",),
+            )
+
+
+def give_steps(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
+    """Gives stand-ins their steps, now that it is known what code reads their topics."""
+    if flat.partial or flat.diagnostics.error_count:
+        return
+    asked = [(e, p.scope) for p in flat.timed for e in (p.premise, p.condition) if e]
+    readers = Readers(system, asked, _constant)
+    stated: dict[int, dict[Path, tuple[Value, ...]]] = {}
+    own = flat.stated[test]
+    for s in own:
+        stated.setdefault(s.topic, {})[s.path] = s.tried
+    for c in system.components:
+        if c.stands_for is None or c.node is None:
+            continue
+        outputs = {*c.writes}
+        c.stands_for = _with_values(c.stands_for, [s for s in own if s.topic in outputs])
+        give_step(c, system.topics, stated, readers, flat.diagnostics)
+
+
+def _constant(e: typed.TypedExpr, scope: Scope) -> Value | None:
+    """The value of a closed expression; None if it has none."""
+    return Calculator(Diagnostics(), scope.params).value(e, "a constant")
+
+
+def _sets_of(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
+    """The parameters that a test sets, and their values, as text."""
+    return {(s.path, s.param, repr(s.value)) for s in test.sets}
+
+
+def _with_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
+    """The stand-in's record with the values that a test states for it, for reports."""
+    promised = [s.text for s in stated if s.promised]
+    tried = [s.text for s in stated if not s.promised]
+    return replace(of, clauses=(*of.clauses, *promised), tried=tuple(tried))

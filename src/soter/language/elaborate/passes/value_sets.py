@@ -1,0 +1,214 @@
+"""Computes the value set of a topic: a bound for each of its leaves.
+
+Purpose: makes bounds under the parameters of a system, with the first value inside them, reports
+values outside a set (V002, V005), and asks that wired topics have the same sets (V010).
+Non-goals: topics (`topics.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.language.model.system import Bound
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    default_value,
+    is_vector_part,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.language.elaborate.passes.flattening import Bounds, Flattening
+    from soter.language.model import typed
+    from soter.language.model.system import Topic
+    from soter.language.model.types import Type, Value
+
+
+def set_and_default(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool, Value]:
+    """Bounds, whether every number has one, and the first value, under these parameters."""
+    key = symbol, id(flat.params)
+    if key not in flat.sets:
+        bounds, declared = _bounds(flat, symbol)
+        flat.sets[key] = bounds, declared, _default(flat, symbol, bounds)
+    return flat.sets[key]
+
+
+def _bounds(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool]:
+    """A bound for each leaf, and whether every number has one."""
+    what = f"the set of `{symbol.name}`"
+    resolved: dict[tuple[str, ...], Bound] = {}
+    for path, values in symbol.values.items():
+        interval = flat.interval(values.low, values.high, values.span, what)
+        if interval is not None:
+            resolved[path] = Bound(*interval)
+        else:  # consequences of the error are not reported
+            flat.program.damaged.add(symbol)
+    bounds, declared = _Bounder(resolved).bounds(symbol.type)
+    if any(b is not None and b.low > b.high for b in bounds):
+        flat.diagnostics.error(
+            "V001", f"{what} holds no value of its type `{symbol.type}`", symbol.span
+        )
+        flat.program.damaged.add(symbol)
+    return bounds, declared
+
+
+def _default(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) -> Value:
+    """The first value of a topic; reports V002 if it lies outside the set."""
+    written = symbol.default
+    what = f"the default of `{symbol.name}`"
+    value = flat.number(written, what)
+    if value is None:
+        value = default_value(symbol.type)
+    if symbol in flat.program.damaged:
+        return value
+    if written is None and (not any(bounds) or _all_allow_zeros(symbol.type, bounds)):
+        return value
+    outside = first_outside(symbol.type, value, bounds)
+    if outside is not None:
+        leaf, number, bound = outside
+        where = f" (`{leaf}`)" if leaf else ""
+        sets = tuple((r.span, "its set") for r in symbol.values.values())
+        flat.diagnostics.error(
+            "V002",
+            f"{what}{where} is {beyond(number, bound)}",
+            written.span if written is not None else symbol.span,
+            f"starts at {number!r}" if written is None else "",
+            also=sets if len(sets) == 1 else (),
+            notes=()
+            if written is not None
+            else ("without `= ...` a topic starts at the default of its type",),
+            helps=(f"give it a first value in {shown(bound)}: `= ...`",) if written is None else (),
+        )
+    return value
+
+
+def require_in_set(
+    flat: Flattening,
+    topic: Topic,
+    value: Value,
+    expr: typed.TypedExpr,
+    what: str,
+    notes: tuple[str, ...] = (),
+) -> None:
+    """Reports V005 if a value lies outside its topic's set; `what` opens the message."""
+    outside = first_outside(topic.type, value, topic.bounds)
+    if outside is None or topic.symbol in flat.program.damaged:
+        return
+    leaf, number, bound = outside
+    where = f" (`{leaf}`)" if leaf else ""
+    flat.diagnostics.error(
+        "V005",
+        f"{what}{where} is {beyond(number, bound)}",
+        expr.span,
+        also=((topic.symbol.span, "the topic"),),
+        notes=notes,
+    )
+
+
+def _all_allow_zeros(t: Type, bounds: Bounds) -> bool:
+    """Whether a value of zeros is inside all bounds; does not build the value."""
+    return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
+
+
+def shown(bound: Bound) -> str:
+    """A bound as text."""
+    return f"[{bound.low!r}, {bound.high!r}]"
+
+
+def beyond(number: float, bound: Bound) -> str:
+    """The end of a sentence about a number that is not in its bound."""
+    if math.isfinite(number):
+        return f"{number!r}, outside {shown(bound)}"
+    return f"{number!r}, which no topic may hold"
+
+
+class _Bounder:
+    """Finds the bound of each leaf of a type: the innermost declared set that covers it."""
+
+    def __init__(self, sets: dict[tuple[str, ...], Bound]) -> None:
+        self.sets = sets
+        self._known: dict[tuple[int, Bound | None], tuple[Bounds, bool]] = {}
+
+    def bounds(
+        self, t: Type, path: tuple[str, ...] = (), outer: Bound | None = None
+    ) -> tuple[Bounds, bool]:
+        """A bound or None for each leaf of `t`, and whether every number has one."""
+        outer = self.sets.get(path, outer)
+        if isinstance(t, (RecordType, ArrayType, ListType)):
+            if any(len(p) > len(path) and p[: len(path)] == path for p in self.sets):
+                return self._part_bounds(t, path, outer)
+            key = id(t), outer  # one type may occur inside another many times
+            if key not in self._known:
+                self._known[key] = self._part_bounds(t, path, outer)
+            return self._known[key]
+        if not isinstance(t, (FloatType, IntType)):
+            return (None,), True
+        if isinstance(t, IntType):
+            outer = _inside_type(outer, t)
+        return (outer,), outer is not None
+
+    def _part_bounds(
+        self, t: RecordType | ArrayType | ListType, path: tuple[str, ...], outer: Bound | None
+    ) -> tuple[Bounds, bool]:
+        if isinstance(t, RecordType):
+            parts = [self.bounds(f, (*path, n), outer) for n, f in t.fields]
+            return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
+        bounds, declared = self.bounds(t.element, (*path, ""), outer)
+        return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
+
+
+def _inside_type(bound: Bound | None, t: IntType) -> Bound | None:
+    """The bound of an int cut to what its type can hold: draws and the gate rely on that."""
+    if bound is None:
+        return None if t.is_full else Bound(t.low, t.high)
+    return Bound(max(bound.low, t.low), min(bound.high, t.high))
+
+
+def first_outside(t: Type, value: Value, bounds: Bounds) -> tuple[str, float, Bound] | None:
+    """The first leaf of a value outside its bound: (path, value, bound), or None."""
+    violation, _ = _outside(t, value, bounds, 0, "")
+    return violation
+
+
+def _parts(t: RecordType | ArrayType, value: Value, path: str) -> Iterator[tuple[Type, Value, str]]:
+    """Yields type, value and path of each part of a value."""
+    if isinstance(t, RecordType):
+        for (name, part_type), part in zip(t.fields, value, strict=True):
+            yield part_type, part, f"{path}.{name}" if path else name
+    else:
+        yield from ((t.element, part, f"{path}[{i}]") for i, part in enumerate(value))
+
+
+def _outside(
+    t: Type, value: Value, bounds: Bounds, at: int, path: str
+) -> tuple[tuple[str, float, Bound] | None, int]:
+    """The first leaf outside, and the position in `bounds` behind this value's leaves."""
+    if isinstance(t, (RecordType, ArrayType)):
+        for part_type, part, where in _parts(t, value, path):
+            violation, at = _outside(part_type, part, bounds, at, where)
+            if violation is not None:
+                return violation, at
+        return None, at
+    if isinstance(t, ListType):
+        after = at + len(_Bounder({}).bounds(t.element)[0])
+        for i, e in enumerate(value):
+            violation, _ = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if violation is not None:
+                return violation, after
+        return None, after
+    bound = bounds[at]
+    if bound is None and isinstance(t, FloatType) and not math.isfinite(value):
+        bound = Bound(-math.inf, math.inf)
+    if bound is None or isinstance(t, (BoolType, EnumType)):
+        return None, at + 1
+    if bound.low <= value <= bound.high and math.isfinite(value):
+        return None, at + 1
+    return (path, value, bound), at + 1
