@@ -27,13 +27,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.report import NotRecheckedError, RecheckAssumption, RejectedError
 from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.language.elaborate.system_numbers import has_param
 from soter.language.front_end import check_file
 from soter.language.load.loader import load
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
 from soter.language.syntax import tree
+from soter.report.wording import visible
 from soter.version import other_format
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
 MANIFEST, SEAL = "manifest.json", "SEAL"
 FORMAT = 2
-"""The version of the format of certificates: 1 had texts that nobody read."""
+"""The version of the format of certificates: 1 had other texts, which nobody read."""
 MANIFEST_KEYS = "schema files main params modules program_sha256"
 CELLS_MAX = 200_000_000
 """Cells of all grids of a certificate together, at most."""
@@ -379,3 +380,13 @@ def only_keys(entry: object, names: str, what: str, optional: str = "") -> None:
     allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
     for name in sorted(entry.keys() ^ allowed):
         raise RejectedError(f"{what} has {'no' if name in allowed else 'an unknown'} `{name}`")
+
+
+def stated_in(manifest: dict[str, Any]) -> list[RecheckAssumption]:
+    """The assumptions that the prover wrote; RejectedError unless they are a list of text pairs."""
+    said = manifest.get("assumptions", [])
+    if not isinstance(said, list) or any(
+        not isinstance(pair, list) or [*map(type, pair)] != [str, str] for pair in said
+    ):
+        raise RejectedError("`assumptions` is not as it should be")
+    return [RecheckAssumption(visible(key), visible(text)) for key, text in said]

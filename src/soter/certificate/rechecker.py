@@ -42,6 +42,7 @@ from soter.certificate.folder import (
     program_of,
     read_certificate,
     refuse_cells,
+    stated_in,
 )
 from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
 from soter.certificate.reading.case_model import CaseModel
@@ -137,7 +138,8 @@ def failure_reason(error: Exception) -> str:
 
 def _check_certificate(certificate: Certificate, report: Report, workers: int) -> None:
     manifest = certificate.manifest
-    only_keys(manifest, MANIFEST_KEYS, "the manifest")
+    only_keys(manifest, MANIFEST_KEYS, "the manifest", "assumptions")
+    report.stated = stated_in(manifest)
     report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:

@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from soter.language.model.assumption_words import numbered
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
@@ -180,8 +182,8 @@ class Report:
 
     Accepted says that what is claimed holds: whether that is safety, see `safe`. It is about
     `program`, and the system, module and parameter values of each of `modules`; not about what
-    stands in `not_covered`. The assumptions are derived from the program: what the certificate
-    says about them is not read.
+    stands in `not_covered`. The assumptions are derived from the program; `stated`: what the
+    prover wrote about its own, of which nothing but the numbers is taken.
     """
 
     verdict: str = NOT_RECHECKED
@@ -190,6 +192,7 @@ class Report:
     modules: list[RecheckedModule] = field(default_factory=list)
     program: str = ""
     not_covered: list[RecheckAssumption] = field(default_factory=list)
+    stated: list[RecheckAssumption] = field(default_factory=list)
     program_sha256: str = ""
     seal: str = ""
     """SHA-256 of the manifest that was checked, in hexadecimal."""
@@ -211,6 +214,11 @@ class Report:
     def assumptions(self) -> list[str]:
         """The assumptions of all modules in words, each once."""
         return [a.text for a in self.said]
+
+    @property
+    def assumption_numbers(self) -> dict[str, str]:
+        """The number of each text: the prover's in its order, then what is derived beyond them."""
+        return numbered((a.text for a in self.stated), self.assumptions)
 
     @property
     def safe(self) -> bool:

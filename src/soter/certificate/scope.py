@@ -29,6 +29,7 @@ from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.front_end import system_to_prove
+from soter.language.model.assumption_words import words
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import FunSymbol
@@ -177,7 +178,6 @@ def _open_questions(facts: Covered) -> Said:
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 """Functions of the prelude that compute what they say."""
-UNDECLARED = "undeclared times are zero:"
 
 
 def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list[RecheckAssumption]:
@@ -204,11 +204,7 @@ def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list
 def identified_numbers(facts: Covered) -> Said:
     """The assumption that numbers which were fitted to logs hold, and how often they do not."""
     for name, held_out in facts.flying.program.identified.items():
-        text = (
-            f"the numbers of {name}, which were fitted to logs, hold: {held_out} held-out "
-            f"episodes keep to them; of episodes drawn alike at most one in {held_out + 1} does not"
-        )
-        yield f"identified {name}", text
+        yield f"identified {name}", words("identified", name, held_out, held_out + 1)
 
 
 def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssumption]:
@@ -229,20 +225,11 @@ def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssum
 def _plant_behaviour(facts: Facts) -> Said:
     if not facts.symbol.verify.abstracts:
         names = ", ".join(c.name for c in facts.plants)
-        text = f"the world behaves like {names} for some disturbance within its bounds"
-        yield f"world {names}", text
+        yield f"world {names}", words("world", names)
     if facts.kind == "flow":
-        which = (
-            "any absolutely continuous solution of its differential equation, with any rate "
-            "between those on both sides where its right-hand side jumps"
-            if facts.at_rest
-            else "the only solution of its differential equation (where the right-hand side "
-            "jumps: with any rate between those on both sides)"
-        )
-        yield "scheme", f"the plant is {which}; not the simulator's scheme"
+        yield "scheme", words("every solution" if facts.at_rest else "scheme")
     for p in facts.parameters:
-        text = f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever"
-        yield f"changes {p.name}", f"{text} mode; DM and SC read the new value from that instant on"
+        yield f"changes {p.name}", words("changes", p.name)
 
 
 def _abstraction_conforms(facts: Facts) -> Said:
@@ -250,9 +237,8 @@ def _abstraction_conforms(facts: Facts) -> Said:
     for link in facts.symbol.verify.abstracts:
         known = start_behind(facts.flying, facts.flying_module, link) is not None
         begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
-        text = f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance"
-        key = f"conforms {link.instance} {link.name}"
-        yield key, f"{text} within its bounds, from {begins} on"
+        text = words("conforms", link.instance, link.name, link.plant.name, begins)
+        yield f"conforms {link.instance} {link.name}", text
 
 
 def _judged_as_driven(facts: Facts) -> Said:
@@ -263,21 +249,18 @@ def _judged_as_driven(facts: Facts) -> Said:
         index = facts.module.scope.topics.get(symbol, -1)
         if index in driven and index not in read:
             name, plant = facts.system.topics[index].name, driven[index][0].name
-            text = f"what `safe` says of {name} is judged on what {plant} drives: what is published"
-            yield f"judged {name} {plant}", f"{text} there is not looked at"
+            yield f"judged {name} {plant}", words("judged", name, plant)
 
 
 def _open_ends(facts: Facts) -> Said:
     for state in sorted(facts.open_ends):
         name, end = facts.states[state].name, facts.axes[state][1]
-        text = f"no run gets beyond an open end, of which nothing is proved: {name} below {end!r}"
-        yield f"open {name} {end!r}", text
+        yield f"open {name} {end!r}", words("open", name, end)
 
 
 def _left_out_states(facts: Facts) -> Said:
     for s in facts.left_out:
-        text = "left out, as nothing that is proved depends on it, below 1e+308, and where"
-        yield f"left out {s.name}", f"{text} functions in its rate are defined: {s.name}"
+        yield f"left out {s.name}", words("left out", s.name)
 
 
 def _turning_axes(facts: Facts) -> Said:
@@ -296,12 +279,10 @@ def _unit(x: Input) -> str:
 
 def _input_bounds(facts: Facts) -> Said:
     for d in facts.disturbances:
-        what = "disturbances stay within their bounds"
-        if d.of_others:
-            what = "what others publish and what moves these plants stays in its declared set"
-        yield f"disturbance {_range_text(d)}", f"{what}: {_range_text(d)}{_unit(d)}"
+        text = words("others" if d.of_others else "disturbance", f"{_range_text(d)}{_unit(d)}")
+        yield f"disturbance {_range_text(d)}", text
     for e in facts.errors:
-        text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}{_unit(e)}"
+        text = words("error", f"{e.name} within {e.high:g}{_unit(e)}")
         yield f"error {e.name} {e.high:g}", text
     measured = {(e.owner, e.leaf) for e in facts.errors}
     by_dm, by_sc = topics_read(facts)
@@ -310,14 +291,11 @@ def _input_bounds(facts: Facts) -> Said:
         for k, (path, of) in enumerate(leaves(topic.type)):
             name = leaf_name(topic.name, path)
             if isinstance(of, FloatType) and (index, k) not in measured:
-                yield f"exact {name}", f"estimates are exact: {name}"
+                yield f"exact {name}", words("exact", name)
     for name in dict.fromkeys(_unproved_sets(facts)):
-        yield (
-            f"set {name}",
-            f"what plants publish lies in the declared sets: {name} (else they stop)",
-        )
+        yield f"set {name}", words("set", name)
     for name in dict.fromkeys(o.name for o in facts.others):
-        yield f"other {name}", f"{name}: any value of the declared set, at any time"
+        yield f"other {name}", words("other", name)
 
 
 def _unproved_sets(facts: Facts) -> Iterator[str]:
@@ -340,49 +318,42 @@ def _unproved_sets(facts: Facts) -> Iterator[str]:
 
 def _declared_delays(facts: Facts) -> Said:
     verify = facts.symbol.verify
-    for key, (words, name) in DELAYS.items():
+    for key, (said, name) in DELAYS.items():
         if getattr(verify, name) is not None:
-            text = f"{words} {show_ns(facts.times[key])}"
+            time = show_ns(facts.times[key])
             if key == "L_ns" and verify.acts_least is not None:
-                text = f"{text}, and {show_ns(number_of(facts, verify.acts_least))} at least"
-            yield f"declared {text}", f"times as declared: {text}"
+                time = f"{show_ns(number_of(facts, verify.acts_least))} to {time}"
+            yield f"declared {said} {time}", words("declared", f"{said} {time}")
         elif facts.kind == "flow":
-            yield f"undeclared {words}", f"{UNDECLARED} {words}"
+            yield f"undeclared {said}", words("undeclared", said)
 
 
 def _timing_assumptions(facts: Facts) -> Said:
     for name in facts.ways.undeclared:
-        yield f"undeclared {name}", f"{UNDECLARED} lateness or response of {name}"
+        yield f"undeclared {name}", words("undeclared", f"lateness or response of {name}")
     if facts.kind == "map":
-        text = "plant, DM and SC run in the same instant, in this order, and commands act in it"
-        yield "one instant", text
+        yield "one instant", words("one instant")
         if facts.symbol.shield is not None:
-            text = "AC runs in that instant, too: no command that it replaces there acts any more"
-            yield "one instant of AC", text
+            yield "one instant of AC", words("one instant of AC")
     # a chain lets each command begin by itself, and what rests is shown by chains alone
     if facts.jitter_ns and len(facts.controls) > 1 and facts.symbol.rest is None:
         names = ", ".join(c.name for c in facts.controls)
-        text = f"what SC publishes begins to act in all of these at one instant: {names}"
-        yield f"together {names}", text
+        yield f"together {names}", words("together", names)
     yield from _declared_delays(facts)
     if facts.thread:
         yield f"thread {facts.thread}", facts.thread
     if facts.kind == "flow":
-        text = "sensors publish exactly at their releases, before anybody reads in that instant"
-        yield "sensors on time", text
-    yield "wait", "SC waits for the DM, in one thread, and no release is skipped"
-    yield "order", "commands of AC and SC act in the order in which they were published"
+        yield "sensors on time", words("sensors on time")
+    yield from ((key, words(key)) for key in ("wait", "order"))
     if facts.setting.silent:
         silent = show_ns(facts.setting.silent)
         text = f"sensors are silent for {silent} longer than their periods at most"
         yield f"dropout {silent}", text
     else:  # nothing declared, or `dropout 0ms`
-        yield "no dropout", "sensors never drop out: for SC no runtime enforces an age"
+        yield "no dropout", words("no dropout")
     if facts.symbol.failsafe:
-        held = "the actuators hold the law from the end of the lease on: all of them at one instant"
-        late = f"within {show_ns(facts.times['L_ns'])}, and they take nothing that comes later"
-        yield "lease", f"{held}, {late}"
-    yield "fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"
+        yield "lease", words("lease", show_ns(facts.times["L_ns"]))
+    yield "fresh", words("fresh")
     yield from acknowledgement_assumption(facts.symbol)
 
 
@@ -390,8 +361,7 @@ def acknowledgement_assumption(symbol: typed.ModuleSymbol) -> Said:
     """The assumption about a DM that gives control back only after a press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name
-        text = f"P2b: a press of {name} is in force as `safer` holds: an operator acknowledges"
-        yield f"acknowledged {name}", text
+        yield f"acknowledged {name}", words("acknowledged", name)
 
 
 def _machine_assumptions(facts: Facts) -> Said:
@@ -402,4 +372,4 @@ def _machine_assumptions(facts: Facts) -> Said:
     functions = {f for f in parts_of(code) if isinstance(f, FunSymbol) and f.prelude}
     for name in sorted({f.name for f in functions} & BOUNDS.keys() - {*WITHOUT_ERROR}):
         yield f"bound of {name}", f"the error bound of {name}: tested, not proved"
-    yield "binary64", "the compiler and the hardware compute binary64 as IEEE 754 says"
+    yield "binary64", words("binary64")

@@ -181,7 +181,8 @@ def _sections(report: Report) -> Iterator[PageSection]:
     yield PageSection("What was checked", program_lines + reason)
     for flight in report.flights:
         yield PageSection(visible(f"Flight {flight.log}"), tuple(_flight_lines(flight)))
-    texts = tuple(map(visible, report.assumptions))
+    numbers = report.assumption_numbers
+    texts = tuple(f"{numbers[text]}: {visible(text)}" for text in report.assumptions)
     yield PageSection("Under these assumptions, derived from the program", texts)
     yield PageSection("Not covered", tuple(visible(remark.text) for remark in report.not_covered))
 
@@ -262,8 +263,9 @@ def _say(report: Report, folder: str, console: Console) -> None:
         for colour, text in _remarks(module):
             console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
+    numbers = report.assumption_numbers
     for text in report.assumptions:
-        console.say(console.paint("muted", f"  {visible(text)}"))
+        console.say(console.paint("muted", f"  {numbers[text]:<3} {visible(text)}"))
     console.say("\nnot covered")
     for remark in report.not_covered:
         console.say(console.paint("muted", f"  {visible(remark.text)}"))

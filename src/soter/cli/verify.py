@@ -46,6 +46,7 @@ from soter.cli.terminal.stored_outcome import (
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 from soter.diagnostics.command_records import seconds as time_in_seconds
 from soter.diagnostics.diagnostic import mistake
+from soter.language.model.assumption_words import numbered
 
 if TYPE_CHECKING:
     import argparse
@@ -222,6 +223,7 @@ def _ci_findings(report: VerifyReport) -> Iterator[CiFinding]:
 
 def _printout(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
+    numbers = numbered(a.text for m in report.modules for a in m.assumptions)
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for search in report.searches:
         print_search(search, report.command, printed)
@@ -230,7 +232,7 @@ def _printout(report: VerifyReport) -> Printout:
         _print_table(module, printed)
         printed.say("\n".join((*_detail_lines(module, printed), "", "under these assumptions")))
         for text in (a.text for a in module.assumptions):
-            printed.say(printed.paint("muted", f"  {text}"))
+            printed.say(printed.paint("muted", f"  {numbers[text]:<3} {text}"))
     if not report.modules:
         printed.say("there is no module to be verified")
     for line in _coverage(report):

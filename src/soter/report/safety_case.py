@@ -196,7 +196,8 @@ class CaseNode:
     A solution is `checked` where it was checked while the case was made, and then holds what its
     goal needs; `why` says what is missing otherwise. `sha256`: of what it points to. `property`: of
     a goal, the name by which a hazard traces to it. `key`: of an assumption, the same for the same
-    thing in every case; who owns it, how it is validated and where that is seen, as people say it.
+    thing in every case; `stated_by`: the commands that state it; who owns it, how it is validated
+    and where that is seen, as people say it.
     """
 
     id: str
@@ -210,6 +211,7 @@ class CaseNode:
     sha256: str = ""
     property: str = ""
     key: str = ""
+    stated_by: str = ""
     owner: str = ""
     validation: str = ""
     evidence: str = ""
@@ -305,6 +307,7 @@ class SafetyCase:
             "path": n.path or None,
             "sha256": n.sha256 or None,
             "key": n.key or None,
+            "stated_by": n.stated_by or None,
             "owner": n.owner,
             "validation": n.validation,
             "evidence": n.evidence,

@@ -264,7 +264,7 @@ def write_certificate(
     main = _main_file(program, files)
     if main_text is not None:
         files[f"program/{main}"] = main_text.encode()
-    modules = []
+    modules, assumed = [], [a for result in results for a in result.assumptions]
     for k, (result, system) in enumerate(zip(results, systems, strict=True)):
         entry = module_method(result.problem).entry
         modules.append(entry(result, system, f"sets/{k}", files))
@@ -275,6 +275,7 @@ def write_certificate(
         "params": _params(results),
         "program_sha256": program.sha256,
         "modules": modules,
+        "assumptions": list({a.text: (a.key, a.text) for a in assumed}.values()),
     }
     text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
     raw = (text + "\n").encode()

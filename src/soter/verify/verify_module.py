@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import between, phase, share_done, telling
+from soter.language.model.assumption_words import words
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
@@ -300,8 +301,7 @@ def _simultaneity_assumptions(problem: Problem, done: list[Case]) -> list[Assump
             names = ", ".join(
                 problem.quantities.controls[k].name for k in proof.simultaneous_controls
             )
-            text = f"what SC publishes begins to act in all of these at one instant: {names}"
-            assumptions.append(Assumption(f"together {names}", text))
+            assumptions.append(Assumption(f"together {names}", words("together", names)))
     return assumptions
 
 
@@ -325,11 +325,7 @@ def _weaken_if_proved(finding: Finding, why: str, hint: str) -> None:
 
 
 def _lease_assumption(problem: Problem) -> Assumption:
-    text = (
-        "the actuators hold the law from the end of the lease on: all of them at one instant, "
-        f"within {show_ns(problem.times.acts)}, and they take nothing that comes later"
-    )
-    return Assumption("lease", text)
+    return Assumption("lease", words("lease", show_ns(problem.times.acts)))
 
 
 def _failsafe_finding(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:

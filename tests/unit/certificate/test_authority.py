@@ -11,9 +11,11 @@ import pytest
 from json_documents import problems_of
 from long_tests import some
 from soter.api import recheck
+from soter.certificate import rechecker
 from soter.certificate.reading import supported_constructs as supported
 from soter.cli.main import main
 from soter.language.model import typed
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -102,7 +104,7 @@ def test_the_list_is_that_of_the_language() -> None:
 # ---------------------------------------------------------------- what is derived
 
 
-def test_a_manifest_has_no_word_about_assumptions(changed: Change) -> None:
+def test_an_entry_has_no_word_about_assumptions(changed: Change) -> None:
     def change(manifest: dict[str, Any]) -> None:
         manifest["modules"][0]["assumptions"] = ["none: holds for every robot"]
 
@@ -111,6 +113,41 @@ def test_a_manifest_has_no_word_about_assumptions(changed: Change) -> None:
         "rejected",
         "a module has an unknown `assumptions`",
     )
+
+
+def test_of_assumptions_in_a_manifest_only_the_numbers_are_taken(
+    proved: Path, changed: Change, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A forged list numbers otherwise, and drops, adds and changes nothing that is derived."""
+    monkeypatch.setattr(rechecker, "_check_cases", lambda *_: None)  # claims are no matter of it
+    plain = recheck(proved)
+    derived = [[a.key, a.text] for a in plain.said]
+    numbers = [f"A{k}" for k in range(1, len(derived) + 1)]
+    assert [plain.numbers[text] for text in plain.assumptions] == numbers
+    forged: dict[str, list[list[str]]] = {
+        "backwards": derived[::-1],
+        "dropped": derived[:1],
+        "added": [["none", "it holds for every robot"], *derived],
+        "changed under its key": [[key, f"not {text}"] for key, text in derived],
+        "under another key": [["none", text] for _, text in derived],
+        "with its key in the place of the text": [[text, key] for key, text in derived],
+        "said twice": derived * 2,
+    }
+    for how, said in forged.items():
+        report = recheck(changed(lambda m, said=said: m.update(assumptions=said)))  # type: ignore[misc]
+        assert report.accepted, (how, report.reason)
+        assert report.said == plain.said, how
+        assert len({report.numbers[text] for text in report.assumptions}) == len(derived), how
+        assert (report.numbers == plain.numbers) == (
+            how in ("dropped", "under another key", "said twice")
+        ), how
+
+
+@all_rows("said", [None, {"ab": "c"}, "ab", ["ab"], [["a"]], [["a", 1]], [["a", ["b"]]]])
+def test_a_list_of_assumptions_that_is_none_is_rejected(changed: Change, said: object) -> None:
+    report = recheck(changed(lambda m: m.update(assumptions=said)))
+    wrong = "`assumptions` is not as it should be"
+    assert (report.verdict, report.reason) == ("rejected", wrong)
 
 
 @pytest.mark.long

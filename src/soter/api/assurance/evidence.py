@@ -252,9 +252,11 @@ class Evidence:
             leaf.text = f"test {name}, explored again just now"
             leaf.why = _why_no_support(result, report)
             leaf.checked = not leaf.why
-            for k, said in enumerate(result.assumptions, 1):
+            before = [int(n.id[1:]) for n in case.nodes if n.kind == "assumption"]
+            for k, said in enumerate(result.assumptions, 1 + max(before, default=0)):
                 said = f"test {name}: {said}"  # noqa: PLW2901 - whose it is
-                case.add(CaseNode(f"A2.{number}.{k}", "assumption", said, key=said), beside=child)
+                node = CaseNode(f"A{k}", "assumption", said, key=said, stated_by="test")
+                case.add(node, beside=child)
         case.add(leaf, under=child)
 
     def campaign(self, case: SafetyCase, most: int) -> None:

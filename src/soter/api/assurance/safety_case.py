@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from soter.api.arguments import Progress, Tell
     from soter.api.program import Program
     from soter.certificate.folder import Certificate
-    from soter.certificate.report import RecheckAssumption, RecheckedModule
+    from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
     from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol
     from soter.verify.deploy.level_tables import GroupTable
@@ -184,7 +184,7 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
     used = [m for each in shown for m in each.reports]
     if proof.report is not None and used:
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
-        _add_context(case, top, used, rest)
+        _add_context(case, top, used, rest, proof.report)
     return top
 
 
@@ -193,11 +193,16 @@ def _add_context(
     top: CaseNode,
     used: Sequence[RecheckedModule],
     rest: Sequence[RecheckAssumption],
+    report: Report,
 ) -> None:
-    """Adds what the confirmed claims assume, which are vacuous, and the `rest` not covered."""
-    said = {a.text: a.key for m in used for a in m.assumptions}
-    for k, (text, key) in enumerate(said.items(), 1):
-        case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
+    """Adds what the proof and its re-check assume, what is vacuous, and the `rest` not covered."""
+    derived = {a.text: a.key for m in used for a in m.assumptions}
+    keys = {a.text: a.key for a in report.stated}
+    for text, number in report.assumption_numbers.items():
+        by = " and ".join(["verify"] * (text in keys) + ["recheck"] * (text in derived))
+        if by:
+            key = derived.get(text) or keys[text]
+            case.add(CaseNode(number, "assumption", text, key=key, stated_by=by), beside=top)
     for k, text in enumerate(_vacuous(used), 1):
         case.add(CaseNode(f"V{k}", "context", f"what is proved of {text}"), beside=top)
     for k, other in enumerate(rest, 1):

@@ -39,6 +39,7 @@ from soter.certificate.scope import acknowledgement_assumption, identified_numbe
 from soter.certificate.vacuous_proofs import HOLDS_ANYWAY, READS_NOTHING
 from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.topic_ranges import always_by_parts
+from soter.language.model.assumption_words import words
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns
 from soter.workers.solvers import ask_solver, ctrl_c_waits
@@ -252,11 +253,9 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
     flying, module = facts.flying, facts.flying_module
     ac = flying.components[module.ac].name
     said = [
-        (f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"),
+        (f"any {ac}", words("ac", ac)),
         ("order", "steps of one instant come in any order; no release is skipped"),
-        ("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
-        ("z3", "z3 is right where it says that no counterexample exists"),
-        ("machine", "the compiler and the hardware do what the C of the steps says"),
+        *((key, words(key)) for key in ("fresh", "z3", "machine")),
     ]
     said += acknowledgement_assumption(facts.symbol)
     said += identified_numbers(facts)

@@ -56,8 +56,8 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
         return None
     all_ac = np.all([band.in_control for band in chart.modes], axis=0)
     in_control = np.broadcast_to(all_ac, chart.time_s.shape)
-    events = [d.time_s for d in chart.decisions] + [v.time_s for v in chart.violations]
-    keep = mode_edges(in_control) + nearest_indices(chart.time_s, events)
+    at_s = [d.time_s for d in chart.decisions] + [v.time_s for v in chart.violations]
+    keep = mode_edges(in_control) + nearest_indices(chart.time_s, at_s)
     drawn = thin(len(rows), keep)
     data: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
@@ -65,13 +65,13 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
         if len(part):
             data.append(_trace(part, "lines", line=line(colour, 2.2), hovertemplate=_hover(who)))
     size = crowded(len(chart.decisions), 9)
-    told = [
+    events = [
         (giveback_dot(size), [(d.time_s, decision_hover(d)) for d in givebacks(chart.decisions)]),
         (takeover_dot(size), [(d.time_s, decision_hover(d)) for d in takeovers(chart.decisions)]),
         (violation_cross(10), [(v.time_s, violation_hover(v)) for v in chart.violations]),
         ({"symbol": "square", "size": 8, "color": "@ink"}, [(chart.time_s[0], "the start")]),
     ]
-    for marker, texts in told:
+    for marker, texts in events:
         at = rows[nearest_indices(chart.time_s, [t for t, _ in texts])]
         text, template = [t for _, t in texts], "%{text}<extra></extra>"
         data.append(_trace(at, "markers", marker=marker, text=text, hovertemplate=template))
@@ -87,7 +87,7 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
 
 
 def _x_and_y(series: Sequence[Series]) -> tuple[Series, Series] | None:
-    """The first two that are coordinates; a quaternion has a w, too."""
+    """Finds the first two coordinates; a quaternion has a w, too."""
     by_name = {s.name: s for s in series}
     for name, x in by_name.items():
         place, _, last = name.rpartition(".")

@@ -16,6 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
+from soter.language.model.assumption_words import words
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.language.model.types import show_ns
@@ -457,8 +458,7 @@ def _time_assumptions(
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:
     system, module = problem.system, problem.module
     ac = system.components[module.ac].name
-    text = f"{ac} publishes at its releases, any value of the declared sets or none"
-    assumptions = [Assumption("ac", text)]
+    assumptions = [Assumption(f"any {ac}", words("ac", ac))]
     for c in problem.clocks:
         if c.late or c.response:
             name = system.components[c.component].name
@@ -484,8 +484,5 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumptio
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
         text = f"for P2b alone: {still} stays as it is until SC gives control back"
         assumptions.append(Assumption("still", text))
-    text = "z3 is right where it says that no counterexample exists"
-    assumptions.append(Assumption("solver", text))
-    text = "the compiler and the hardware do what the C of the steps says"
-    assumptions.append(Assumption("compiler", text))
+    assumptions += [Assumption(key, words(key)) for key in ("z3", "machine")]
     return assumptions

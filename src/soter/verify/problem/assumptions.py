@@ -10,12 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.views_for_proofs import start_behind
+from soter.language.model.assumption_words import words
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import jumping_topics
 from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, latch_assumptions
-from soter.verify.problem.problem_times import DELAYS, WORDS, nodes_without_times
+from soter.verify.problem.problem_times import DELAYS, nodes_without_times
 from soter.verify.problem.supported_constructs import assumed_of_maps, identified_assumptions
 from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
@@ -39,11 +40,6 @@ BEHIND = {
     "inner": "between commands and plants, with sensors of their own; what they make of a command "
     "belongs to the plants of the proof, and no wait of theirs is counted beside `acts within`",
 }
-NO_DROPOUT = Assumption(
-    "no dropout",
-    "sensors never drop out: where one does the DM hands over to SC, which then reads what is "
-    "too old for its own proof (`dropout` covers a silence)",
-)
 
 
 def assumptions_of(
@@ -65,13 +61,8 @@ def assumptions_of(
     if kind == "flow":
         assumptions.append(SCHEME)
     assumptions += [FRESH, *latch_assumptions(place.module.symbol)]
-    if inputs.parameters:
-        names = ", ".join(p.name for p in inputs.parameters)
-        text = (
-            f"{names} changes only while the estimate lies in S_0 of the new value, whichever "
-            "mode; DM and SC read the new value from that instant on"
-        )
-        assumptions.append(Assumption("parameters change", text))
+    changing = [p.name for p in inputs.parameters]
+    assumptions += [Assumption(f"changes {name}", words("changes", name)) for name in changing]
     assumptions += _arithmetic(place)
     return assumptions
 
@@ -131,10 +122,7 @@ def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
         index = place.module.scope.topics.get(symbol, -1)
         if index in place.driven and index not in followed:
             topic, plant = place.system.topics[index].name, place.driven[index].name
-            text = (
-                f"what `safe` says of {topic} is judged on what {plant} drives: what is published "
-                "there is not looked at"
-            )
+            text = words("judged", topic, plant)
             assumptions.append(Assumption(f"judged {topic} {plant}", text))
     return assumptions
 
@@ -150,8 +138,13 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
     assumptions = [
         Assumption(
             f"conforms {link.instance} {link.name}",
-            f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
-            f"within its bounds, from {_start_in_words(place, link)} on",
+            words(
+                "conforms",
+                link.instance,
+                link.name,
+                link.plant.name,
+                _start_in_words(place, link),
+            ),
         )
         for link in place.module.symbol.verify.abstracts
     ]
@@ -160,25 +153,14 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         assumptions += _judged_assumptions(place)
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
-        text = f"the world behaves like {names} for some disturbance within its bounds"
-        assumptions.append(Assumption(f"world {names}", text))
+        assumptions.append(Assumption(f"world {names}", words("world", names)))
     assumptions += [*_bound_assumptions(place, inputs), *_error_assumptions(place, inputs)]
-    bounded = _unshown_topics(place)
-    if bounded:
-        names = ", ".join(bounded)
-        text = f"what plants publish lies in the declared sets: {names} (else they stop)"
-        assumptions.append(Assumption("sets", text))
-    if inputs.left_out:
-        names = ", ".join(x.name for x in inputs.left_out)
-        text = (
-            "left out, as nothing that is proved depends on it, below 1e+308, and where "
-            f"functions in its rate are defined: {names}"
-        )
-        assumptions.append(Assumption("left out", text))
-    if inputs.others:
-        names = ", ".join(o.name for o in inputs.others)
-        text = f"{names}: any value of the declared set, at any time"
-        assumptions.append(Assumption("any value", text))
+    named = [
+        *(("set", name) for name in _unshown_topics(place)),
+        *(("left out", x.name) for x in inputs.left_out),
+        *(("other", o.name) for o in inputs.others),
+    ]
+    assumptions += [Assumption(f"{kind} {name}", words(kind, name)) for kind, name in named]
     return assumptions
 
 
@@ -186,29 +168,19 @@ def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[As
     """Assumptions about the bounds of disturbances and of what others do to the plants."""
     of_others = {i.name(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
-    said = [
-        (d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]{_unit_text(d)}")
-        for d, r in drawn
-    ]
-    moved = "what others publish and what moves these plants stays in its declared set"
-    for others, key, what in (
-        (False, "disturbances", "disturbances stay within their bounds"),
-        (True, "others", moved),
-    ):
-        if bounds := ", ".join(text for of, text in said if of is others):
-            yield Assumption(key, f"{what}: {bounds}")
+    for d, r in drawn:
+        kind = "others" if d.name in of_others else "disturbance"
+        bounds = f"{d.name} in [{r.low:g}, {r.high:g}]"
+        yield Assumption(f"disturbance {bounds}", words(kind, f"{bounds}{_unit_text(d)}"))
 
 
 def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
     """Assumptions about the errors of estimates, and about which are exact."""
-    if inputs.errors:
-        pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
-        bounds = ", ".join(f"{e.name} within {r.high:g}{_unit_text(e)}" for e, r in pairs)
-        exact = _exact_leaves(place, inputs)
-        rest = f"; exact: {', '.join(exact)}" if exact else ""
-        yield Assumption("errors", f"measurement errors stay within their bounds: {bounds}{rest}")
-    elif place.driven:
-        yield Assumption("exact", "estimates are exact: no measurement error is declared")
+    for e, r in zip(inputs.errors, inputs.error_ranges, strict=True):
+        text = words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
+        yield Assumption(f"error {e.name} {r.high:g}", text)
+    for name in _exact_leaves(place, inputs):
+        yield Assumption(f"exact {name}", words("exact", name))
 
 
 def _unit_text(leaf: Leaf) -> str:
@@ -261,10 +233,10 @@ def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> l
         )
         for who, read in topics.items()
     ]
-    for kind, words in BEHIND.items():
+    for kind, words_of_kind in BEHIND.items():
         nodes = list(dict.fromkeys(n for w in chains.ways for n in getattr(w, kind)))
         if nodes:
-            text = f"{', '.join(_filter_text(n) for n in nodes)}: {words}"
+            text = f"{', '.join(_filter_text(n) for n in nodes)}: {words_of_kind}"
             assumptions.append(Assumption(kind.replace("_", " "), text))
     on_the_way = [*chains.nodes, *chains.behind, *(n for w in chains.ways for n in w.in_step)]
     if on_the_way:
@@ -314,16 +286,12 @@ def _exact_leaves(place: VerificationSystem, inputs: Inputs) -> list[str]:
 def _timing_assumptions(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: ProblemKind
 ) -> list[Assumption]:
-    assumptions = []
+    assumptions = [Assumption(key, words(key)) for key in ("wait", "order")]
     if not times.schedule.dropout and times.schedule.read_by_sc:
-        assumptions.append(NO_DROPOUT)
+        assumptions.append(Assumption("no dropout", words("no dropout")))
     if kind == "map":
-        words = "plant, DM and SC run in the same instant, in this order, and commands act in it"
-        assumptions.append(Assumption("one instant", words))
-        if place.module.symbol.shield is not None:
-            text = "AC runs in that instant, too: no command that it replaces there acts any more"
-            assumptions.append(Assumption("one instant of AC", text))
-        return assumptions
+        keys = ["one instant", *["one instant of AC"] * (place.module.symbol.shield is not None)]
+        return assumptions + [Assumption(key, words(key)) for key in keys]
     if times.schedule.dropout:
         text = (
             f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "
@@ -336,13 +304,7 @@ def _timing_assumptions(
         assumptions.append(Assumption("age", text))
     assumptions += [*_declared_times(place, times, chains)]
     assumptions += [Assumption("thread", text) for text in times.rests]
-    text = "sensors publish exactly at their releases, before anybody reads in that instant"
-    assumptions.append(Assumption("sensors on time", text))
-    text = "SC waits for the DM, in one thread, and no release is skipped"
-    assumptions.append(Assumption("wait", text))
-    text = "commands of AC and SC act in the order in which they were published"
-    assumptions.append(Assumption("order", text))
-    return assumptions
+    return [*assumptions, Assumption("sensors on time", words("sensors on time"))]
 
 
 def _declared_times(
@@ -350,24 +312,21 @@ def _declared_times(
 ) -> Iterator[Assumption]:
     """Assumptions about the times that the program declares, and those that it leaves out."""
     verify = place.module.symbol.verify
-    declared = [n for n in DELAYS if n in times.declared]
-    if declared:
-        shown = ", ".join(f"{n.replace('_', ' ')} {_declared_text(times, n)}" for n in declared)
-        yield Assumption("declared", f"times as declared: {shown}")
+    for name in DELAYS:
+        kind, text = "undeclared", name.replace("_", " ") + " within" * (name == "acts")
+        if name in times.declared:
+            kind, text = "declared", f"{text} {_declared_text(times, name)}"
+        yield Assumption(f"{kind} {text}", words(kind, text))
     if nodes := sorted({*verify.late_of, *verify.response_of}):
         yield Assumption("declared of nodes", f"times as declared, too: of {', '.join(nodes)}")
-    absent = [WORDS[n] for n in DELAYS if n not in times.declared]
     lasting = {n.name: n.takes_ns for n in (*chains.nodes, *chains.behind) if n.takes_ns}
     for name, (_, high) in lasting.items():
         yield Assumption(
             f"takes {name}", f"{name} takes {show_ns(high)} a step at most, as it says"
         )
-    absent += [
-        f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
-        for n in nodes_without_times(place, chains)
-    ]
-    if absent:
-        yield Assumption("undeclared", f"undeclared times are zero: {', '.join(absent)}")
+    for name in nodes_without_times(place, chains):
+        text = words("undeclared", f"lateness or response of {name}")
+        yield Assumption(f"undeclared {name}", text)
 
 
 def _declared_text(times: Times, name: str) -> str:
@@ -392,8 +351,7 @@ def _arithmetic(place: VerificationSystem) -> list[Assumption]:
             "them is within 8 units in the last place"
         )
         assumptions.append(Assumption("prelude", text))
-    text = "the compiler and the hardware compute binary64 as IEEE 754 says"
-    assumptions.append(Assumption("binary64", text))
+    assumptions.append(Assumption("binary64", words("binary64")))
     return assumptions
 
 

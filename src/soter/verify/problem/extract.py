@@ -16,6 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.views_for_proofs import refuse_views
+from soter.language.model.assumption_words import words
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
@@ -219,9 +220,8 @@ def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
 
 
 def _unbounded_assumptions(groups: tuple[Group, ...]) -> list[Assumption]:
-    ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
-    text = f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
-    return [Assumption("open", text)] * bool(ends)
+    ends = [(a.name, a.edges[-1]) for g in groups for a in g.axes if a.open]
+    return [Assumption(f"open {n} {end!r}", words("open", n, end)) for n, end in ends]
 
 
 def _check_shield(

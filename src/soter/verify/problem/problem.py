@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
+from soter.language.model.assumption_words import words
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 
 if TYPE_CHECKING:
@@ -378,29 +379,17 @@ class Assumption:
     text: str
 
 
-SCHEME = Assumption(
-    "scheme",
-    "the plant is the only solution of its differential equation (where the right-hand side jumps: "
-    "with any rate between those on both sides); not the simulator's scheme",
-)
+SCHEME = Assumption("scheme", words("scheme"))
 """The assumption of a proof that is about the differential equation alone."""
-EVERY_SOLUTION = Assumption(
-    SCHEME.key,
-    "the plant is any absolutely continuous solution of its differential equation, with any rate "
-    "between those on both sides where its right-hand side jumps; not the simulator's scheme",
-)
+EVERY_SOLUTION = Assumption(SCHEME.key, words("every solution"))
 """`SCHEME` of a proof that does not need solutions to be unique, as where SC comes to rest."""
-FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+FRESH = Assumption("fresh", words("fresh"))
 
 
 def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
     """The assumption that the operator acknowledges, if the DM gives control back only then."""
     return [
-        Assumption(
-            f"acknowledged {topic.name}",
-            f"P2b: the operator acknowledges: a press of {topic.name} is in force when `safer` "
-            "holds; without one SC keeps control",
-        )
+        Assumption(f"acknowledged {topic.name}", words("acknowledged", topic.name))
         for topic in module.acknowledgements
     ]
 

@@ -264,13 +264,6 @@ def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]
 
 
 DELAYS = ("late_dm", "late_sc", "response_dm", "response_sc", "acts")
-WORDS = {
-    "late_dm": "the DM starts on time",
-    "late_sc": "SC starts on time",
-    "response_dm": "the DM takes no time",
-    "response_sc": "SC takes no time",
-    "acts": "commands act at once",
-}
 
 
 def times_of(

@@ -18,6 +18,7 @@ from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
+from soter.language.model.assumption_words import words
 from soter.language.model.tree_walk import calls_in, disjuncts, nodes, plant_code, topic_reads
 from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType, leaves
 from soter.verify.problem.problem import Assumption
@@ -108,12 +109,7 @@ def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
 def identified_assumptions(program: typed.TypedProgram) -> list[Assumption]:
     """What is assumed where a program reads numbers that `soter identify` fitted to logs."""
     return [
-        Assumption(
-            f"identified {name}",
-            f"the numbers of {name} hold: nobody proved them, they explain {n} held-out episodes; "
-            f"that a new one leaves them with at most 1/{n + 1} is of episodes drawn alike; "
-            "`soter monitor` watches it",
-        )
+        Assumption(f"identified {name}", words("identified", name, n, n + 1))
         for name, n in program.identified.items()
     ]
 

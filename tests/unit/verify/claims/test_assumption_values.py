@@ -10,6 +10,7 @@ import pytest
 from soter.certificate.scope import assumptions_of
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
+from soter.language.model.assumption_words import numbered
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import FRESH, SCHEME, Assumption, remaining
@@ -119,3 +120,42 @@ def test_of_a_plant_that_jumps_it_is_assumed_what_may_be_so(how: str, tmp_path: 
     assert "only solution" in ours
     assert "jumps" in ours
     assert "Lipschitz" not in ours
+
+
+STATED_BY_ONE = {
+    ("wall/cart.soter", "SafeCart"): {"age"},
+    ("wall/lift.soter", "SafeLift"): {"age"},
+    ("wall/landing.soter", "SafeCart"): {
+        "age",
+        "mode SafeBattery",
+        "waits",
+        "waits SafeBattery",
+        "set charge",
+        "set place",
+    },
+    ("mountain_car/cliff.soter", "SafeCar"): {"shows car", "prelude", "bound of cos"},
+    ("rest/cruise.soter", "Distance"): {"no dropout", "set sight"},
+}
+"""Keys of what differs in substance (docs/assure.md), or is confirmed in a re-check (`set`)."""
+
+
+@pytest.mark.parametrize("of", STATED_BY_ONE, ids=" ".join)
+def test_prover_and_rechecker_say_the_same_of_the_same(of: tuple[str, str]) -> None:
+    """Derived twice, by code that shares the words alone."""
+    path = EXAMPLES / of[0]
+    flat = system_of(check_file(str(path)), None)
+    (module,) = (m for m in flat.modules if m.name == of[1])
+    (seen,) = systems_by_view(flat, module)
+    ours = {a.text: a.key for a in extract(*seen).assumptions}
+    theirs = {a.text: a.key for a in assumptions_of(facts_of(path, flat.name, of[1]))}
+    both = ours.keys() & theirs.keys()
+    assert {t: ours[t] for t in both} == {t: theirs[t] for t in both}
+    different = {*ours.items(), *theirs.items()} - {(t, ours[t]) for t in both}
+    assert {key for _, key in different} == STATED_BY_ONE[of]
+    assert len(set(ours.values())) == len(ours)
+    assert len(set(theirs.values())) == len(theirs)
+
+
+def test_the_first_list_keeps_its_order_and_others_add_to_it() -> None:
+    said = numbered(["b", "a", "b"], ["c", "a"], ["d"])
+    assert said == {"b": "A1", "a": "A2", "c": "A3", "d": "A4"}

@@ -154,7 +154,7 @@ def test_assumptions_name_what_is_not_declared_and_what_is(boat: Problem) -> Non
         "b.wind.x in [-0.5, 0.25]",
         "pose.p.x within 0.125",
         "late dm 1 ms",
-        "the DM takes no",
+        "undeclared times are zero: response dm",
     ):
         assert word in text
     assert "b.gear changes only while" in text

@@ -74,7 +74,8 @@ def problem_of(folder: Path, text: str) -> Problem:
 
 def left_out_of(problem: Problem) -> str:
     """What the assumptions name as left out."""
-    return next((t.partition(": ")[2] for t in texts(problem.assumptions) if "left out" in t), "")
+    said = (t.partition(": ")[2] for t in texts(problem.assumptions) if "left out" in t)
+    return ", ".join(said)
 
 
 def changed(old: str, new: str) -> str:
