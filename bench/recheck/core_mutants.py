@@ -60,7 +60,32 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
          "claims", "exchanged", "facts", "verdicts")  # fmt: skip
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
+OF_TIMES = (
+    "times_by_enumeration",
+    "what_is_let_through",
+    "problem_by_definition",
+    "times",
+    "ways",
+    "nodes_that_take_time",
+    "one_instant",
+    "refused_times",
+)
+OF_CELLS = (
+    "cells_by_enumeration",
+    "certain_cells",
+    "recheck_walks",
+)
 TESTED_BY = {
+    "reading/derived_times.py": OF_TIMES,
+    "reading/module_times.py": OF_TIMES,
+    "cell_sets.py": OF_CELLS,
+    "cell_predicates.py": OF_CELLS,
+    "folder.py": (
+        "format_by_definition",
+        "program_of_a_certificate",
+        "hostile_certificates",
+        "certificates",
+    ),
     "terms": (
         "reading_by_evaluation",
         "operators_of_terms",
@@ -71,17 +96,6 @@ TESTED_BY = {
         "recheck_enclosures",
         "beyond_doubles",
     ),
-    "time": (
-        "times_by_enumeration",
-        "what_is_let_through",
-        "problem_by_definition",
-        "times",
-        "ways",
-        "nodes_that_take_time",
-        "one_instant",
-        "refused_times",
-    ),
-    "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
     "grid": (
         "claims_on_grids",
         "walks_by_cells",
@@ -105,13 +119,7 @@ TESTED_BY = {
         "local_chains",
         "what_plants_publish",
     ),
-    "format": (
-        "format_by_definition",
-        "program_of_a_certificate",
-        "hostile_certificates",
-        "certificates",
-    ),
-    "": (
+    ".": (
         "entries_of_a_manifest",
         "what_a_case_asks",
         "what_is_let_through",
@@ -122,7 +130,7 @@ TESTED_BY = {
         "ways",
     ),
 }
-"""By the folder of a file the files of quick tests that judge its mutants, in this order."""
+"""By file, or else by folder, the files of quick tests that judge mutants, in this order."""
 OF_ALL = ("at_the_bounds", "terms_at_the_bounds", "single_refusals", "single_facts")
 """Files of tests of single functions, in seconds: they come first."""
 OTHERS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
@@ -292,7 +300,8 @@ def _differ(folder: Path) -> str:
 
 def judges(file: str) -> list[str]:
     """The files of tests that judge the mutants of a file."""
-    return [str(TESTS / f"test_{n}.py") for n in (*OF_ALL, *TESTED_BY[file.rpartition("/")[0]])]
+    tests = TESTED_BY.get(file) or TESTED_BY[str(Path(file).parent)]
+    return [str(TESTS / f"test_{n}.py") for n in (*OF_ALL, *tests)]
 
 
 def in_child(work: Callable[[], int], mutant: Mutant | None = None) -> tuple[int, str]:

@@ -229,7 +229,7 @@ class CaseCheck:
 
     def _certain_cells(self, expr: typed.TypedExpr, *, errors: bool) -> list[Cells]:
         """For each group the cells of its part on which a predicate certainly holds."""
-        parts = [g.cells_asked for g in self.groups]
+        parts = [g.tables for g in self.groups]
         inside = narrowed_extents(self.model.extents, parts)
         model = CaseModel(self.model.facts, self.model.parameter, inside)
         return certain_cells(model, parts, expr, errors=errors)
@@ -240,7 +240,7 @@ class CaseCheck:
         shown = self._certain_cells(facts.symbol.safe, errors=False)
         for check, cells in zip(self.checks, shown, strict=True):
             check.note_safe_cells(cells)
-        parts = [g.cells_asked for g in self.groups]
+        parts = [g.tables for g in self.groups]
         for topic in bounded_topics(facts):
             shown = cells_published_in_set(self.model, parts, topic)
             for check, cells in zip(self.checks, shown, strict=True):

@@ -26,7 +26,6 @@ from soter.certificate.cell_sets import (
 )
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import ZERO, exact
-from soter.certificate.terms.straight_line import key_of_constant
 from soter.certificate.terms.terms import (
     FALSE,
     TRUE,
@@ -60,8 +59,6 @@ SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
 """How often it is halved where only cells to use are sought: a failure costs cells, no proof."""
-CERTAIN_CELLS_MAX = 2**26
-"""Cells of the sets that are remembered, a byte each."""
 
 
 def certain_cells(
@@ -103,8 +100,8 @@ def _cells_by_share(
         owner = max(range(len(groups)), key=lambda k: float(weights[k]))
         shares[owner].append(part)
     return [
-        _remembered_cells(model, group, terms, atoms, conjunction_of(share))
-        for group, share in zip(groups, shares, strict=True)
+        decided_cells(Decision(model, g.states, terms, atoms, conjunction_of(share)), g.grid)
+        for g, share in zip(groups, shares, strict=True)
     ]
 
 
@@ -158,11 +155,6 @@ class Decision:
         self.reads = tuple(a in read for a in places)
         self._written = compile_truths(terms, [*places, *free], [truth], boxes)
 
-    @property
-    def content(self) -> object:
-        """A key, equal only for decisions that say the same of every box."""
-        return self._written.content, key_of_constant(tuple(self.ranges)), self.reads
-
     def bits_on_box(self, box: list[tuple[arb, arb]]) -> int:
         """Its bits on a box: it may fail, it may hold."""
         bits: int = self._written(form_of_box(box, symbols=False))[0]
@@ -184,27 +176,8 @@ class Decision:
         return all(self.holds_on_box(box, splits) for box in grid.whole_boxes(block, self.reads))
 
 
-def _remembered_cells(
-    model: CaseModel, group: Axes, terms: Terms, atoms: Sequence[int], truth: Proposition
-) -> Cells:
-    """Cells on which a proposition certainly holds, whatever the other groups do."""
-    decision = Decision(model, group.states, terms, atoms, truth)
-    key = decision.content, group.grid.edges, group.grid.unbounded, group.grid.wraps
-    members = _CERTAIN_CELLS.get(key)
-    if members is None:
-        members = _decided_cells(decision, group.grid)
-        if sum(m.size for m in list(_CERTAIN_CELLS.values())) + members.size > CERTAIN_CELLS_MAX:
-            _CERTAIN_CELLS.clear()
-        _CERTAIN_CELLS[key] = members
-    return Cells(group.grid, members)
-
-
-_CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
-"""(what is asked, the grid) -> the cells; parameters and modules often differ in neither."""
-
-
-def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
-    """A table of the grid's shape: the cells on which a decision certainly holds."""
+def decided_cells(decision: Decision, grid: Grid) -> Cells:
+    """The cells on which a decision certainly holds."""
     members = np.zeros(grid.shape, dtype=np.bool_)
     waiting = [grid.whole]
     while waiting:
@@ -216,7 +189,7 @@ def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
             bits == NEITHER and decision.holds_on_block(grid, block, SPLITS_OF_SETS)
         ):
             members[block_index(block)] = True
-    return members
+    return Cells(grid, members)
 
 
 class AdmitCheck:

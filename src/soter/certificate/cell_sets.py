@@ -6,50 +6,27 @@ first.
 Non-goals: what is tried on a block; where tables come from (`folder.py`).
 
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
-
-An axis may have no ends: then its first and its last cell hold all that lies beyond, and nothing
-reads its state (`extras/left_out_states.py`). Of the runs that begin there those are enclosed that
-begin between the edges. Let one begin at z beyond the upper edge e, which a box from which runs are
-enclosed touches. Take from it, at all times, z - e along that axis: that is a run from the box.
-Where it does not fall by more than the last cell is wide it stays in the last cell, and the other
-one, which is above it, does so, too, while all else of the two is the same (`followed_beyond`).
+An axis without ends, or one that wraps around, is a matter of `extras/left_out_states.py`.
 """
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from flint import arb
 
-from soter.certificate.reading.case_model import FARTHEST
-from soter.certificate.terms.linear_enclosures import HALF, above, below, exact
+from soter.certificate.terms.linear_enclosures import HALF, exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from flint import arb
     from numpy.typing import NDArray
 
     Block = tuple[tuple[int, int], ...]
-
-
-TURN = 2 * math.pi
-SEAM = 2.0**-40
-"""By so much the cells at the ends of a full turn go on beyond them: the ends are a turn apart but
-for rounding, so that these two cells meet."""
-BACK = 2.0**-45
-"""More than what is lost where a number is brought back by whole turns."""
-FAR = 2.0**14
-"""The farthest from 0 that a state on an axis which wraps around is assumed to be, in rad."""
-FARTHEST_TURNED = 32.0
-"""Farther numbers are not brought back."""
-WIDER = 256
-"""The factor by which each box is wider than the one before, on the way there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +34,6 @@ class Grid:
     """A grid over some states; `edges`: each axis' breakpoints, strictly increasing and finite."""
 
     edges: tuple[tuple[float, ...], ...]
-    unbounded: tuple[bool, ...] = ()
-    """Whether each axis has no ends; empty: none of them."""
-    wraps: tuple[bool, ...] = ()
-    """Whether each axis is a full turn that wraps around; empty: none of them."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -73,104 +46,59 @@ class Grid:
         return tuple((0, n) for n in self.shape)
 
     def cells(self, box: Sequence[float], offset: int = 0) -> Block | None:
-        """The cells that cover a box low, high, low, high, ...; None where it leaves the grid.
-
-        Of an axis that wraps around: begun within it, and counted on behind its last cell.
-        """
+        """The cells that cover a box low, high, low, high, ...; None where it leaves the grid."""
         ranges = []
-        at = offset
-        for k, edges in enumerate(self.edges):
-            low, high = box[at], box[at + 1]
-            at += 2
-            if self.wraps_around(k):
-                if not (-FARTHEST_TURNED <= low <= high <= FARTHEST_TURNED):
-                    return None
-                ranges.append(_cells_around(edges, low, high))
-                continue
-            if self.has_no_ends(k):
-                width = edges[-1] - edges[0]
-                if not (edges[0] - width <= low <= high <= edges[-1] + width):
-                    return None
-                low, high = (min(max(x, edges[0]), edges[-1]) for x in (low, high))
-            if not (low >= edges[0] and high <= edges[-1]):
+        for k in range(len(self.edges)):
+            found = self.cells_of_axis(k, box[offset + 2 * k], box[offset + 2 * k + 1])
+            if found is None:
                 return None
-            first = min(bisect_right(edges, low) - 1, len(edges) - 2)
-            last = max(bisect_left(edges, high), first + 1)
-            ranges.append((first, last))
+            ranges.append(found)
         return tuple(ranges)
 
-    def has_no_ends(self, axis: int) -> bool:
-        """Whether what lies beyond the ends of an axis belongs to its outer cells."""
-        return bool(self.unbounded) and self.unbounded[axis]
-
-    def reach(self, axis: int) -> tuple[float, ...]:
-        """Breakpoints of an axis, the outer ones as far out as their cells go."""
+    def cells_of_axis(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
+        """The cells of one axis that cover an interval; None where it leaves the axis."""
         edges = self.edges[axis]
-        far = float(FARTHEST)
-        return (-far, *edges[1:-1], far) if self.has_no_ends(axis) else edges
-
-    def wraps_around(self, axis: int) -> bool:
-        """Whether what leaves an axis at one end comes in at the other."""
-        return bool(self.wraps) and self.wraps[axis]
-
-    def counted_on(self, table: NDArray[Any]) -> NDArray[Any]:
-        """A table, of the grid's shape, once more behind itself along axes that wrap around."""
-        for k in (k for k in range(len(self.edges)) if self.wraps_around(k)):
-            table = np.concatenate([table, table], axis=k)
-        return table
-
-    def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
-
-        `boxes`: where runs from `start` are, one after the other. See the top of this file.
-        """
-        width = 2 * len(self.edges)
-        if not boxes:
-            return True
-        for k in (k for k in range(len(self.edges)) if self.has_no_ends(k)):
-            edges, (low, high) = self.edges[k], start[k]
-            least, most = min(boxes[2 * k :: width]), max(boxes[2 * k + 1 :: width])
-            if not high < edges[-1] and not low - exact(least) <= _width(edges, -2):
-                return False
-            if not low > edges[0] and not exact(most) - high <= _width(edges, 0):
-                return False
-        return True
-
-    def whole_boxes(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
-        """Boxes that cover a block together with all that lies beyond, up to `FARTHEST`.
-
-        The first one is that of the block. Those beyond are far wider each than the one before: in
-        each the numbers are of a size, so that rounding is small. `reads`: of each axis whether
-        what is asked depends on its state; along others nothing lies beyond that would matter.
-        """
-        sides = []
-        for k, inside in enumerate(self.box(block)):
-            parts = [inside]
-            if self.has_no_ends(k) and reads[k]:
-                parts += self.beyond(k, low=block[k][0] == 0, high=block[k][1] == self.shape[k])
-            sides.append(parts)
-        return [list(box) for box in product(*sides)]
-
-    def beyond(self, axis: int, *, low: bool, high: bool) -> list[tuple[arb, arb]]:
-        """Intervals that cover what lies beyond the ends of an axis, up to `FARTHEST`."""
-        first, last = self.edges[axis][0], self.edges[axis][-1]
-        below_it = [(-b, -a) for a, b in _intervals_beyond(-first, last - first)] if low else []
-        return [*below_it, *(_intervals_beyond(last, last - first) if high else ())]
+        if not (low >= edges[0] and high <= edges[-1]):
+            return None
+        first = min(bisect_right(edges, low) - 1, len(edges) - 2)
+        return first, max(bisect_left(edges, high), first + 1)
 
     def box(self, block: Block) -> list[tuple[arb, arb]]:
-        """The box of a block of cells; at the ends of an axis that wraps around a little more."""
-        ends = []
-        for k, (low, high) in enumerate(block):
-            edges = self.edges[k]
-            if self.wraps_around(k):
-                edges = (edges[0] - SEAM, *edges[1:-1], edges[-1] + SEAM)
-            ends.append((exact(edges[low]), exact(edges[high])))
-        return ends
+        """The box of a block of cells."""
+        pairs = zip(self.edges, block, strict=True)
+        return [(exact(edges[low]), exact(edges[high])) for edges, (low, high) in pairs]
 
     def text(self, block: Block) -> str:
         """A block of cells in words, for people."""
         parts = zip(self.edges, block, strict=True)
         return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
+
+    # ------------------------------------------------------------ beyond ends, where axes have none
+
+    def counted_on(self, table: NDArray[Any]) -> NDArray[Any]:
+        """A table of the grid's shape, once more behind itself along axes that wrap around."""
+        return table
+
+    def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
+        """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
+
+        `boxes`: where runs from `start` are, one after the other.
+        """
+        del start, boxes
+        return True
+
+    def whole_boxes(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
+        """Boxes that cover a block and all that its cells hold besides.
+
+        `reads`: of each axis whether what is asked depends on its state.
+        """
+        del reads
+        return [self.box(block)]
+
+    def brought_in(self, axis: int, low: float, high: float) -> tuple[float, float]:
+        """An interval of starts, moved onto the axis: what is shown of one holds of the other."""
+        del axis
+        return low, high
 
 
 @dataclass(eq=False)
@@ -179,55 +107,6 @@ class Axes:
 
     states: tuple[int, ...]
     grid: Grid
-
-
-def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
-    """The cells of a full turn that cover an interval, from within the first turn on."""
-    count, turns = len(edges) - 1, [math.floor((x - edges[0]) / TURN) for x in (low, high)]
-    if turns[0] == -1 and low >= edges[0] - SEAM:
-        turns[0] = 0  # of the first cell still
-    if turns[1] == 1 and high <= edges[-1] + SEAM:
-        turns[1] = 0  # of the last one
-    low, high = (
-        x - TURN * k + apart * (k != 0)
-        for x, k, apart in zip((low, high), turns, (-BACK, BACK), strict=True)
-    )
-    first = min(max(bisect_right(edges, low) - 1, 0), count - 1) + turns[0] * count
-    last = max(min(bisect_left(edges, high), count), 1) + turns[1] * count
-    if last - first >= count:
-        return 0, count
-    last = max(last, first + 1)
-    return first % count, first % count + last - first
-
-
-def turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
-    """An interval less so many whole turns that it begins on an axis, rounded outwards.
-
-    As it is where it lies on the axis, or where it is so far away that nothing is known there; all
-    of the axis where it is longer than half of it: what is enclosed goes half a turn beyond.
-    """
-    if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
-        return low, high
-    if high - low >= TURN / 2:
-        return edges[0] - SEAM, edges[-1] + SEAM
-    back = 2 * arb.pi() * math.floor((low - edges[0]) / TURN)
-    return below(exact(low) - back), above(exact(high) - back)
-
-
-def _width(edges: Sequence[float], cell: int) -> arb:
-    """The width of one cell of an axis; the last cell is -2."""
-    return exact(edges[cell + 1]) - exact(edges[cell])
-
-
-@lru_cache(maxsize=64)
-def _intervals_beyond(end: float, width: float) -> Sequence[tuple[arb, arb]]:
-    """Intervals from an end upwards to `FARTHEST`."""
-    intervals, low, step = [], exact(end), exact(width)
-    while low < FARTHEST:
-        high = (exact(end) + step).min(FARTHEST)
-        intervals.append((low, high))
-        low, step = high, step * WIDER
-    return intervals
 
 
 class Cells:

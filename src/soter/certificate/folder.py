@@ -384,9 +384,9 @@ def only_keys(entry: object, names: str, what: str, optional: str = "") -> None:
 
 def stated_in(manifest: dict[str, Any]) -> list[RecheckAssumption]:
     """The assumptions that the prover wrote; RejectedError unless they are a list of text pairs."""
-    said = manifest.get("assumptions", [])
-    if not isinstance(said, list) or any(
-        not isinstance(pair, list) or [*map(type, pair)] != [str, str] for pair in said
+    stated = manifest.get("assumptions", [])
+    if not isinstance(stated, list) or any(
+        not isinstance(pair, list) or [*map(type, pair)] != [str, str] for pair in stated
     ):
         raise RejectedError("`assumptions` is not as it should be")
-    return [RecheckAssumption(visible(key), visible(text)) for key, text in said]
+    return [RecheckAssumption(visible(key), visible(text)) for key, text in stated]

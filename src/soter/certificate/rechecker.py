@@ -298,7 +298,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
     if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
         with _rejecting_malformed("a table of the DM"):
             extras.estimates_and_shield.compare_tables(certificate, facts, groups, entry["tables"])
-    cells = [core for of_case in groups for g in of_case for core in g.cells]
+    cells = [g.tables.core for of_case in groups for g in of_case]
     refuse_cells(cells, claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
@@ -346,7 +346,7 @@ def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers:
         model = CaseModel(
             facts,
             values,
-            narrowed_extents(facts.extents, [g.cells_asked for g in own]),
+            narrowed_extents(facts.extents, [g.tables for g in own]),
         )
         if facts.left_out:
             extras.left_out_states.refuse_read(model)
@@ -422,9 +422,10 @@ def read_groups(
             edges.append(certificate.edges(axis["edges"]))
             if (edges[-1][0], edges[-1][-1]) != facts.extents[states[-1]]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
-        unbounded = tuple(s in facts.unbounded for s in states)
-        wraps = tuple(s in facts.turning for s in states)
-        grid = Grid(tuple(edges), unbounded * any(unbounded), wraps * any(wraps))
+        grid = Grid(tuple(edges))
+        if (facts.unbounded | facts.turning) & {*states}:
+            beyond = (tuple(s in of for s in states) for of in (facts.unbounded, facts.turning))
+            grid = extras.left_out_states.GridBeyondEnds(grid.edges, *beyond)
         groups.append(method.read(certificate, facts, entry, Axes(tuple(states), grid)))
     if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.extras.left_out_states import GridBeyondEnds
 from soter.certificate.grid.grid_group import (
     GridCheck,
 )
@@ -18,6 +19,17 @@ from soter.certificate.report import RejectedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+def grid_beyond(
+    edges: tuple[tuple[float, ...], ...],
+    unbounded: tuple[bool, ...] = (),
+    wraps: tuple[bool, ...] = (),
+) -> GridBeyondEnds:
+    """A grid some axes of which have no ends or wrap around: those of which that is said."""
+    no = (False,) * len(edges)
+    return GridBeyondEnds(edges, unbounded or no, wraps or no)
+
 
 LINE = Grid(((0.0, 1.0, 2.0, 3.0, 4.0),))
 Flags = list[int]

@@ -14,15 +14,15 @@ from flint import arb
 
 from soter.certificate import cell_predicates
 from soter.certificate.cell_sets import Cells, Grid, holds_in_parts
+from soter.certificate.extras import prelude_functions
 from soter.certificate.extras.estimates_and_shield import axes_seen_by_dm
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.grid.grid_group import GridCheck
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
+    FUNCTIONS,
     ONE,
-    UNIVARIATE,
     above,
     below,
     exact,
@@ -32,8 +32,12 @@ from soter.certificate.terms.linear_enclosures import (
 from soter.certificate.terms.straight_line import grown
 from soter.certificate.terms.terms import Terms
 from tables import all_rows
+from unit.certificate.grid_tables import grid_beyond
 
 # ---------------------------------------------------------------- numbers
+
+UNIVARIATE = {**FUNCTIONS, **prelude_functions.FUNCTIONS}
+del UNIVARIATE["atan2"], UNIVARIATE["pow"]
 
 
 def test_a_bound_in_doubles_is_the_nearest_one() -> None:
@@ -137,7 +141,7 @@ def test_a_box_on_an_edge_has_cells_on_its_inner_side() -> None:
         assert grid.cells(box) == (cells,)
     for outside in ((-0.1, 1.0), (2.0, 3.1), (math.nan, 1.0), (1.0, math.nan)):
         assert grid.cells(outside) is None
-    ends = Grid(grid.edges, (True,))
+    ends = grid_beyond(grid.edges, (True,))
     for box, cells in {(-1.0, -0.5): (0, 1), (4.0, 5.0): (2, 3), (-1.0, 5.0): (0, 3)}.items():
         assert ends.cells(box) == (cells,)
     assert ends.cells((-3.5, 1.0)) is None
@@ -166,7 +170,7 @@ def test_a_run_that_may_leave_the_set_on_its_way_reaches_nothing(outside: int | 
 
 
 def test_a_start_beyond_an_end_is_moved_in_and_any_other_is_not() -> None:
-    grid = Grid(((0.0, 1.0, 2.0), (0.0, 1.0, 2.0)), (True, False))
+    grid = grid_beyond(((0.0, 1.0, 2.0), (0.0, 1.0, 2.0)), (True, False))
     for (low, high), moved in {
         (0.5, 1.5): (0.5, 1.5),
         (-4.0, 1.5): (0.0, 1.5),
@@ -174,13 +178,7 @@ def test_a_start_beyond_an_end_is_moved_in_and_any_other_is_not() -> None:
         (-4.0, -3.0): (0.0, 0.0),
         (7.0, 9.0): (2.0, 2.0),
     }.items():
-        states = [SimpleNamespace(low=low, high=high)] * 2
-        check: Any = SimpleNamespace(
-            tables=SimpleNamespace(states=(0, 1)),
-            model=SimpleNamespace(facts=SimpleNamespace(states=states)),
-            grid=grid,
-        )
-        assert list(GridCheck._starts(check)) == [moved, (low, high)]
+        assert [grid.brought_in(k, low, high) for k in (0, 1)] == [moved, (low, high)]
 
 
 def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> None:
@@ -189,9 +187,9 @@ def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> Non
         terms = Terms()
         x = terms.add_input("state", "x", -FARTHEST, FARTHEST)
         inside = terms.below_zero(terms.combine(((-ONE, x),), exact(-5.0)))
-        grid = Grid(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
-        group: Any = SimpleNamespace(grid=grid, states=(0,))
-        found = cell_predicates._remembered_cells(model, group, terms, [0], inside)
+        grid = grid_beyond(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
+        decision = cell_predicates.Decision(model, (0,), terms, [0], inside)
+        found = cell_predicates.decided_cells(decision, grid)
         assert found.members.tolist() == members
 
 

@@ -123,7 +123,7 @@ def test_of_assumptions_in_a_manifest_only_the_numbers_are_taken(
     plain = recheck(proved)
     derived = [[a.key, a.text] for a in plain.said]
     numbers = [f"A{k}" for k in range(1, len(derived) + 1)]
-    assert [plain.numbers[text] for text in plain.assumptions] == numbers
+    assert [plain.assumption_numbers[text] for text in plain.assumptions] == numbers
     forged: dict[str, list[list[str]]] = {
         "backwards": derived[::-1],
         "dropped": derived[:1],
@@ -137,8 +137,10 @@ def test_of_assumptions_in_a_manifest_only_the_numbers_are_taken(
         report = recheck(changed(lambda m, said=said: m.update(assumptions=said)))  # type: ignore[misc]
         assert report.accepted, (how, report.reason)
         assert report.said == plain.said, how
-        assert len({report.numbers[text] for text in report.assumptions}) == len(derived), how
-        assert (report.numbers == plain.numbers) == (
+        assert len({report.assumption_numbers[text] for text in report.assumptions}) == len(
+            derived
+        ), how
+        assert (report.assumption_numbers == plain.assumption_numbers) == (
             how in ("dropped", "under another key", "said twice")
         ), how
 

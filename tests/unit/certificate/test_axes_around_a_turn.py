@@ -18,11 +18,17 @@ import pytest
 import soter
 from generators.turning_systems import Drawn
 from soter.api import recheck
-from soter.certificate.cell_sets import SEAM, Cells, Grid, turned_back
-from soter.certificate.extras.left_out_states import read_turning, refuse_turns_read
+from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.extras.left_out_states import (
+    SEAM,
+    read_turning,
+    refuse_turns_read,
+    turned_back,
+)
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError, RejectedError
 from unit.certificate import small_proofs
+from unit.certificate.grid_tables import grid_beyond
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +44,7 @@ MOVES = next(d for d in map(Drawn, range(20)) if d.moves and not d.from_zero and
 def test_cells_around_a_turn_cover_what_they_are_asked_for(low: float) -> None:
     chance = np.random.default_rng(3)
     edges = (*(low + 2 * math.pi * k / 12 for k in range(12)), low + 2 * math.pi)
-    grid = Grid((edges,), wraps=(True,))
+    grid = grid_beyond((edges,), wraps=(True,))
     ends = [Fraction(e) for e in (edges[0] - SEAM, *edges[1:-1], edges[-1] + SEAM)]
     near = [
         e + 2 * math.pi * k + d for e in edges for k in (-2, 0, 1) for d in (-SEAM, 0.0, SEAM / 2)
@@ -58,7 +64,7 @@ def test_cells_around_a_turn_cover_what_they_are_asked_for(low: float) -> None:
 
 def test_a_set_holds_a_box_that_goes_on_at_the_other_end() -> None:
     edges = (*(-math.pi + 2 * math.pi * k / 12 for k in range(12)), math.pi)
-    grid = Grid((edges, (0.0, 1.0, 2.0)), wraps=(True, False))
+    grid = grid_beyond((edges, (0.0, 1.0, 2.0)), wraps=(True, False))
     members = np.zeros((12, 2), dtype=np.bool_)
     members[[0, 11], 0] = True
     cells = Cells(grid, members)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from soter.certificate.cell_sets import (
-    WIDER,
     Cells,
     Grid,
     block_index,
@@ -22,9 +21,11 @@ from soter.certificate.cell_sets import (
     smallest_block,
     volume,
 )
+from soter.certificate.extras.left_out_states import WIDER, beyond, has_no_ends
 from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
+from unit.certificate.grid_tables import grid_beyond
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,7 +40,8 @@ SHAPES: list[tuple[int, ...]] = [(1,), (5,), (3, 2), (1, 4), (2, 3, 2)]
 
 
 def plain(shape: tuple[int, ...], *unbounded: bool) -> Grid:
-    return Grid(tuple(tuple(float(k) for k in range(n + 1)) for n in shape), unbounded)
+    edges = tuple(tuple(float(k) for k in range(n + 1)) for n in shape)
+    return grid_beyond(edges, unbounded) if unbounded else Grid(edges)
 
 
 def blocks_of(shape: tuple[int, ...]) -> Iterator[Block]:
@@ -94,13 +96,13 @@ def test_boxes_stand_one_after_the_other() -> None:
 
 
 def test_beyond_an_axis_without_ends_as_far_as_it_is_wide() -> None:
-    grid = Grid((EDGES,), (True,))
+    grid = grid_beyond((EDGES,), (True,))
     for low, high, block in (
         (-6.0, -6.0, (0, 1)), (-6.0, 0.5, (0, 1)), (-6.1, 0.5, None), (12.0, 12.0, (2, 3)),
         (2.0, 12.0, (1, 3)), (2.0, 12.1, None), (-1.0, 7.0, (0, 3)), (3.0, 2.0, None),
     ):  # fmt: skip
         assert grid.cells((low, high)) == (None if block is None else (block,))
-    shifted = Grid(((2.0, 3.0, 4.0),), (True,))
+    shifted = grid_beyond(((2.0, 3.0, 4.0),), (True,))
     for low, fine in ((0.0, True), (-0.5, False)):
         assert (shifted.cells((low, 3.0)) is not None) is fine
     for high, fine in ((6.0, True), (6.5, False)):
@@ -108,9 +110,9 @@ def test_beyond_an_axis_without_ends_as_far_as_it_is_wide() -> None:
 
 
 def test_which_axes_have_no_ends_and_how_many_cells() -> None:
-    assert [PLANE.has_no_ends(k) for k in (0, 1)] == [False, False]
-    mixed = Grid(PLANE.edges, (False, True))
-    assert [mixed.has_no_ends(k) for k in (0, 1)] == [False, True]
+    assert [has_no_ends(PLANE, k) for k in (0, 1)] == [False, False]
+    mixed = grid_beyond(PLANE.edges, (False, True))
+    assert [has_no_ends(mixed, k) for k in (0, 1)] == [False, True]
     assert PLANE.shape == (3, 2)
     assert PLANE.whole == ((0, 3), (0, 2))
     box = PLANE.box(((1, 3), (0, 1)))
@@ -120,7 +122,7 @@ def test_which_axes_have_no_ends_and_how_many_cells() -> None:
 
 def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> None:
     """The last cell is 3 wide, the first one 1."""
-    grid = Grid((EDGES, EDGES), (True, False))
+    grid = grid_beyond((EDGES, EDGES), (True, False))
 
     def follows(start: tuple[float, float], *boxes: tuple[float, float]) -> bool:
         flat = [x for box in boxes for x in (*box, -50.0, 50.0)]
@@ -156,7 +158,7 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
         ((exact(0.0) + hair, exact(6.0) - hair), [-9.0, 9.0], True),
     ):
         assert grid.followed_beyond([start, tuple(plane)], [*box, -50.0, 50.0]) is fine  # type: ignore[list-item]
-    second = Grid((EDGES, EDGES), (False, True))
+    second = grid_beyond((EDGES, EDGES), (False, True))
     start = [(exact(0.0), exact(6.0)), (exact(3.0), exact(6.0))]  # type: ignore[assignment]
     assert second.followed_beyond(start, [-50.0, 50.0, 0.0, 6.0]) is True  # type: ignore[arg-type]
     assert second.followed_beyond(start, [-50.0, 50.0, -0.5, 6.0]) is False  # type: ignore[arg-type]
@@ -164,12 +166,12 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
 
 @pytest.mark.parametrize("edges", [(2.0, 3.0, 5.0), (-5.0, -1.0, 0.0), (0.0, 1.0)])
 def test_what_lies_beyond_is_covered_without_gaps(edges: tuple[float, ...]) -> None:
-    grid = Grid((edges, EDGES), (True, False))
+    grid = grid_beyond((edges, EDGES), (True, False))
     width = edges[-1] - edges[0]
-    up = grid.beyond(0, low=False, high=True)
-    down = grid.beyond(0, low=True, high=False)
-    assert grid.beyond(0, low=False, high=False) == []
-    assert len(grid.beyond(0, low=True, high=True)) == len(up) + len(down)
+    up = beyond(edges, low=False, high=True)
+    down = beyond(edges, low=True, high=False)
+    assert beyond(edges, low=False, high=False) == []
+    assert len(beyond(edges, low=True, high=True)) == len(up) + len(down)
     for intervals in (up, [(-b, -a) for a, b in down]):
         end = edges[-1] if intervals is up else -edges[0]
         assert intervals[0][0] == end

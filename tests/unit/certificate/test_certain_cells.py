@@ -10,14 +10,15 @@ import pytest
 
 from soter.certificate import cell_predicates
 from soter.certificate.cell_predicates import HOLDS, Decision
-from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.cell_sets import Grid
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
+from unit.certificate.grid_tables import grid_beyond
 from unit.certificate.small_proofs import even_edges
 
 EXTENTS = ((-2.0, 2.0), (-3.0, 3.0))
 GRID = Grid((even_edges(-2.0, 2.0, 16), even_edges(-3.0, 3.0, 12)))
-OPEN = Grid(GRID.edges, (True, False))
+OPEN = grid_beyond(GRID.edges, (True, False))
 ERROR = 0.05
 
 
@@ -81,7 +82,7 @@ def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
 def test_what_holds_on_a_cell_holds_at_its_points(name: str) -> None:
     """And not of all cells, nor of none; a point that certainly fails is in no such cell."""
     decision, draw = decision_of(name), np.random.default_rng(1)
-    members = cell_predicates._decided_cells(decision, GRID)
+    members = cell_predicates.decided_cells(decision, GRID).members
     assert 0 < members.sum() < members.size
     for cell in np.ndindex(GRID.shape):
         low, high = (
@@ -109,60 +110,14 @@ def test_cells_that_touch_a_bound_belong_to_it() -> None:
     model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
     decision = Decision(model, (0, 1), terms, [s.atom for s in (x, y)], truth)
     grid = Grid((edges, edges))
-    members = cell_predicates._decided_cells(decision, grid)
+    members = cell_predicates.decided_cells(decision, grid).members
     assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"
-
-
-def test_cells_are_remembered_for_the_same_question_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another number by one last place, range, grid, open end or proposition is another one."""
-    model: Any = SimpleNamespace(extents=EXTENTS)
-    decided = cell_predicates._decided_cells
-    made: list[Grid] = []
-
-    def counted(decision: Decision, grid: Grid) -> Any:
-        made.append(grid)
-        return decided(decision, grid)
-
-    monkeypatch.setattr(cell_predicates, "_decided_cells", counted)
-    monkeypatch.setattr(cell_predicates, "_CERTAIN_CELLS", {})
-
-    def cells(grid: Grid, bound: float, error: float, speed: float, axes: str) -> Cells:
-        terms = Terms()
-        x = terms.add_input("state", "x", *map(exact, EXTENTS[0]))
-        v = terms.add_input("state", "v", *map(exact, EXTENTS[1]))
-        e = terms.add_input("box", "e", exact(-error), exact(error))
-        parts = {"x": x, "v": v, "e": e}
-        sizes = [(exact(1.0), terms.apply_function("abs", parts[a])) for a in axes]
-        fast = terms.below_zero(terms.combine([(exact(1.0), v)], exact(-speed)))
-        truth = both(terms.below_zero(terms.combine(sizes, exact(-bound))), fast)
-        group: Any = SimpleNamespace(grid=grid, states=(0, 1))
-        atoms = [s.atom for s in (x, v)]
-        return cell_predicates._remembered_cells(model, group, terms, atoms, truth)
-
-    asked = (GRID, 1.3, 0.05, 2.0, "xve")
-    moved = Grid((GRID.edges[0], (*GRID.edges[1][:5], np.nextafter(-0.5, 0), *GRID.edges[1][6:])))
-    others = [
-        asked,
-        (OPEN, *asked[1:]),
-        (moved, *asked[1:]),
-        (GRID, float(np.nextafter(1.3, 2)), *asked[2:]),
-        (GRID, 1.3, float(np.nextafter(0.05, 1)), *asked[3:]),
-        (GRID, 1.3, 0.05, float(np.nextafter(2.0, 3)), "xve"),
-        (*asked[:4], "xe"),
-        (*asked[:4], "ve"),
-    ]
-    first = [cells(*x) for x in others]
-    assert made == [x[0] for x in others]
-    again = [cells(Grid(x[0].edges, x[0].unbounded), *x[1:]) for x in others]
-    assert len(made) == len(others)
-    for one, other in zip(first, again, strict=True):
-        assert np.array_equal(one.members, other.members)
 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_every_box_on_the_way_counts_for_runs_that_begin_beyond_an_end(turned: bool) -> None:
     """None of them may be further inwards than the outer cell is wide."""
-    grid = Grid(((0.0, 1.0, 2.0, 3.0), (0.0, 1.0)), (True, False))
+    grid = grid_beyond(((0.0, 1.0, 2.0, 3.0), (0.0, 1.0)), (True, False))
     for start, good, bad in (
         ((2.5, 3.0), (1.6, 3.4), (1.4, 3.0)),
         ((0.0, 0.5), (-0.4, 1.4), (0.0, 1.6)),

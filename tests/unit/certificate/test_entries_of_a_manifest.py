@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate import rechecker
+from soter.certificate.cell_sets import Grid
 from soter.certificate.extras import estimates_and_shield
+from soter.certificate.extras.left_out_states import GridBeyondEnds, has_no_ends
 from soter.certificate.folder import MANIFEST_KEYS, NotACertificateError
 from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.module_facts import Facts
@@ -143,7 +145,7 @@ def test_groups_hold_each_state_once(two: Facts, monkeypatch: pytest.MonkeyPatch
     assert [(g.states, g.grid.edges) for g in one] == [((1, 0), (tuple(Q[1]), tuple(P[1])))]
     both = read_groups(two, [group_entry(P), group_entry(Q)], monkeypatch)
     assert [g.states for g in both] == [(0,), (1,)]
-    assert not both[0].grid.unbounded
+    assert type(both[0].grid) is Grid
     for wrong in ([], [group_entry(P)], [group_entry(P, Q), group_entry(Q)], [group_entry(P, P)]):
         with pytest.raises(RejectedError, match="exactly once"):
             read_groups(two, wrong, monkeypatch)
@@ -155,7 +157,9 @@ def test_axes_without_ends_are_those_of_the_program(
     for open_states in (set(), {0}, {1}, {0, 1}):
         found = read_groups(two, [group_entry(Q, P)], monkeypatch, unbounded=open_states)
         ends = tuple(s in open_states for s in (1, 0))
-        assert found[0].grid.unbounded == (ends if open_states else ())
+        grid = found[0].grid
+        assert [has_no_ends(grid, k) for k in (0, 1)] == [*ends]
+        assert isinstance(grid, GridBeyondEnds) is bool(open_states)
 
 
 WRONG_GROUPS: dict[str, tuple[type[Exception], dict[str, Any]]] = {

@@ -18,7 +18,13 @@ from soter.certificate.grid.chain_form_layout import (
     absolute_sum,
     hull_of,
 )
-from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _greatest_gap
+from soter.certificate.grid.flow_chains import (
+    DEPTH_MAX,
+    FlowChain,
+    Times,
+    _greatest_gap,
+    _recentre_row,
+)
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
@@ -191,3 +197,26 @@ def test_a_form_carries_so_many_commands_and_no_more() -> None:
         else:
             with pytest.raises(NotRecheckedError, match="older"):
                 FlowChain(MODEL, (0, 1), flow, given)
+
+
+def test_a_row_is_moved_to_the_middle_of_what_its_number_may_be_off_it() -> None:
+    """For all points: the number is off its row by `spread` at most, and lies in an interval."""
+    dice = np.random.default_rng(41)
+    for _ in range(60):
+        gain, constant, middle, reach = dice.uniform(-2, 2, 4)
+        spread, (low, high) = float(dice.uniform(0, 2)), sorted(map(float, dice.uniform(-6, 6, 2)))
+        z = [[exact(float(middle)), exact(float(reach))], [exact(1.0), exact(0.0)]]
+        row = [exact(float(gain)), exact(float(constant))]
+        ends = exact(low), exact(high)
+        left = float(_recentre_row(row, exact(spread), ends, z))
+        at, far = gain * middle + constant, abs(gain * reach)
+        first, last = max(-spread, low - at - far), min(spread, high - at + far)
+        assert left == pytest.approx(abs(last - first) / 2)
+        assert float(row[1]) == pytest.approx(constant + (first + last) / 2)
+        for unknown, off in itertools.product(
+            np.linspace(-1, 1, 5), np.linspace(-spread, spread, 9)
+        ):
+            number = at + gain * reach * unknown + off
+            if low <= number <= high:
+                new = float(row[0]) * (middle + reach * unknown) + float(row[1])
+                assert abs(number - new) <= left + 1e-12

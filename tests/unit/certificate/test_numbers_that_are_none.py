@@ -12,6 +12,7 @@ import pytest
 import soter
 from soter.certificate import rechecker
 from soter.certificate.cell_predicates import influence
+from soter.certificate.extras.prelude_functions import nearest_whole, prelude
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.compile_terms import (
@@ -160,9 +161,9 @@ def test_what_is_made_of_a_number_rests_on_what_it_rests_on(rounded: bool) -> No
         make.extreme(name, *two) for name in ("min", "max") for two in ((root, y), (1.0, root))
     ]
     made += [make.builtin(name, root) for name in ("abs", "floor", "sqrt", "float")]
-    made += [make.prelude(*a) for a in (("sin", root), ("atan2", y, root), ("pow", root, 2.0))]
-    made += [make.prelude("smoothstep", -3.0, 3.0, root), make.clamp(root, 0.0, 1.0)]
-    made += [make.clamp(y, root, 3.0), make.negate(root), make.nearest_whole(root)]
+    made += [prelude(make, *a) for a in (("sin", root), ("atan2", y, root), ("pow", root, 2.0))]
+    made += [prelude(make, "smoothstep", -3.0, 3.0, root), make.clamp(root, 0.0, 1.0)]
+    made += [make.clamp(y, root, 3.0), make.negate(root), nearest_whole(make, root)]
     assert all(rests in value.rests for value in made)
     assert make.arithmetic("-", root, root).rests == (rests,)
     assert terms.obligations == []

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
+from soter.certificate.extras.estimates_and_shield import acted_ns
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
-from soter.certificate.reading.module_times import acted_ns
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.scope import assumptions_of
 from soter.language.front_end import check_file, system_to_prove

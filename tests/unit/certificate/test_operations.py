@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from flint import arb
 
+from soter.certificate.extras.tables import range_of_table
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
     OPERATIONS,
@@ -21,7 +22,6 @@ from soter.certificate.terms.straight_line import (
     grown,
     range_after,
     range_between,
-    range_of_table,
     require_certain,
 )
 from tables import all_rows

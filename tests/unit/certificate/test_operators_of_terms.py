@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from soter.certificate.extras import tables
+from soter.certificate.extras.prelude_functions import prelude
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_values import Rows, SymbolicInt, in_range
 from soter.certificate.report import NotRecheckedError
@@ -172,7 +174,7 @@ def test_a_function_of_the_prelude_has_its_domain_and_its_bound(
     }.items():
         terms = Terms()
         (x,) = inputs_of(terms, (low, high))
-        value = Operations(terms, rounded=True).prelude("atan", x)
+        value = prelude(Operations(terms, rounded=True), "atan", x)
         assert not terms.obligations
         assert (not value.rests) is inside
         for v in (-1.25, -0.75, 0.25, 1.25):
@@ -183,7 +185,7 @@ def test_a_function_of_the_prelude_has_its_domain_and_its_bound(
         assert abs(float(value.high) - min(math.atan(high), 0.5)) < 1e-8
     monkeypatch.setitem(BOUNDS, "atan", ErrorBound(((-1.0, 1.0),), relative=2.0))
     with pytest.raises(NotRecheckedError, match="another kind"):
-        Operations(terms, rounded=True).prelude("atan", x)
+        prelude(Operations(terms, rounded=True), "atan", x)
 
 
 def test_what_a_function_may_be_off_counts_ulps_and_what_is_absolute(
@@ -195,7 +197,7 @@ def test_what_a_function_may_be_off_counts_ulps_and_what_is_absolute(
         for low, high in ((-1.0, 2.0), (-3.0, 1.0)):
             terms = Terms()
             (x,) = inputs_of(terms, (low, high))
-            Operations(terms, rounded=True).prelude("exp", x)
+            prelude(Operations(terms, rounded=True), "exp", x)
             share = ulps * exact(2.0**-52)
             assert share <= terms.atoms[-1].share <= share * (1 + exact(2.0**-50))
             assert abs(float(terms.atoms[-1].extra) - absolute) <= 1e-300
@@ -206,7 +208,7 @@ def test_a_function_that_may_leave_the_doubles_is_bounded_where_it_is_used() -> 
     for high, within in ((600.0, True), (709.0, True), (720.0, False), (2000.0, False)):
         terms = Terms()
         (x,) = inputs_of(terms, (0.0, high))
-        value = Operations(terms, rounded=True).prelude("exp", x)
+        value = prelude(Operations(terms, rounded=True), "exp", x)
         assert terms.obligations == []
         assert (not value.beyond) is within
         for v in (1.0, 700.0, 708.0, 711.0):
@@ -260,8 +262,8 @@ def test_what_is_selected_is_numbers(elements: list[Any], fine: bool) -> None:
     def asked() -> Any:
         terms = Terms()
         make = Operations(terms, rounded=True)
-        found = make.select(elements, inputs_of(terms, (1.0, 1.0))[0])
-        return make.row_values(found) if isinstance(found, Rows) else found
+        found = tables.select(make, elements, inputs_of(terms, (1.0, 1.0))[0])
+        return tables.row_values(make, found) if isinstance(found, Rows) else found
 
     def kinds(x: Any) -> Any:
         if isinstance(x, tuple):
@@ -282,14 +284,15 @@ def test_rows_are_alike_or_refused() -> None:
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 1.0))
     unlike = [(1.0, 2.0), (3.0,)]
-    for of in (make.row_values, lambda rows: make.select_from_table(rows, 0)):
-        with pytest.raises(NotRecheckedError, match="indexed by an input"):
-            of(Rows(unlike, x))
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        make.select_from_table(Rows([(1.0, 2), (3.0, 4)], x), 0)
+        tables.row_values(make, Rows(unlike, x))
+    with pytest.raises(NotRecheckedError, match="indexed by an input"):
+        tables.select_from_table(make, Rows(unlike, x), 0)
+    with pytest.raises(NotRecheckedError, match="indexed by an input"):
+        tables.select_from_table(make, Rows([(1.0, 2), (3.0, 4)], x), 0)
     for first in ((1.0, 2.0), (1, 2)):
         rows = Rows([first, first], x)
-        found = make.select_from_table(rows, 1)
+        found = tables.select_from_table(make, rows, 1)
         assert isinstance(found, SymbolicInt) is isinstance(first[0], int)
         assert at(terms, found, [1.0]) == 2.0
 
@@ -298,10 +301,13 @@ def test_a_table_of_one_entry_and_rows_of_unlike_parts() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 0.0))
-    assert at(terms, make.select([5.0], x), [0.0]) == 5.0
-    assert at(terms, make.select_from_table(Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
-    assert [at(terms, v, [0.0]) for v in make.row_values(Rows([(1.0, 6.0)], x))] == [1.0, 6.0]
-    first, rows = make.select([(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
+    assert at(terms, tables.select(make, [5.0], x), [0.0]) == 5.0
+    assert at(terms, tables.select_from_table(make, Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
+    assert [at(terms, v, [0.0]) for v in tables.row_values(make, Rows([(1.0, 6.0)], x))] == [
+        1.0,
+        6.0,
+    ]
+    first, rows = tables.select(make, [(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
     assert at(terms, first, [0.0]) == 1.0
     assert isinstance(rows, Rows)
 
@@ -369,12 +375,12 @@ def test_a_function_may_be_off_near_zero_and_beyond_the_doubles(
 ) -> None:
     terms = Terms()
     (x,) = inputs_of(terms, (0.0, 0.0))
-    Operations(terms, rounded=True).prelude("atan", x)
+    prelude(Operations(terms, rounded=True), "atan", x)
     assert terms.atoms[-1].extra > 0
     bound = ErrorBound(((-math.inf, math.inf),), ulps=1.0, absolute=0.25)
     monkeypatch.setitem(BOUNDS, "exp", bound)
     (x,) = inputs_of(terms, (0.0, 2000.0))
-    value = Operations(terms, rounded=True).prelude("exp", x)
+    value = prelude(Operations(terms, rounded=True), "exp", x)
     assert terms.atoms[value.atom].extra > 0.2
 
 

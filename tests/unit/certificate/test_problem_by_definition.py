@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate.case_check import p1c_of
+from soter.certificate.extras import estimates_and_shield
 from soter.certificate.reading import problem
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError, Facts
@@ -133,13 +134,13 @@ def test_errors_are_those_of_what_is_read(tmp_path: Path) -> None:
 
 
 def test_the_error_of_a_state_is_that_of_its_axis(facts: Facts) -> None:
-    assert problem.error_of(facts, 0) == 0.25
+    assert estimates_and_shield.error_of(facts, 0) == 0.25
     with pytest.raises(NotRecheckedError, match=r"no topic carries `p\.v`"):
-        problem.error_of(facts, 1)
+        estimates_and_shield.error_of(facts, 1)
     other = copy.copy(facts)
     (topic,) = (t for t, _ in facts.leaves.values())
     other.leaves = {1: (topic, ("b",))}
-    assert problem.error_of(other, 1) == 0.0
+    assert estimates_and_shield.error_of(other, 1) == 0.0
 
 
 def test_a_module_that_is_not_there(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from bench.recheck import core_mutants
 from bench.recheck.small_modules import PROGRAMS
 
 import processes
@@ -59,7 +60,7 @@ def a_small_certificate(name: str, folder: Path) -> Path:
     return folder / "cert"
 
 
-@pytest.mark.parametrize("name", ["written", "assumed", "steps", "examples/wall/cart.soter"])
+@pytest.mark.parametrize("name", ["written", "assumed", "examples/wall/cart.soter"])
 def test_a_plain_certificate_starts_nothing_and_imports_only_what_is_on_the_list(
     name: str, tmp_path: Path
 ) -> None:
@@ -95,3 +96,16 @@ def test_every_file_is_on_the_list_once_and_each_step_has_its_lines() -> None:
     told = {f for f in named if not f.endswith("__init__.py")}
     assert told == {f for f in there if not f.endswith("__init__.py")}
     assert len(named) == len(set(named))
+
+
+def test_what_judges_mutants_is_there_and_so_is_what_it_judges() -> None:
+    assert all((ROOM / part).exists() for part in core_mutants.TESTED_BY)
+    judges = {test for file in core_mutants.core() for test in core_mutants.judges(file)}
+    assert all(Path(test).is_file() for test in judges)
+
+
+def test_each_argument_for_a_harmless_mutant_is_of_one_that_there_is() -> None:
+    mutants = {
+        f"{m.file} {m.what}" for file in core_mutants.core() for m in core_mutants.mutants(file)
+    }
+    assert core_mutants.harmless().keys() <= mutants

@@ -11,12 +11,13 @@ import pytest
 from flint import arb
 
 import soter
+from soter.certificate.extras import prelude_functions
 from soter.certificate.reading.linear_flows import LinearFlow, exponential
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
 from soter.certificate.terms.linear_enclosures import (
+    FUNCTIONS,
     ONE,
-    UNIVARIATE,
     ZERO,
     exact,
     line_noisy_max0,
@@ -31,6 +32,8 @@ from tables import all_rows
 if TYPE_CHECKING:
     from pathlib import Path
 
+UNIVARIATE = {**FUNCTIONS, **prelude_functions.FUNCTIONS}
+del UNIVARIATE["atan2"], UNIVARIATE["pow"]
 PROGRAM = """soter 1;
 type P = { x: float, y: float };
 const TABLE: float[5] = [1.0, -2.0, 0.5, 4.0, 3.0];

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +16,10 @@ from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading import case_model, problem, supported_constructs
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
+from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.linear_enclosures import ZERO, exact
+from soter.certificate.terms.linear_enclosures import ZERO
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead, Variable
 from soter.language.model.types import FLOAT, IntType, ListType, RecordType
@@ -91,24 +90,6 @@ def test_an_axis_names_one_state_or_none() -> None:
         assert problem._state_of_axis(facts, axis) == found
 
 
-@pytest.mark.parametrize("other", [("euler", 10, 1), ("rk4", 5, 1), ("rk4", 10, 2)])
-def test_states_of_one_group_have_one_scheme(other: tuple[str, int, int]) -> None:
-    def plants(*schemes: tuple[str, int, int]) -> Any:
-        made = [
-            SimpleNamespace(
-                plant=SimpleNamespace(method=m), period_ns=p * 10**6, substeps=s, index=k
-            )
-            for k, (m, p, s) in enumerate(schemes)
-        ]
-        states = [SimpleNamespace(owner=k) for k in range(len(made))]
-        return SimpleNamespace(facts=SimpleNamespace(plants=made, states=states))
-
-    rates = [[ZERO, ZERO], [ZERO, ZERO]]
-    _scheme(plants(("rk4", 10, 1), ("rk4", 10, 1)), rates, [0, 1])
-    with pytest.raises(NotRecheckedError, match="different schemes"):
-        _scheme(plants(("rk4", 10, 1), other), rates, [0, 1])
-
-
 @pytest.mark.parametrize(
     ("rate", "ends"),
     [("-p * p * p", (True, True)), ("p * p * p", (False, False)), ("p * p", (True, False))],
@@ -153,19 +134,6 @@ def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None
         else:
             with pytest.raises(NotRecheckedError, match="not linear"):
                 linear_flow(model, [index])
-
-
-@pytest.mark.parametrize(("scheme", "order"), [("euler", 1), ("rk4", 4)])
-def test_the_rate_of_a_scheme_leads_to_its_step(tmp_path: Path, scheme: str, order: int) -> None:
-    facts = facts_of(tmp_path, ("der q = -q", f"integrate {scheme}; der q = -20.0 * q"))
-    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
-    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("q.q"))
-    of_state, of_held = (float(m[0][0].mid()) for m in _scheme(model, [[exact(-20.0)]], [index]))
-    z, gamma = -0.2, -math.expm1(-0.2) / 20.0
-    state = sum(z**k / math.factorial(k) for k in range(order + 1))
-    held = 0.01 * sum(z**k / math.factorial(k + 1) for k in range(order))
-    assert abs(of_state - (state - math.exp(z)) / gamma) < 1e-9
-    assert abs(of_held - (held - gamma) / gamma) < 1e-9
 
 
 @pytest.mark.parametrize("there", ["", "R", "Q", "W", "S", "RQWS"])

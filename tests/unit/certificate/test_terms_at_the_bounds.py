@@ -15,7 +15,9 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
+from soter.certificate.extras.prelude_functions import prelude
 from soter.certificate.extras.sc_locals_and_modes import any_alternative
+from soter.certificate.extras.tables import select_from_table
 from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
@@ -31,7 +33,7 @@ from soter.certificate.terms.compile_terms import (
     form_of_box,
 )
 from soter.certificate.terms.linear_enclosures import ONE, exact
-from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, key_of_constant
+from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, Builder
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs
@@ -90,7 +92,7 @@ def test_a_limit_that_is_a_number_takes_one_kink() -> None:
 def test_a_function_is_off_by_its_bound_where_numbers_are_rounded(rounded: bool) -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
-    Operations(terms, rounded=rounded).prelude("sin", x)
+    prelude(Operations(terms, rounded=rounded), "sin", x)
     assert terms.atoms[-1].extra.is_zero() is not rounded
 
 
@@ -219,7 +221,7 @@ def test_a_table_of_one_column_is_read() -> None:
     operations = Operations(terms, rounded=True)
     for width in (1, 2):
         rows = Rows([tuple(float(10 * r + c) for c in range(width)) for r in range(3)], x)
-        value: Any = operations.select_from_table(rows, y)
+        value: Any = select_from_table(operations, rows, y)
         low, high = image(terms, value, [(2.0, 2.0), (width - 1.0, width - 1.0)])[1]
         assert abs(low - (20 + width - 1)) < 1e-9
         assert abs(high - low) < 1e-9
@@ -233,11 +235,14 @@ def test_minus_a_number_is_no_int() -> None:
 
 
 def test_only_equal_constants_are_one() -> None:
-    equal: list[Any] = [2, 2.0, exact(0.5), np.array([1.0, 2.0]), (ONE, 3), True]
+    make, table = Builder(), np.array([1.0, 2.0])
+    equal: list[Any] = [2, 2.0, exact(0.5), arb(0.5, 0.25), table, (ONE, 3), True, arb("inf")]
     for x, y in itertools.product(equal, repeat=2):
-        assert (key_of_constant(x) == key_of_constant(y)) is (x is y)
-    for unknown in (arb("nan"), arb("inf"), TRUE):
-        assert key_of_constant(unknown) != key_of_constant(unknown)
+        assert (make.constant(x) is make.constant(y)) is (x is y)
+    for x, y in ((exact(0.5), arb(0.5)), (2, 1 + 1), (0.5, 1 / 2)):
+        assert make.constant(x) is make.constant(y)
+    assert make.constant(0.0) is not make.constant(-0.0)
+    assert make.constant(arb("nan")) is not make.constant(arb("nan"))
 
 
 @pytest.mark.parametrize("given", [True, False])

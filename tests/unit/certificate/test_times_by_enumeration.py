@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from soter.certificate.extras.maps import check_instants
 from soter.certificate.reading import derived_times
 from soter.certificate.reading.derived_times import (
     Clock,
@@ -22,7 +23,6 @@ from soter.certificate.reading.derived_times import (
     derive,
     releases,
 )
-from soter.certificate.reading.module_times import _check_map
 from soter.certificate.report import NotRecheckedError
 from tables import all_rows
 
@@ -360,6 +360,6 @@ def test_what_stands_beside_a_map(more: dict[str, Any], why: str, dm_reads: bool
     facts, setting = map_setting(**more, dm_reads=dm_reads)
     if why:
         with pytest.raises(NotRecheckedError, match=why):
-            _check_map(facts, setting)
+            check_instants(facts, setting)
     else:
-        _check_map(facts, setting)
+        check_instants(facts, setting)

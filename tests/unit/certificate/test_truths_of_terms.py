@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from soter.certificate.cell_predicates import influence
+from soter.certificate.extras.resting import TermsBesideZero
 from soter.certificate.terms.compile_terms import (
     compile_step,
     compile_truths,
@@ -273,7 +274,7 @@ def test_how_much_inputs_move_what_is_compared() -> None:
 def test_an_input_that_lacks_an_end_decides_what_is_only_so_there(seed: int) -> None:
     """A comparison that is decided holds of every value that the inputs may have."""
     chance = np.random.default_rng(seed)
-    terms = Terms()
+    terms = TermsBesideZero()
     signs = [int(s) for s in chance.integers(-1, 2, 2)]
     ends = {-1: (-2.0, 0.0), 0: (0.0, 0.0), 1: (0.0, 2.0)}
     inputs = [terms.add_input("state", f"x{k}", *map(exact, ends[s])) for k, s in enumerate(signs)]
@@ -299,7 +300,7 @@ def test_an_input_that_lacks_an_end_decides_what_is_only_so_there(seed: int) -> 
 
 def test_above_its_lower_end_it_is_above_and_below_its_upper_one_below() -> None:
     for sign, low, high in ((1, 0.0, 2.0), (-1, -2.0, 0.0)):
-        terms = Terms()
+        terms = TermsBesideZero()
         x = terms.add_input("state", "x", exact(low), exact(high))
         zero = terms.constant(0.0)
         terms.excluded[x.atom] = sign

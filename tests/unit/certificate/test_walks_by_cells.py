@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.cell_sets import Cells
 from soter.certificate.grid import group_claims
 from soter.certificate.grid.group_claims import (
     ChainCheck,
@@ -22,7 +22,7 @@ from soter.certificate.grid.group_claims import (
 )
 from soter.certificate.grid.sc_chains import EVERY
 from soter.certificate.terms.linear_enclosures import exact
-from unit.certificate.grid_tables import LINE, bools, tables
+from unit.certificate.grid_tables import LINE, bools, grid_beyond, tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -250,7 +250,7 @@ def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_what_is_followed_has_to_hold_of_runs_beyond() -> None:
     """The last cell is 1 wide: what falls by more from the end says nothing of runs beyond."""
-    grid = Grid(LINE.edges, (True,))
+    grid = grid_beyond(LINE.edges, (True,))
     cells = Cells(grid, bools(1, 1, 1, 1))
     for fall, fine in ((1.0, True), (1.5, False)):
         for place in ("way", "end", "last"):

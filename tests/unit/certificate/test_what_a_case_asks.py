@@ -56,7 +56,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     groups = [
         SimpleNamespace(
             check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
-            cells_asked="part",
+            tables="part",
             states=(k,),
         )
         for k in range(2)

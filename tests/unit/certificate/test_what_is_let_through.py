@@ -11,7 +11,7 @@ import pytest
 
 from soter.certificate import case_check
 from soter.certificate.case_check import CLAIMS, VERDICTS, check_module_claims, proved_claims
-from soter.certificate.grid import sc_chains
+from soter.certificate.extras import maps
 from soter.certificate.reading import (
     case_model,
     derived_times,
@@ -426,16 +426,16 @@ def test_a_map_is_stepped_as_often_as_it_steps(
             assert tuple(map(float, ends)) == model.extents[k]
     period = facts.plants[0].period_ns
     for time, steps in ((0, 0), (1, 1), (period, 1), (period + 1, 2), (3 * period, 3)):
-        assert len(sc_chains.map_free(model, [0, 1], time)) == steps
+        assert len(maps.map_free(model, [0, 1], time)) == steps
     for most in (1, 2, 3):
-        monkeypatch.setattr(sc_chains, "PHASE_MAX", most)
-        monkeypatch.setattr(sc_chains, "STEPS_MAX", most)
+        monkeypatch.setattr(maps, "PHASE_MAX", most)
+        monkeypatch.setattr(maps, "STEPS_MAX", most)
         if most >= 2:
-            sc_chains.map_free(model, [0, 1], 2 * period)
-            sc_chains.map_step(model, [0, 1])  # two steps of the map in a period of SC
+            maps.map_free(model, [0, 1], 2 * period)
+            maps.map_step(model, [0, 1])  # two steps of the map in a period of SC
         else:
-            for of in (lambda: sc_chains.map_free(model, [0, 1], 2 * period),
-                       lambda: sc_chains.map_step(model, [0, 1])):  # fmt: skip
+            for of in (lambda: maps.map_free(model, [0, 1], 2 * period),
+                       lambda: maps.map_step(model, [0, 1])):  # fmt: skip
                 with pytest.raises(NotRecheckedError, match="steps of the map"):
                     of()
 

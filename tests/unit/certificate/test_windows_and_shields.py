@@ -16,7 +16,6 @@ from soter.certificate.extras import estimates_and_shield
 from soter.certificate.grid import sc_chains
 from soter.certificate.grid.sc_chains import EVERY, Window, windows
 from soter.certificate.report import RejectedError
-from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
 from unit.certificate.grid_tables import LINE, bools, tables
 
@@ -244,21 +243,27 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
 # ---------------------------------------------------------------- ends
 
 
-def test_a_linear_rate_is_least_at_a_corner(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_end_is_kept_where_the_rate_points_inwards_all_over_its_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of drawn linear rates, whose least and greatest values are at corners."""
     draw = np.random.default_rng(9)
     for _ in range(40):
-        a, b, c, w = (draw.integers(-3, 4, n) for n in (2, 1, 1, 2))
+        a, (b, c, w) = draw.integers(-3, 4, 2), draw.integers(-3, 4, 3)
+
+        def rates(box: Any, commands: Any, *, a: Any = a, given: Any = (b, c, w)) -> list[float]:
+            b, c, w = given
+            return [
+                float(a[0] * x + a[1] * y + b * u + c + w * p)
+                for x, y, u, p in itertools.product(*box, *commands, (-1, 1))
+            ]
+
         flow = SimpleNamespace(
-            a=[[exact(float(x)) for x in a]], b=[[exact(float(x)) for x in b]],
-            constant=[exact(float(c[0]))], noise=[[exact(float(x)) for x in w]],
-            ranges=((exact(-1.0), exact(2.0)),),
-        )  # fmt: skip
-        monkeypatch.setattr(sc_chains, "linear_flow", lambda *_, flow=flow: flow)
-        inwards = sc_chains._linear_side_test(None, [0, 1])  # type: ignore[arg-type]
+            lines=rates, rates=lambda found: [(min(found), max(found))], ranges=[(-1.0, 2.0)]
+        )
+        monkeypatch.setattr(sc_chains, "LocalFlow", lambda *_, flow=flow: flow)
+        inwards = sc_chains._side_test(None, [0, 1])  # type: ignore[arg-type]
         side = [(-1.0, -1.0), (0.0, 2.0)]
-        rates = [
-            a @ [x, y] + b[0] * u + c[0] + w @ [p, q]
-            for x, y, u, p, q in itertools.product(*side, (-1, 2), (-1, 1), (-1, 1))
-        ]
-        assert inwards(side, 0, 1) is bool(min(rates) >= 0)
-        assert inwards(side, 0, -1) is bool(max(rates) <= 0)
+        found = rates(side, flow.ranges)
+        assert inwards(side, 0, 1) is (min(found) >= 0)
+        assert inwards(side, 0, -1) is (max(found) <= 0)

@@ -26,13 +26,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.cell_sets import Cells, Grid, cells_uncovered, volume
+from soter.certificate.extras.left_out_states import reach
+from soter.certificate.extras.prelude_functions import FAR_TURNS
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import block_tasks
 from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import number_of
-from soter.certificate.reading.problem import error_of
-from soter.certificate.reading.symbolic_operations import FAR_TURNS
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import (
     TINIEST,
@@ -43,6 +43,7 @@ from soter.certificate.terms.linear_enclosures import (
     magnitude,
 )
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -67,6 +68,19 @@ every case, so AC gets control.
 FULL = 2
 """The greatest level."""
 CELLS_IN_A_BYTE = 4
+
+
+def error_of(facts: Facts, state: int) -> float:
+    """The error of a state's estimate, in the topic leaf that is its axis.
+
+    NotRecheckedError where no topic has it as its axis.
+    """
+    if state not in facts.leaves:
+        raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
+    topic, path = facts.leaves[state]
+    leaf = [at for at, _ in leaves(facts.system.topics[topic].type)].index(path)
+    measured = [m for c in facts.plants for m in c.measured]
+    return max((m.bound for m in measured if (m.topic, m.leaf) == (topic, leaf)), default=0.0)
 
 
 def estimates_around(
@@ -320,7 +334,7 @@ def require_same_axes(
     if [a["state"] for a in axes] != [names[k] for k in looked_at]:
         raise RejectedError("a table of the DM has other axes than its group")
     for axis, place in zip(axes, looked_at, strict=True):
-        edges = group.grid.reach(place)
+        edges = reach(group.grid, place)
         if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
             raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
 
@@ -370,6 +384,17 @@ def packed_levels(levels: NDArray[np.uint8]) -> bytes:
     return bytes(data)
 
 
+def acted_ns(facts: Facts) -> int:
+    """W, of a shield: a command replaced longer before a release acts on no state read there.
+
+    The state is A old at most. A command acts up to L after the next one was published; of that its
+    release alone is known, so a period of SC and the latest end of its step are added.
+    """
+    setting = facts.setting
+    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady_releases())
+    return facts.own.age + max(e.most for e in setting.effects) + setting.sc.period + out
+
+
 def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
     """Read which commands the DM's shield permits; RejectedError for a command there is not."""
     names = [c.name for c in facts.controls]
@@ -388,7 +413,7 @@ def grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Gri
     )
     if not same:
         raise RejectedError("the cells of Q are no parts of those of its group")
-    finer = Grid(edges, grid.unbounded, grid.wraps)
+    finer = replace(grid, edges=edges)
     certificate.count(finer.shape)
     return finer
 

@@ -246,7 +246,7 @@ def _where_outside_grid(
 ) -> str:
     """Where `expr` may hold outside the grid, in words; "" where it cannot."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
-    for axes in (g.cells_asked for g in groups):
+    for axes in (g.tables for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
             low, high = reach[state]
             first, last = edges[0], edges[-1]

@@ -4,7 +4,8 @@ Purpose: `leave_out` takes the states that a certificate leaves out from the pro
 checks that nothing which is asked depends on them. `nothing_reads` shows that no rate and no
 command of SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap around,
 and `refuse_turns_read` checks that all that reads their states is the same a turn further.
-Non-goals: sets of the other states, and on such axes (`cell_sets.py`); the rates' values.
+`GridBeyondEnds` is a grid with such axes.
+Non-goals: sets of the other states (`cell_sets.py`); the rates' values.
 
 The argument for a state that is left out: what is asked are terms of the other states, so that a
 run of all states shows a run of these. It has to go on for as long as is asked: the rates of what
@@ -18,22 +19,40 @@ and what is rounded of it there is within `FAR_TURNS`, which is added to it wher
 near the grid. So a run a turn further is a run, and its commands, rates and predicates are enclosed
 by those of the one near the grid. Estimates are those that the DM brings back to the grid, which is
 off by less.
+
+The first and the last cell of an axis without ends hold all that lies beyond. Of the runs that
+begin there those are enclosed that begin between the edges. Let one begin at z beyond the upper
+edge e, which a box from which runs are enclosed touches. Take from it, at all times, z - e along
+that axis: that is a run from the box. Where it does not fall by more than the last cell is wide it
+stays in the last cell, and the other one, which is above it, does so, too, while all else of the
+two is the same (`followed_beyond`).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from flint import arb
 
+from soter.certificate.cell_sets import Grid
+from soter.certificate.extras.prelude_functions import (
+    EVERYWHERE,
+    FAR_TURNS,
+    OF_A_TURN,
+    may_be_turned,
+)
 from soter.certificate.reading.case_model import FARTHEST, LEFT_OUT, CaseModel, control_inputs
 from soter.certificate.reading.module_facts import Facts, bounded_topics
-from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS, OF_A_TURN
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.linear_enclosures import exact
+from soter.certificate.terms.linear_enclosures import above, below, exact
 from soter.certificate.terms.terms import (
     Linear,
     Proposition,
@@ -44,7 +63,11 @@ from soter.certificate.terms.terms import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.certificate.cell_sets import Block
 
 
 BOUNDED = EVERYWHERE | {"soft_sign"}
@@ -188,7 +211,7 @@ def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
         atom = terms.atoms[index]
         if atom.condition is not None and not _compares_no_angle(terms, atom.condition):
             return False
-        angles = [x for x in atom.arguments if terms.may_be_turned(x)]
+        angles = [x for x in atom.arguments if may_be_turned(terms, x)]
         if angles and not (atom.kind in OF_A_TURN and all(_is_angle(terms, x) for x in angles)):
             return False
     return _compares_no_angle(terms, asked)
@@ -197,12 +220,171 @@ def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
 def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
     """Whether no angle stands in it by itself."""
     if isinstance(x, Linear):
-        return not terms.may_be_turned(x)
+        return not may_be_turned(terms, x)
     compared = [p.argument for p in parts_of(x) if p.argument is not None]
-    return not any(map(terms.may_be_turned, compared))
+    return not any(may_be_turned(terms, y) for y in compared)
 
 
 def _is_angle(terms: Terms, x: Linear) -> bool:
     """Whether angles stand in it as whole multiples, and it is rounded by little."""
     whole = all(x.terms[i].is_integer() for i in terms.turning & x.terms.keys())
     return whole and bool(x.radius <= 2 * FAR_TURNS)  # with that of the function
+
+
+# ---------------------------------------------------------------- grids with such axes
+
+
+TURN = 2 * math.pi
+SEAM = 2.0**-40
+"""By so much the cells at the ends of a full turn go on beyond them: the ends are a turn apart but
+for rounding, so that these two cells meet."""
+BACK = 2.0**-45
+"""More than what is lost where a number is brought back by whole turns."""
+FAR = 2.0**14
+"""The farthest from 0 that a state on an axis which wraps around is assumed to be, in rad."""
+FARTHEST_TURNED = 32.0
+"""Farther numbers are not brought back."""
+WIDER = 256
+"""The factor by which each box is wider than the one before, on the way there."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridBeyondEnds(Grid):
+    """A grid some axes of which have no ends, or are a full turn that wraps around."""
+
+    unbounded: tuple[bool, ...]
+    wraps: tuple[bool, ...]
+
+    def cells_of_axis(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
+        """As of any grid; of an axis that wraps around from within it, and on behind its last."""
+        edges = self.edges[axis]
+        if self.wraps[axis]:
+            near = -FARTHEST_TURNED <= low <= high <= FARTHEST_TURNED
+            return _cells_around(edges, low, high) if near else None
+        if self.unbounded[axis]:
+            width = edges[-1] - edges[0]
+            if not (edges[0] - width <= low <= high <= edges[-1] + width):
+                return None
+            low, high = self.brought_in(axis, low, high)
+        return super().cells_of_axis(axis, low, high)
+
+    def box(self, block: Block) -> list[tuple[arb, arb]]:
+        """The box of a block of cells; at the ends of an axis that wraps around a little more."""
+        ends = []
+        for edges, around, (low, high) in zip(self.edges, self.wraps, block, strict=True):
+            cuts = (edges[0] - SEAM, *edges[1:-1], edges[-1] + SEAM) if around else edges
+            ends.append((exact(cuts[low]), exact(cuts[high])))
+        return ends
+
+    def counted_on(self, table: NDArray[Any]) -> NDArray[Any]:
+        """A table, of the grid's shape, once more behind itself along axes that wrap around."""
+        for k in np.flatnonzero(self.wraps):
+            table = np.concatenate([table, table], axis=int(k))
+        return table
+
+    def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
+        """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
+
+        `boxes`: where runs from `start` are, one after the other. See the top of this file.
+        """
+        width = 2 * len(self.edges)
+        if not boxes:
+            return True
+        for k in (k for k in range(len(self.edges)) if self.unbounded[k]):
+            edges, (low, high) = self.edges[k], start[k]
+            least, most = min(boxes[2 * k :: width]), max(boxes[2 * k + 1 :: width])
+            if not high < edges[-1] and not low - exact(least) <= _width(edges, -2):
+                return False
+            if not low > edges[0] and not exact(most) - high <= _width(edges, 0):
+                return False
+        return True
+
+    def whole_boxes(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
+        """Boxes that cover a block together with all that lies beyond, up to `FARTHEST`.
+
+        The first one is that of the block. Those beyond are far wider each than the one before: in
+        each the numbers are of a size, so that rounding is small. Along axes that are not read
+        nothing lies beyond that would matter.
+        """
+        sides = []
+        for k, inside in enumerate(self.box(block)):
+            parts = [inside]
+            if self.unbounded[k] and reads[k]:
+                at_low, at_high = block[k][0] == 0, block[k][1] == self.shape[k]
+                parts += beyond(self.edges[k], low=at_low, high=at_high)
+            sides.append(parts)
+        return [list(box) for box in product(*sides)]
+
+    def brought_in(self, axis: int, low: float, high: float) -> tuple[float, float]:
+        """What lies beyond an axis without ends moved onto it; turned back where one wraps."""
+        edges = self.edges[axis]
+        if self.unbounded[axis]:
+            return min(max(low, edges[0]), edges[-1]), min(max(high, edges[0]), edges[-1])
+        return turned_back(edges, low, high) if self.wraps[axis] else (low, high)
+
+
+def has_no_ends(grid: Grid, axis: int) -> bool:
+    """Whether what lies beyond the ends of an axis belongs to its outer cells."""
+    return isinstance(grid, GridBeyondEnds) and grid.unbounded[axis]
+
+
+def reach(grid: Grid, axis: int) -> tuple[float, ...]:
+    """Breakpoints of an axis, the outer ones as far out as their cells go."""
+    edges, far = grid.edges[axis], float(FARTHEST)
+    return (-far, *edges[1:-1], far) if has_no_ends(grid, axis) else edges
+
+
+def beyond(edges: Sequence[float], *, low: bool, high: bool) -> list[tuple[arb, arb]]:
+    """Intervals that cover what lies beyond the ends of an axis, up to `FARTHEST`."""
+    first, last = edges[0], edges[-1]
+    below_it = [(-b, -a) for a, b in _intervals_beyond(-first, last - first)] if low else []
+    return [*below_it, *(_intervals_beyond(last, last - first) if high else ())]
+
+
+def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
+    """The cells of a full turn that cover an interval, from within the first turn on."""
+    count, turns = len(edges) - 1, [math.floor((x - edges[0]) / TURN) for x in (low, high)]
+    if turns[0] == -1 and low >= edges[0] - SEAM:
+        turns[0] = 0  # of the first cell still
+    if turns[1] == 1 and high <= edges[-1] + SEAM:
+        turns[1] = 0  # of the last one
+    low, high = (
+        x - TURN * k + apart * (k != 0)
+        for x, k, apart in zip((low, high), turns, (-BACK, BACK), strict=True)
+    )
+    first = min(max(bisect_right(edges, low) - 1, 0), count - 1) + turns[0] * count
+    last = max(min(bisect_left(edges, high), count), 1) + turns[1] * count
+    if last - first >= count:
+        return 0, count
+    last = max(last, first + 1)
+    return first % count, first % count + last - first
+
+
+def turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
+    """An interval less so many whole turns that it begins on an axis, rounded outwards.
+
+    As it is where it lies on the axis, or where it is so far away that nothing is known there; all
+    of the axis where it is longer than half of it: what is enclosed goes half a turn beyond.
+    """
+    if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
+        return low, high
+    if high - low >= TURN / 2:
+        return edges[0] - SEAM, edges[-1] + SEAM
+    back = 2 * arb.pi() * math.floor((low - edges[0]) / TURN)
+    return below(exact(low) - back), above(exact(high) - back)
+
+
+def _width(edges: Sequence[float], cell: int) -> arb:
+    """The width of one cell of an axis; the last cell is -2."""
+    return exact(edges[cell + 1]) - exact(edges[cell])
+
+
+@lru_cache(maxsize=64)
+def _intervals_beyond(end: float, width: float) -> Sequence[tuple[arb, arb]]:
+    """Intervals from an end upwards to `FARTHEST`."""
+    intervals, low, step = [], exact(end), exact(width)
+    while low < FARTHEST:
+        high = (exact(end) + step).min(FARTHEST)
+        intervals.append((low, high))
+        low, step = high, step * WIDER
+    return intervals

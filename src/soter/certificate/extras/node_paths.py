@@ -2,6 +2,7 @@
 
 Purpose: `NodeWays` finds the nodes from a sensor to what DM and SC read, and from what SC publishes
 to the plant, with their declared times; `NodePath`, `NodeEffect` say what they add to ages, delays.
+`check_ways` checks that what is read shows one instant, where nodes or silent sensors may differ.
 Non-goals: what those nodes compute: that is an assumption, and named (`Ways.notes`).
 
 As in `derived_times.py` what is asked is the worst schedule: every node runs by
@@ -11,7 +12,7 @@ first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.derived_times import (
@@ -23,13 +24,18 @@ from soter.certificate.reading.derived_times import (
     releases,
     straight_path,
 )
+from soter.certificate.reading.module_facts import DiffersError, driven_topics
+from soter.certificate.reading.supported_constructs import parts_of
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.system import holder_of
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+    from soter.certificate.reading.derived_times import TimingSetting, TopicReading
+    from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import Said
     from soter.language.model.system import Component, System
 
@@ -383,3 +389,83 @@ def node_assumptions(ways: Ways) -> Said:
     for kind, name in ways.notes:
         yield f"{kind} {name}", TEXTS[kind].format(name)
     yield "nodes run", "no node between plants and module faults or skips a step"
+
+
+# ---------------------------------------------------------------- instants that are shown
+
+
+def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], list[int]]) -> None:
+    """Check that an estimate shows one instant, and that SC's reads may have an age for each topic.
+
+    The DM compares the stamps of what plants publish to it. The stamp of a node does not show what
+    the node has read: that has to come by one way to all numbers of the estimate, and from one
+    topic where sensors may be silent. Of what SC reads each state has an age of its own in chains
+    and tubes, so that no state may come by two topics of different ages, nor by two numbers of one
+    topic that is made of several reads.
+    DiffersError where this is not so.
+    """
+    by_dm, by_sc = (
+        {w for r in of for w in _sampled(facts, r)} for of in (setting.by_dm, setting.by_sc)
+    )
+    numbers = sum(1 for i in reads[0] for _ in leaves(facts.system.topics[i].type))
+    apart = len({clocks for clocks, _ in by_dm}) > 1 < numbers
+    if setting.silent and any(clocks[1:] for clocks, _ in by_dm):
+        apart |= len({name for _, name in by_dm}) > 1
+    if apart:
+        raise DiffersError("what the DM reads may show several instants, and no stamp tells")
+    if _instants(by_sc, setting) < 2:
+        return
+    shown = []
+    for read, index in zip(setting.by_sc, reads[1], strict=True):
+        plant, published = driven_topics(facts)[index]
+        apart = _instants(_sampled(facts, read), setting) > 1
+        parts = _numbers(published) if apart else [published]
+        shown += [_states_behind(plant, part) for part in parts]
+    twice = sum(map(len, shown)) > len(set[object]().union(*shown))
+    if twice:
+        raise DiffersError("what SC reads may show several instants, and counts as one")
+
+
+def _instants(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
+    """How many instants ways show: as many as differ, or as the topics that may be silent."""
+    every = set(ways)
+    heard = {name for _, name in every} if setting.silent else set()
+    return max(len({clocks for clocks, _ in every}), len(heard))
+
+
+def _numbers(published: typed.TypedExpr) -> list[typed.TypedExpr]:
+    """What each number of a value is made of; the whole of what is not written out by parts."""
+    if isinstance(published, typed.Aggregate):
+        return [x for e in published.elements for x in _numbers(e)]
+    return [published for _ in leaves(published.type)]
+
+
+def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
+    """Each way of a topic from a plant, as clocks, with a topic of the plant at its beginning.
+
+    Plants of one period and phase have one clock.
+    """
+    for path in read.paths:
+        clocks = (replace(path.clocks[0], name=""), *path.clocks[1:])
+        if path.sensor is NOW:
+            continue
+        if len(clocks) == 1:
+            yield clocks, read.name
+            continue
+        plant, first = (facts.flying.component(c.name) for c in path.clocks[:2])
+        for index in {*plant.writes} & {*first.reads}:
+            yield clocks, facts.flying.topics[index].name
+
+
+def _states_behind(plant: Component, published: typed.TypedExpr) -> set[tuple[int, object]]:
+    """The states and disturbances of which a plant makes what it publishes."""
+    assert plant.plant is not None
+    lets: dict[object, object] = dict(plant.plant.lets)
+    todo: list[object] = [published]
+    found: set[tuple[int, object]] = set()
+    while todo:
+        for part in parts_of([todo.pop()]):
+            if isinstance(part, typed.VarRead) and (plant.index, part.variable) not in found:
+                found.add((plant.index, part.variable))
+                todo += [lets[part.variable]] if part.variable in lets else []
+    return found

@@ -15,19 +15,21 @@ times y' is 0 on almost all of it, so there s z' <= 0 is asked.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.extras.left_out_states import beyond, has_no_ends
 from soter.certificate.reading.case_model import FARTHEST, control_inputs
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
-from soter.certificate.terms.terms import Terms, inputs_of
+from soter.certificate.terms.terms import FALSE, TRUE, Terms, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.cell_sets import Axes, Block, Cells
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.terms import Linear
+    from soter.certificate.terms.terms import Linear, Proposition
 
     Interval = tuple[arb, arb]
     Signs = tuple[int, ...]
@@ -45,6 +47,29 @@ if TYPE_CHECKING:
 
 HAIR = exact(2.0**-21)
 """The share of B's width by which it is looked at beyond its ends, where a run that left it is."""
+
+
+@dataclass(eq=False)
+class TermsBesideZero(Terms):
+    """Terms over inputs some of which are not at one of their ends."""
+
+    excluded: dict[int, int] = field(default_factory=dict)
+    """Inputs that lie above their lower end (1), or below their upper one (-1)."""
+
+    def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
+        """As of any terms; at the ends that inputs have not it is decided, too."""
+        if self._beside_zero(x, 1 if strict else -1):
+            return TRUE if strict else FALSE
+        return super().below_zero(x, strict=strict)
+
+    def _beside_zero(self, x: Linear, sign: int) -> bool:
+        """Whether sign * x <= 0, and would only be 0 where an input had an end that it has not."""
+        most, beside = sign * x.const + x.radius, False
+        for index, factor in x.terms.items():
+            atom, slope = self.atoms[index], sign * factor
+            most += (slope * atom.low).max(slope * atom.high)
+            beside |= bool(-slope * self.excluded.get(index, 0) > 0)
+        return beside and bool(most <= 0)
 
 
 class Resting:
@@ -87,9 +112,9 @@ class Resting:
 
     # ------------------------------------------------------------ terms
 
-    def _terms(self, ranges: Mapping[int, Interval]) -> tuple[Terms, list[Linear]]:
+    def _terms(self, ranges: Mapping[int, Interval]) -> tuple[TermsBesideZero, list[Linear]]:
         """Fresh terms, states in these ranges; others anywhere."""
-        terms = Terms()
+        terms = TermsBesideZero()
         whole = -FARTHEST, FARTHEST
         names = [s.name for s in self.model.facts.states]
         states = [
@@ -107,9 +132,9 @@ class Resting:
         rates, _ = model.rates(terms, states, control_inputs(model.facts, terms))
         found = inputs_of(terms, [*rates, *model.commands(terms, states), *terms.obligations])
         read = {i for i, x in enumerate(states) if x.atom in found}
-        terms, states = model.new_terms()
-        answers = model.commands(terms, states)
-        if not all_certain(terms, terms.obligations):
+        near, states = model.new_terms()
+        answers = model.commands(near, states)
+        if not all_certain(near, near.obligations):
             raise NotRecheckedError("P2a: SC does not certainly answer within its sets")
         bounds = zip(answers, model.facts.controls, strict=True)
         return [(u.low.max(exact(c.low)), u.high.min(exact(c.high))) for u, c in bounds], read
@@ -186,10 +211,10 @@ class Resting:
     def _safe_beyond(self, way: int, sign: int) -> bool:
         """Whether all beyond an end of a way is in C, wherever the other ways are."""
         facts = self.model.facts
-        if self.grid.has_no_ends(way):
+        if has_no_ends(self.grid, way):
             return True  # its outer cells are in C with all that lies beyond
         at = {self.group.states[k]: r for k, r in zip(self.moving, self.box, strict=True)}
-        for part in self.grid.beyond(way, low=sign < 0, high=sign > 0):
+        for part in beyond(self.grid.edges[way], low=sign < 0, high=sign > 0):
             terms, states = self._terms({**at, self.group.states[way]: part})
             held = [self.model.predicate(terms, states, facts.symbol.safe, errors=False)]
             held += [self.model.in_set(terms, states, t) for t in bounded_topics(facts)]

@@ -26,7 +26,7 @@ from soter.certificate.reading.module_facts import topics_read_by_sc
 from soter.certificate.reading.symbolic_values import value_of_leaves, whole
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact, key_of
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact, key_of
 from soter.certificate.terms.terms import Atom, Terms
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.reading.symbolic_reading import Ranges
     from soter.certificate.report import Said
+    from soter.certificate.terms.compile_terms import AffineForms, Ends, Row
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model.system import Topic
     from soter.language.model.types import Type
@@ -209,6 +210,23 @@ def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
         low, high = low.min(x.low), high.max(x.high)
     gaps = [terms.subtract(x, first) for x in different[1:]]
     return terms.add_atom(Atom("any", (*different, *gaps), low=low, high=high))
+
+
+def any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    """The row of the first alternative, spread so far that it holds the others, too."""
+    count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.range_of, atom.arguments)]
+    row, constant, spread = forms.row(atom.arguments[0])
+    low, high = _hull(forms, [(forms.make.zero,) * 2, *ranges[count:]])
+    line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
+    return line, _hull(forms, ranges[:count])
+
+
+def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
+    """The ends of the smallest interval around all of them."""
+    (low, high), *others = intervals
+    for least, most in others:
+        low, high = forms.make.apply("min", low, least), forms.make.apply("max", high, most)
+    return low, high
 
 
 class _Shapes:

@@ -57,7 +57,7 @@ def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> 
     claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
     for k in sorted({0, len(values) - 1}):  # the first and the last
         groups = claimed.groups[k]
-        ranges = narrowed_extents(facts.extents, [g.cells_asked for g in groups])
+        ranges = narrowed_extents(facts.extents, [g.tables for g in groups])
         model = CaseModel(facts, values[k], ranges)
         case = CaseCheck(model, groups, set(), entry, 1)
         with telling(None):

@@ -31,11 +31,10 @@ from functools import lru_cache
 from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
-from flint import arb, arb_mat
+from flint import arb
 
 from soter.certificate.reading.case_model import boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals, scaled_row_sum
-from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import (
     HALF,
@@ -80,9 +79,6 @@ NEARER = 2
 HAIR = arb(2) ** -40
 STIFF, STEPS_MAX = arb("1.2"), 64
 """A step is at most `STIFF` over the rates, and a span is cut into at most `STEPS_MAX` steps."""
-TERMS_MAX = 24
-REST = arb(2) ** -40
-"""The size, relative to a series' first term, at which the series may end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,10 +379,9 @@ class LocalFlow(KeptEnds):
 
     def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
         """The solution formula over a step of this length."""
-        time, a = exact(span), enclosure.a
-        integral = integral_of(a, time)
+        integral = integrals(enclosure.a, span, span)
         return Solution(
-            plus_scaled(unit_rows(self.n), product(a, integral)),
+            plus_scaled(unit_rows(self.n), product(enclosure.a, integral)),
             product(integral, enclosure.b),
             times_column(integral, enclosure.constant),
         )
@@ -405,7 +400,8 @@ class LocalFlow(KeptEnds):
             major[i][i] = row[i] if start >= 0 else (-row[i] if end <= 0 else major[i][i])
         pairs = zip(enclosure.noise, enclosure.b, strict=True)
         sizes = [x + sum_of_sizes(row, radii) for x, row in pairs]
-        return times_column(integral_of(major, exact(max(-start, end))), sizes)
+        longest = max(-start, end)
+        return times_column(integrals(major, longest, longest), sizes)
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end]."""
@@ -430,34 +426,6 @@ class LocalFlow(KeptEnds):
             more = ZERO if all(x.is_zero() for x in row) else rest * scales[i]
             rows.append([x * square + more / d for x, d in zip(row, scales, strict=True)])
         return rows
-
-
-def integral_of(a: Rows, time: arb) -> Rows:
-    """The integral of e^{As} over [0, time], time >= 0: t (1 + At/2 (1 + At/3 (1 + ...))).
-
-    What is left out after `count` terms: theta^count/(count + 1)! (1 + theta/(count + 2) + ...) t
-    at most, theta = |A|t by rows of scaled states. A row of zeros in A has none. NotRecheckedError
-    where it is beyond `TERMS_MAX` terms.
-    """
-    scaled, one = arb_mat(a) * time, arb_mat(unit_rows(len(a)))
-    theta, scales = scaled_row_sum(a, time)
-    count, rest = 1, theta * HALF
-    while count < TERMS_MAX and not rest < REST:
-        count += 1
-        rest = rest * theta / (count + 1)
-    if not theta < count + 1:
-        raise NotRecheckedError("a span of time too long for these rates")
-    integral = one
-    for k in range(count, 1, -1):
-        integral = one + scaled * integral * (ONE / k)
-    rest = rest / (1 - theta / (count + 2)) * time * UNIT
-    rows: Rows = (integral * time).tolist()
-    return [
-        row
-        if all(x.is_zero() for x in of_a)
-        else [x + rest * scales[i] / d for x, d in zip(row, scales, strict=True)]
-        for i, (row, of_a) in enumerate(zip(rows, a, strict=True))
-    ]
 
 
 def largest_row_sum(a: Rows) -> arb:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.cell_predicates import AdmitCheck, cells_wrongly_admitted
-from soter.certificate.cell_sets import Cells, Grid, parts, turned_back, volume
+from soter.certificate.cell_sets import Cells, Grid, parts, volume
 from soter.certificate.extras import extras
 from soter.certificate.grid.group_claims import (
     FREE_PIECES,
@@ -92,16 +92,6 @@ class GridGroup:
             tables.rank_holds = certificate.numbers(entry.get("W_N"), shape_of_way, "<u1")
         tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
         return cls(tables)
-
-    @property
-    def cells(self) -> list[NDArray[np.uint8]]:
-        """The one table of K, shaped as the grid."""
-        return [self.tables.core]
-
-    @property
-    def cells_asked(self) -> Axes:
-        """The cells on which predicates are asked, also of estimates."""
-        return self.tables
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
         """The check that shows the claims of this group cell by cell."""
@@ -292,28 +282,14 @@ class GridCheck:
 
     def show_start(self, until_ns: int) -> Iterable[Task]:
         """Shown at once, as it is one box; RejectedError where that may leave K."""
-        box = Grid(tuple(self._starts()))
+        states = [self.model.facts.states[i] for i in self.tables.states]
+        box = Grid(tuple(self.grid.brought_in(k, s.low, s.high) for k, s in enumerate(states)))
         inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
         if not (inside and self.never_left(self.kernel)):
             check = FreeCheck(self.model, self.tables, until_ns)
             if not check.stays(box.box(box.whole), self.kernel, FREE_PIECES[-1]):
                 raise RejectedError("an initial state may leave K before SC acts")
         return ()
-
-    def _starts(self) -> Iterator[tuple[float, float]]:
-        """The declared initial range of each state; what lies beyond an axis without ends moved in.
-
-        What is shown of runs from its outer cells holds of those from beyond
-        (`certificate/cell_sets.py`). On an axis that wraps around brought back by whole turns,
-        maybe across its upper end.
-        """
-        for k, i in enumerate(self.tables.states):
-            ends = self.model.facts.states[i].low, self.model.facts.states[i].high
-            edges = self.grid.edges[k]
-            if self.grid.has_no_ends(k):
-                low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
-                ends = low, high
-            yield turned_back(edges, *ends) if self.grid.wraps_around(k) else ends
 
 
 def block_tasks(

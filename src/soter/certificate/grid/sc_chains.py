@@ -2,11 +2,11 @@
 
 Purpose: `sc_chain` makes a `Chain`, functions that enclose where SC leads a cell, period by period,
 with delays, jitter, errors and disturbances in it; `free_phase` encloses where any command leads it
-(docs/verification.md, section 3); of maps both are so many compiled steps. `uncrossed_ends` finds
+(docs/verification.md, section 3). `uncrossed_ends` finds
 the ends of axes that no run crosses, whatever is commanded; `points_inwards` asks whether no run
 leaves the grid of a group that no command moves.
-Non-goals: steps of flows (`flow_chains.py`); which cells, and whether what comes out lies in a set
-(`group_claims.py`); ends that only SC keeps: chains show those.
+Non-goals: steps of flows (`flow_chains.py`), of maps (`extras/maps.py`); which cells, and whether
+what comes out lies in a set (`group_claims.py`); ends that only SC keeps: chains show those.
 
 Let x_i' >= 0 wherever x_i is at the lower end of its axis, all other states in their grids, for
 every command, disturbance and influence of other groups (at the upper end: x_i' <= 0). Replace x in
@@ -38,12 +38,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.cell_sets import holds_in_parts
+from soter.certificate.extras import extras
 from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import LocalFlow, SolvedFlow
-from soter.certificate.reading.case_model import boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
-from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.compile_terms import compile_step
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import Builder, Function, NotCertainError
 
@@ -61,60 +59,8 @@ if TYPE_CHECKING:
     Test = Callable[[Side, int, int], bool]
 
 
-STEPS_MAX, PHASE_MAX = 1_000, 100_000
-"""Steps of a map in a period of SC, and in a phase of any command."""
-
-
-def map_step(model: CaseModel, members: Sequence[int]) -> Step:
-    """One period of SC: so many steps of the map under one command.
-
-    NotRecheckedError where they are too many.
-    """
-    terms, states = model.new_terms()
-    commands = model.commands(terms, states)
-    count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
-    if count > STEPS_MAX:
-        raise NotRecheckedError(f"more than {STEPS_MAX:,} steps of the map in a period of SC")
-    current, between = states, []
-    for _ in range(count):
-        current = model.next_states(terms, current, commands)
-        between += [current[i] for i in members]
-    return compile_step(
-        terms,
-        [states[i].atom for i in members],
-        len(members),
-        [current[i] for i in members],
-        ranges=between,
-        must=terms.obligations,
-        boxes=boxes_of(model, states, members),
-    )
-
-
-def map_free(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
-    """Steps of the map under any commands, as many as the time has.
-
-    NotRecheckedError where they are too many.
-    """
-    period = model.facts.plants[0].period_ns
-    if time_ns > PHASE_MAX * period:
-        raise NotRecheckedError(f"more than {PHASE_MAX:,} steps of the map under any command")
-    terms, states = model.new_terms()
-    commands = control_inputs(model.facts, terms)
-    after = model.next_states(terms, states, commands)
-    step = compile_step(
-        terms,
-        [states[i].atom for i in members],
-        len(members),
-        [after[i] for i in members],
-        ranges=[after[i] for i in members],
-        must=terms.obligations,
-        boxes=boxes_of(model, states, members),
-    )
-    return (step,) * -(-time_ns // period)
-
-
 SPLITS = 8
-"""How often a side of the grid is halved along each axis where the flow is not linear."""
+"""How often a side of the grid is halved along each axis."""
 
 
 def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
@@ -132,7 +78,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     """
     if model.facts.kind != "flow" or model.facts.at_rest:
         return [(False, False)] * len(members)
-    inwards = (_linear_side_test if is_linear(model, members) else _local_side_test)(model, members)
+    inwards = _side_test(model, members)
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
@@ -146,24 +92,8 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     return ends
 
 
-def _linear_side_test(model: CaseModel, members: Sequence[int]) -> Test:
-    """The test of a linear flow: its form is least at a corner of the box, less its noise."""
-    flow = linear_flow(model, members)
-
-    def inwards(side: Side, i: int, sign: int) -> bool:
-        low = sign * flow.constant[i]
-        for x in flow.noise[i]:
-            low -= abs(x)
-        ranges = [*((exact(a), exact(b)) for a, b in side), *flow.ranges]
-        for factor, (a, b) in zip((*flow.a[i], *flow.b[i]), ranges, strict=True):
-            low += (sign * factor * a).min(sign * factor * b)
-        return bool(low >= 0)
-
-    return inwards
-
-
-def _local_side_test(model: CaseModel, members: Sequence[int]) -> Test:
-    """The test of a flow that is not linear: over parts of the side, halved where it fails."""
+def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
+    """The test of an end: over parts of the side, halved where it fails."""
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -249,7 +179,7 @@ def sc_chain(
 ) -> Chain:
     """The chain of a group; `pieces`: into so many times the least number each hold is cut."""
     if model.facts.kind == "map":
-        step = map_step(model, members)
+        step = extras.maps.map_step(model, members)
         return Chain(step, step, None)
     facts = model.facts
     given = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
@@ -271,7 +201,8 @@ def free_phase(
 ) -> tuple[Step, ...]:
     """Functions over [0, time] of any commands, one after the other; of a map one per instant."""
     if model.facts.kind == "map":
-        return map_free(model, members, time_ns)
+        steps: tuple[Step, ...] = extras.maps.map_free(model, members, time_ns)
+        return steps
     delta = model.facts.times["delta_ns"] * NANOSECOND
     chain = FlowChain(model, members, _flow_of_group(model, members), Times(delta))
     free = partial(chain.free, time_ns * NANOSECOND, pieces)

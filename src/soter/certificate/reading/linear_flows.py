@@ -1,15 +1,15 @@
 """Linear flows solved in Arb: x' = A x + B u + c + W w with |w| <= 1, over any span of time.
 
 Purpose: read A, B, c, W off the derivatives of a group of states; enclose e^{At}, its integrals and
-what measurable disturbances can add; the scheme's own error, as one more disturbance.
-Non-goals: flows that are not linear (refused), which sets to check (`sc_chains.py`).
+what measurable disturbances can add.
+Non-goals: flows that are not linear (refused), which sets to check (`sc_chains.py`); the
+simulator's scheme, which is no solution (a printed assumption, decision 454).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import reduce
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ from soter.certificate.terms.straight_line import (
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from fractions import Fraction
 
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.straight_line import Rows
@@ -39,9 +40,6 @@ NEARER, FAR = exact(0.9), 20
 """By which factor other scales of states have to be better; and by how many bits one may change."""
 TAYLOR, TAYLOR_MAX = 24, 256
 """Terms of the series of e^{At}: at least, and at most where a span is long for its rates."""
-ORDERS = {"euler": 1, "rk4": 4}
-"""Schemes whose step `_scheme` knows, with their order p: those of p stages, for which the step is
-the series of the solution up to h^p and no other polynomial. Others are not rechecked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,26 +226,17 @@ def is_linear(model: CaseModel, members: Sequence[int]) -> bool:
 def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
     """The flow of a group; what other groups do to it counts as a disturbance.
 
-    Where all that moves the group has a linear flow, one step of the simulator's scheme is a
-    solution of what is found, too (`_scheme`); elsewhere that it is one is a printed assumption.
     NotRecheckedError where a state of the group has no linear flow.
     """
     rows = _rows_of_all_states(model)
-    if any(rows[i] is None for i in members):
-        raise NotRecheckedError("a flow that is not linear is not solved at once")
-    moving = _states_behind(rows, members)
-    whole = all(row is not None for row in rows)
-    known = whole or all(c.plant.method in ORDERS for c in model.facts.plants if c.plant)
-    if known and all(rows[i] is not None for i in moving):
-        stepped = _stepped_rows(model, rows, moving)
-        rows = [stepped.get(i, row) for i, row in enumerate(rows)]
     own = [row for i in members if (row := rows[i]) is not None]
+    if len(own) != len(members):
+        raise NotRecheckedError("a flow that is not linear is not solved at once")
     noises: Rows = []
     constants = []
-    for at, row in enumerate(own):
+    for row in own:
         c, outside = _from_outside(model, row, members)
-        alone = [row.error if k == at else ZERO for k in range(len(members))]
-        noises.append([*row.noise, *outside, *alone])
+        noises.append([*row.noise, *outside])
         constants.append(c)
     used = [k for k in range(len(noises[0])) if not all(r[k].is_zero() for r in noises)]
     return LinearFlow(
@@ -262,13 +251,12 @@ def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
 
 @dataclass(frozen=True, eq=False)
 class FlowRow:
-    """x_i' = a x + b u + constant + noise w +- error, |w| <= 1."""
+    """x_i' = a x + b u + constant + noise w, |w| <= 1."""
 
     a: list[arb]
     b: list[arb]
     constant: arb
     noise: list[arb]
-    error: arb = ZERO
 
 
 def _from_outside(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tuple[arb, list[arb]]:
@@ -305,104 +293,3 @@ def _rows_of_all_states(model: CaseModel) -> list[FlowRow | None]:
         b = [rate.terms.get(k, ZERO) for k in columns[1]]
         optional_rows.append(FlowRow(a, b, c, row))
     return optional_rows
-
-
-def _states_behind(rows: Sequence[FlowRow | None], members: Sequence[int]) -> list[int]:
-    """The states on which those of a group depend, themselves included: a system of its own.
-
-    A step of a scheme on all states is one on these alone: no other state occurs in their rates.
-    """
-    states = set(members)
-    todo = list(members)
-    while todo:
-        row = rows[todo.pop()]
-        more = set() if row is None else {j for j, x in enumerate(row.a) if not x.is_zero()}
-        todo += sorted(more - states)
-        states |= more
-    return sorted(states)
-
-
-def _scheme(model: CaseModel, a: Rows, states: Sequence[int]) -> tuple[Rows, Rows]:
-    """E_x and E_v: the extra rate E_x x + E_v v turns the exact solution into the scheme's step.
-
-    One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
-    beginning and v = B u + c + W w held. The rate r, constant over the step, solves Gamma r =
-    (P - Phi) x + (Q - Gamma) v. All are series in A: E_x has entries only along paths of A, E_v
-    these and the diagonal. NotRecheckedError for plants with several schemes, or one that is not
-    in ORDERS.
-    """
-    n = len(a)
-    owners = {model.facts.states[i].owner for i in states}
-    schemes = {
-        (c.plant.method, c.period_ns, c.substeps)
-        for c in model.facts.plants
-        if c.plant is not None and c.index in owners
-    }
-    if len(schemes) != 1:
-        raise NotRecheckedError("plants with different schemes or periods")
-    method, period_ns, substeps = schemes.pop()
-    order = ORDERS.get(method)
-    if order is None:
-        raise NotRecheckedError(f"plants that are integrated by `{method}`")
-    machine = Fraction(float(period_ns) / 1e9 / substeps)
-    true = Fraction(period_ns, 10**9 * substeps)
-    phi, gamma = exponential(a, true, true), integral(a, true)
-    h = exact(machine)
-    p, q, power, factor = (
-        unit_rows(n),
-        [[h * x for x in row] for row in unit_rows(n)],
-        unit_rows(n),
-        ONE,
-    )
-    for k in range(1, order + 1):
-        power, factor = product(power, a), factor * h / k
-        p = plus_scaled(p, power, factor)
-        if k < order:
-            q = plus_scaled(q, power, factor * h / (k + 1))
-    back = arb_mat(gamma).inv().tolist()
-    of_x, of_v = (
-        product(back, plus_scaled(p, phi, -ONE)),
-        product(back, plus_scaled(q, gamma, -ONE)),
-    )
-    paths = _reachable_entries(a)
-    for i in range(n):
-        for j in range(n):
-            if not paths[i][j]:
-                of_x[i][j] = ZERO
-                of_v[i][j] = of_v[i][j] if i == j else ZERO
-    return of_x, of_v
-
-
-def _stepped_rows(
-    model: CaseModel, rows: Sequence[FlowRow | None], states: Sequence[int]
-) -> dict[int, FlowRow]:
-    """The rows of a system of its own with the extra rate of the scheme."""
-    own = {i: row for i in states if (row := rows[i]) is not None}
-    scheme = _scheme(model, [[own[i].a[j] for j in states] for i in states], states)
-    return {i: _row_as_stepped(model, own, scheme, at) for at, i in enumerate(states)}
-
-
-def _row_as_stepped(
-    model: CaseModel, rows: dict[int, FlowRow], scheme: tuple[Rows, Rows], at: int
-) -> FlowRow:
-    """One row with its extra rate: r_i = sum E_v v + sum E_x x, x in the grid.
-
-    What v_i itself adds goes with B, c and W, v being held with the command: a state that no
-    command and nothing else moves stands still for the scheme, too. The rest counts as a
-    disturbance.
-    """
-    of_x, of_v = (m[at] for m in scheme)
-    first = list(rows.values())[at]
-    own = ONE + of_v[at]
-    error = ZERO
-    for k, (j, row) in enumerate(rows.items()):
-        low, high = (exact(end) for end in model.extents[j])
-        error += magnitude(of_x[k]) * magnitude(low).max(magnitude(high))
-        if k != at and not of_v[k].is_zero():
-            rate = abs(row.constant) + sum((abs(x) for x in row.noise), ZERO)
-            for x, c in zip(row.b, model.facts.controls, strict=True):
-                rate += abs(x) * magnitude(exact(c.low)).max(magnitude(exact(c.high)))
-            error += magnitude(of_v[k]) * rate
-    b = [own * x for x in first.b]
-    noise = [own * x for x in first.noise]
-    return FlowRow(first.a, b, own * first.constant, noise, arb(error.upper()))

@@ -262,19 +262,6 @@ def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
     return -1
 
 
-def error_of(facts: Facts, state: int) -> float:
-    """The error of a state's estimate, in the topic leaf that is its axis.
-
-    NotRecheckedError where no topic has it as its axis.
-    """
-    if state not in facts.leaves:
-        raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
-    topic, path = facts.leaves[state]
-    leaf = [at for at, _ in leaves(facts.system.topics[topic].type)].index(path)
-    measured = [m for c in facts.plants for m in c.measured]
-    return max((m.bound for m in measured if (m.topic, m.leaf) == (topic, leaf)), default=0.0)
-
-
 def state_published(
     facts: Facts, c: Component, expr: typed.TypedExpr, path: tuple[str, ...]
 ) -> int | None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
-    Rows,
     SymbolicInt,
     Value,
     decided,
@@ -23,11 +22,7 @@ from soter.certificate.reading.symbolic_values import (
 )
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
-    HALF,
     ONE,
-    TINIEST,
-    UNIT_ROUNDOFF,
-    ZERO,
     exact,
     hull,
     magnitude,
@@ -44,7 +39,6 @@ from soter.certificate.terms.terms import (
     negation,
 )
 from soter.language.evaluate import arithmetic as arith
-from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -53,17 +47,6 @@ if TYPE_CHECKING:
 
 
 F = TypeVar("F", bound="Callable[..., Any]")
-PRELUDE = frozenset(
-    "sin cos exp log tanh atan tan asin acos wrap_angle atan2 hypot pow smoothstep".split()  # noqa: SIM905 - a list of words
-)
-"""Functions of the prelude that are read as what they mean; of the others the body is read."""
-OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
-"""Functions of the prelude that are the same a turn further."""
-FAR_TURNS = exact(2.0**-33)
-"""By how much more a sum with an angle in it may be rounded where that is many turns further: what
-is shown of such sums in `left_out_states.py`."""
-EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
-"""Functions of the prelude that have a value, and no large one, of all real numbers."""
 SMALL = exact(2.0**900)
 """An infinite number stays one where any 2^60 smaller ones are added, and is beyond all of them."""
 
@@ -126,7 +109,7 @@ class Operations:
         self.doubts: list[Proposition] = []
         """Without which a number is infinite or none, but nothing faults: entered as they come."""
         self.everywhere = False
-        """Whether functions of `EVERYWHERE` are exact, also beyond their error bounds' domains."""
+        """Whether functions of the prelude are exact, also beyond their error bounds' domains."""
 
     @property
     def path(self) -> Value:
@@ -148,7 +131,8 @@ class Operations:
                 for what in (*x.rests, *x.beyond):
                     self.terms.oblige(what)
 
-    def _doubt(self, what: Value) -> None:
+    def doubt(self, what: Value) -> None:
+        """Let what is made of the operands rest on it, unless it certainly holds."""
         if decided(truth_of(what)) is not True:
             self.doubts.append(truth_of(what))
 
@@ -182,13 +166,13 @@ class Operations:
         finite, rests = _of_chosen(c, x.beyond, y.beyond), _of_chosen(c, x.rests, y.rests)
         chosen = _with_beyond(self.terms.choose(c, x, y), finite)
         chosen = replace(chosen, rests=()) if chosen.rests else chosen
-        return _resting_on(self._like(chosen, a, b), rests)
+        return _resting_on(self.like(chosen, a, b), rests)
 
     @one_number
     def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
-            return self._like(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
+            return self.like(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
     @one_number
@@ -237,82 +221,17 @@ class Operations:
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         # plants: limits keep ends of grids; two numbers that vary: either is a limit
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
-        return self._like(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
+        return self.like(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
 
     @one_number
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
         """The prelude's `clamp`: x between limits; it is a number where these are in order."""
-        self._doubt(self.compare("<=", low, high))
+        self.doubt(self.compare("<=", low, high))
         return self.extreme("min", self.extreme("max", x, low), high)
 
-    @one_number
-    def prelude(self, name: str, *given: Value) -> Linear:
-        """A function of the prelude: the exact one within its tested bound (an assumption).
-
-        Claimed is that the result stands for all that the machine computes. Let y be the exact
-        value, u the unit roundoff. On its domain it computes y, off by `ulps` units of y and
-        `absolute`, and lies in `values` (`prelude/function_error_bounds.py`). A unit of y is
-        2 u |y| at most, that of the double it is rounded to 1 + u times as much, and `TINIEST`
-        where y is subnormal: off by a share of |y| and a constant. A flow has y itself. Outside of
-        the domain it is no number, which is a doubt that the result rests on; so is that `exp`
-        may be infinite. A turn further an argument was rounded by `FAR_TURNS` more.
-        NotRecheckedError where the bound is one that is not read here.
-        """
-        bound, numbers = BOUNDS[name], [self.finite(x) for x in given]
-        if bound.relative:
-            raise NotRecheckedError(f"`{name}` has a bound of another kind")
-        turned = name in OF_A_TURN and self.terms.may_be_turned(numbers[0])
-        if turned:
-            (x,), far = numbers, FAR_TURNS
-            around = x.low - far, x.high + far
-            numbers = [Linear(x.const, x.terms, x.radius + far, *around, x.nonnegative)]
-        if self.everywhere and name in EVERYWHERE:
-            return self.terms.apply_function(name, *numbers)
-        for x, ends in zip(numbers, bound.domain, strict=True):
-            low, high = map(exact, ends)
-            self._doubt_below_zero(self.terms.combine(((ONE, x),), -low))
-            self._doubt_below_zero(self.terms.combine(((-ONE, x),), high))
-        if name == "wrap_angle" and self.is_rounded and not turned:
-            return self.terms.apply_function("wrapped_double", *numbers)
-        value = self._exact_function(name, *numbers)
-        ulps, absolute, low, high = map(exact, (bound.ulps, bound.absolute, *bound.values))
-        relative = ulps * 2 * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)  # a unit is that of a double
-        absolute += ulps * TINIEST
-        if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
-            value.nonnegative, low = True, ZERO
-        beyond = self.terms.beyond(value)
-        if not (self.is_rounded or beyond):
-            return value
-        off = self.terms.with_error(value, relative, absolute, low, high)
-        return replace(off, beyond=beyond)
-
-    def _doubt_below_zero(self, x: Linear) -> None:
-        self._doubt(negation(self.terms.below_zero(x)))
-
-    def _exact_function(self, name: str, *numbers: Linear) -> Linear:
-        """A function of the prelude over real numbers; elsewhere it is no number."""
-        terms = self.terms
-        if name == "tan":  # it has no value where the cosine is 0
-            cosine = terms.apply_function("cos", *numbers)
-            minus = terms.combine(((-ONE, cosine),))
-            self._doubt(either(terms.below_zero(cosine), terms.below_zero(minus)))
-        elif name == "hypot":
-            squares = [terms.multiply(x, x) for x in numbers]
-            return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
-        elif name == "pow":
-            x, y = numbers
-            if y.low == y.high >= 0 and y.low.is_integer():
-                return terms.apply_function(name, x, Linear(y.low, {}, ZERO, y.low, y.low))
-            self._doubt_below_zero(x)
-            above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
-            self._doubt(either(above, rises))
-        elif name == "smoothstep":
-            low, high, x = numbers
-            parts = terms.subtract(x, low), terms.subtract(high, low)
-            for difference in parts:
-                self.finite(terms.rounded(difference))
-            return terms.apply_function("smooth_step", terms.divide(*parts))
-        return terms.apply_function(name, *numbers)
+    def doubt_below_zero(self, x: Linear) -> None:
+        """Let what is made of the operands rest on that a number is not below 0."""
+        self.doubt(negation(self.terms.below_zero(x)))
 
     @one_number
     def builtin(self, name: str, x: Value) -> Value:
@@ -322,10 +241,10 @@ class Operations:
         given, x = x, self.finite(x)
         if name == "sqrt":
             if not x.nonnegative:
-                self._doubt_below_zero(x)
+                self.doubt_below_zero(x)
             return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
-            return self._like(self.terms.apply_function("abs", x, nonnegative=True), x)
+            return self.like(self.terms.apply_function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
@@ -343,16 +262,6 @@ class Operations:
         ((atom, factor),) = x.terms.items()
         return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
 
-    def row_values(self, rows: Rows) -> Value:
-        """All numbers of a row at an index that depends on inputs.
-
-        NotRecheckedError where rows differ in length.
-        """
-        if len({len(row) for row in rows.elements}) != 1:
-            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
-        width = range(len(rows.elements[0]))
-        return tuple(self.select([row[k] for row in rows.elements], rows.index) for k in width)
-
     def narrow(self, x: Value, low: Value, high: Value) -> Value:
         """`x`, which faults unless it lies between `low` and `high`."""
         if not isinstance(x, Linear):
@@ -361,32 +270,7 @@ class Operations:
             self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x
 
-    @one_number
-    def select(self, elements: Sequence[Value], index: Linear) -> Value:
-        """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
-        first = elements[0]
-        if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
-            return Rows(elements, index)
-        if isinstance(first, tuple):
-            parts = range(len(first))
-            return tuple(self.select([e[k] for e in elements], index) for k in parts)
-        if not all(type(e) in (float, int) for e in elements):
-            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
-        values = [float(e) for e in elements]
-        return self._like(self.terms.lookup(values, (index,), (len(elements),)), first)
-
-    @one_number
-    def select_from_table(self, rows: Rows, index: Value) -> Value:
-        """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
-        first = rows.elements[0]
-        if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
-            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
-        values = [float(v) for row in rows.elements for v in row]
-        shape = (len(rows.elements), len(first))
-        indices = rows.index, self.finite(index)
-        return self._like(self.terms.lookup(values, indices, shape), first[0])
-
-    def _like(self, x: Linear, *of: Value) -> Value:
+    def like(self, x: Linear, *of: Value) -> Value:
         """`x`, as an int where one of `of` is one."""
         return self.as_int(x) if _is_whole(*of) else x
 
@@ -395,11 +279,6 @@ class Operations:
         if not (magnitude(x.low) < 2**53 and magnitude(x.high) < 2**53):
             raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
-
-    @one_number
-    def nearest_whole(self, x: Linear) -> Linear:
-        """The whole number next to x, as a real function; of two that are as near the greater."""
-        return self.terms.apply_function("floor", self.terms.combine(((ONE, x),), HALF))
 
     def _as_computed(self, x: Linear) -> Linear:
         return self.terms.rounded(x) if self.is_rounded else x

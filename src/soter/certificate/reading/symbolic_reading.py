@@ -16,7 +16,8 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from soter.certificate.reading.symbolic_operations import PRELUDE, Operations
+from soter.certificate.extras import extras
+from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
     Rows,
@@ -392,7 +393,7 @@ class SymbolicReader(CodeReader):
         """
         value = super().value(e, frame)
         if isinstance(value, Rows) and not rows:
-            value = self.operations.row_values(value)
+            value = extras.tables.row_values(self.operations, value)
         if isinstance(e.type, (IntType, DurationType)) and isinstance(value, Linear):
             return value if isinstance(value, SymbolicInt) else self.operations.as_int(value)
         if isinstance(e.type, BoolType) and not isinstance(value, (bool, Proposition)):
@@ -408,11 +409,9 @@ class SymbolicReader(CodeReader):
         if fun.prelude and any(isinstance(x, Linear) for x in arguments):
             if fun.name == "clamp":
                 return make.clamp(*arguments)
-            step = fun.name == "smoothstep" and arguments[0] == arguments[1]
-            if fun.name in PRELUDE and not step:
-                return make.prelude(fun.name, *arguments)
-            if fun.name == "_round" and not make.is_rounded:
-                return make.nearest_whole(arguments[0])
+            meant = extras.prelude_functions.read_as_meant(make, fun.name, arguments)
+            if meant is not None:
+                return meant
         if not fun.prelude or make.is_rounded or not all(map(is_known, arguments)):
             return super().call(fun, arguments)
         make.is_rounded = True
@@ -424,15 +423,16 @@ class SymbolicReader(CodeReader):
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
-            return self.operations.select([row[e.index] for row in target.elements], target.index)
+            column = [row[e.index] for row in target.elements]
+            return extras.tables.select(self.operations, column, target.index)
         return target[e.index]
 
     def _index(self, e: t.Index, frame: CallFrame) -> Value:
         target, index = self.value(e.target, frame, rows=True), self.value(e.index, frame)
         if isinstance(target, Rows):
-            return self.operations.select_from_table(target, index)
+            return extras.tables.select_from_table(self.operations, target, index)
         if isinstance(index, Linear):
-            return self.operations.select(target, index)
+            return extras.tables.select(self.operations, target, index)
         return target[in_range(index, len(target))]
 
     def _topic(self, e: t.TopicRead, _: CallFrame) -> Value:

@@ -29,8 +29,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from soter.certificate.extras import extras
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.straight_line import (
     CERTAIN,
@@ -347,34 +346,6 @@ def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return ({}, forms.make.zero, size), (-size, size)
 
 
-def _any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The row of the first alternative, spread so far that it holds the others, too."""
-    count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.range_of, atom.arguments)]
-    row, constant, spread = forms.row(atom.arguments[0])
-    low, high = _hull(forms, [(forms.make.zero,) * 2, *ranges[count:]])
-    line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
-    return line, _hull(forms, ranges[:count])
-
-
-def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
-    """The ends of the smallest interval around all of them."""
-    (low, high), *others = intervals
-    for least, most in others:
-        low, high = forms.make.apply("min", low, least), forms.make.apply("max", high, most)
-    return low, high
-
-
-def _table_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Whatever stands between the least and the greatest position."""
-    make = forms.make
-    values = make.constant(np.array(atom.values).reshape(atom.shape))
-    positions: list[Value] = []
-    for low, high in (forms.range_of(x) for x in atom.arguments):
-        positions += [make.apply("below", low), make.apply("above", high)]
-    low, high = make.apply_for_parts("range_of_table", 2, values, *positions)
-    return ({}, (low + high) * HALF, (high - low) * HALF), (low, high)
-
-
 def truth_of(forms: AffineForms, x: Proposition) -> Value:
     """The bits of a proposition: 0: may be false, 1: may be true."""
     bits: Value = forms.cached("truth", x, partial(_make_truth, forms))
@@ -405,8 +376,8 @@ _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
     "spread": _spread_rule,
     "min": _extreme_rule,
     "max": _extreme_rule,
-    "any": _any_rule,
-    "table": _table_rule,
+    "any": lambda *values: extras.sc_locals_and_modes.any_rule(*values),  # noqa: PLW0108 - an extra
+    "table": lambda *values: extras.tables.table_rule(*values),  # noqa: PLW0108 - an extra
 }
 
 

@@ -1,9 +1,10 @@
 """Arb balls: the arithmetic of this room, and the linear enclosures of single functions.
 
-Purpose: precision, outward conversion to doubles, and for each function that a program may use a
-line with a remainder that encloses it over an interval: f(x) in slope x + offset +- spread for
-every x in [low, high], and f(x) in [least, most]; of a function of two numbers a slope for each.
-Non-goals: knowing about programs (`reading/symbolic_reading.py`) or sets (`cell_sets.py`).
+Purpose: precision, outward conversion to doubles, and for each function that an operation of the
+language needs a line with a remainder that encloses it over an interval: f(x) in slope x + offset
++- spread for every x in [low, high], and f(x) in [least, most].
+Non-goals: functions of the prelude (`extras/prelude_functions.py`); knowing about programs
+(`reading/symbolic_reading.py`) or sets (`cell_sets.py`).
 
 Everything here is an `arb`: a midpoint and a radius, operations rounded outwards by Arb. Bounds
 such as `low` are balls themselves, so that comparing them is only true where it is certain. The
@@ -15,13 +16,13 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from functools import partial, reduce
+from functools import reduce
 from typing import TYPE_CHECKING, TypeAlias
 
 import flint
 from flint import arb, fmpq
 
-from soter.language.prelude.function_error_bounds import BOUNDS
+from soter.certificate.extras import extras
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -41,12 +42,9 @@ UNIT = arb(0, 1)
 """The ball [-1, 1]."""
 UNIT_ROUNDOFF = arb(2) ** -53
 TINIEST = arb(2) ** -1074
-PI_UP = arb(arb.pi().upper())
 
 Line: TypeAlias = "tuple[arb, arb, arb, arb, arb]"
 """slope, offset, spread, least, most."""
-Plane: TypeAlias = "tuple[arb, arb, arb, arb, arb, arb]"
-"""A slope for each of two numbers, offset, spread, least, most."""
 
 
 def exact(value: float | Fraction) -> arb:
@@ -212,28 +210,17 @@ def line_truncated(low: arb, high: arb) -> Line:
     return ONE, (up - down) * HALF, (up + down) * HALF, first, last
 
 
-def _extremes(values: Sequence[arb]) -> Range:
+def extremes(values: Sequence[arb]) -> Range:
+    """The least and the greatest of some numbers."""
     return reduce(arb.min, values), reduce(arb.max, values)
 
 
-def _of_monotone(f: Function, low: arb, high: arb) -> Range:
+def of_monotone(f: Function, low: arb, high: arb) -> Range:
     """The range of a function that only rises, or only falls, between these."""
-    return _extremes((f(low), f(high)))
+    return extremes((f(low), f(high)))
 
 
-def _of_wave(shift: arb, f: Function, low: arb, high: arb) -> Range:
-    """The range of a wave that is extreme at (shift + k) pi alone: 1 for even k, -1 for odd."""
-    first = (low / arb.pi() - shift).lower().ceil()
-    last = (high / arb.pi() - shift).upper().floor()
-    if not last < first + 1:
-        return -ONE, ONE
-    least, most = _of_monotone(f, low, high)
-    if last < first:
-        return least, most
-    return (least, ONE) if first == 2 * (first * HALF).floor() else (-ONE, most)
-
-
-def _smooth(
+def smooth(
     f: Function,
     slope: Function,
     curve: Callable[[arb, arb], arb],
@@ -259,9 +246,9 @@ def _smooth(
 def line_inverse(low: arb, high: arb) -> Line:
     """1 / x; infinite where 0 is not certainly outside."""
     if not (low > 0 or high < 0):
-        return _nothing_known()
+        return nothing_known()
     slope, curve = (lambda v: -1 / (v * v)), (lambda _, y: y * y * y)
-    return _smooth(lambda v: 1 / v, slope, curve, _of_monotone, low, high)
+    return smooth(lambda v: 1 / v, slope, curve, of_monotone, low, high)
 
 
 def line_sqrt(low: arb, high: arb) -> Line:
@@ -298,125 +285,13 @@ def line_soft_sign(low: arb, high: arb) -> Line:
     return slope, (over + under) * HALF, (over - under) * HALF, first, last
 
 
-def _line_log(low: arb, high: arb) -> Line:
-    if not low > 0:
-        return _nothing_known()
-    curve = lambda x, _: -1 / (2 * x * x)  # noqa: E731
-    return _smooth(arb.log, lambda v: 1 / v, curve, _of_monotone, low, high)
-
-
-def _line_tan(low: arb, high: arb) -> Line:
-    """The function tan between two of its poles, which are at odd multiples of pi / 2."""
-    turns = [(x / arb.pi() + HALF).floor() for x in (low, high)]
-    if not turns[0] == turns[1]:  # noqa: SIM201 - of balls neither is certain
-        return _nothing_known()
-    slope, curve = (lambda v: 1 + v.tan() ** 2), (lambda _, y: y * (1 + y * y))
-    return _smooth(arb.tan, slope, curve, _of_monotone, low, high)
-
-
-def _line_of_arc(sign: int, f: Function, low: arb, high: arb) -> Line:
-    """The functions asin (`sign` 1) and acos (-1) for the x in [-1, 1] of the interval."""
-    low, high = (x.max(-ONE).min(ONE) for x in (low.lower(), high.upper()))
-
-    def slope(v: arb) -> arb:
-        return sign / (1 - v * v).sqrt()
-
-    return _smooth(f, slope, lambda x, _: HALF * x * slope(x) ** 3, _of_monotone, low, high)
-
-
-def line_smooth_step(low: arb, high: arb) -> Line:
-    """The function 3 t^2 - 2 t^3 of the number t in [0, 1] that is nearest to x.
-
-    Its derivative is continuous, and changes with x as 6 - 12 t, or not at all beyond the ends.
-    """
-    if high <= 0 or low >= 1:
-        end = ZERO if high <= 0 else ONE
-        return ZERO, end, ZERO, end, end
-
-    def inside(x: arb) -> arb:
-        return x.max(ZERO).min(ONE)
-
-    def curve(x: arb, _: arb) -> arb:
-        own = 3 - 6 * hull(inside(low), inside(high))
-        return own if x >= 0 and x <= 1 else hull(own, ZERO)
-
-    def value(x: arb) -> arb:
-        return inside(x) ** 2 * (3 - 2 * inside(x))
-
-    return _smooth(value, lambda x: 6 * inside(x) * (1 - inside(x)), curve, _of_monotone, low, high)
-
-
-def line_wrap_angle(low: arb, high: arb) -> Line:
-    """The angle in [-pi, pi] of the same direction; any where some x may be half a turn."""
-    half = arb.pi()
-    if low.is_finite() and high.is_finite():
-        turns = ((low + high) * HALF / (2 * half) + HALF).mid().floor()
-        back = 2 * half * turns
-        if low - back > -half and high - back < half:
-            ends = (low - back).lower(), (high - back).upper()
-            return ONE, -back.mid(), arb(back.rad()), arb(ends[0]), arb(ends[1])
-    return ZERO, ZERO, PI_UP, -PI_UP, PI_UP
-
-
-def line_wrapped_double(low: arb, high: arb) -> Line:
-    """What the prelude computes: x itself above -PI up to PI, else the angle of one near x."""
-    if low > -math.pi and high <= math.pi:
-        return ONE, ZERO, ZERO, low, high
-    error = exact(BOUNDS["wrap_angle"].absolute)
-    slope, offset, spread, least, most = line_wrap_angle(low - error, high + error)
-    return slope, offset, spread + error, least, most
-
-
-def _nothing_known() -> Line:
+def nothing_known() -> Line:
+    """The line of a function where it has no value, or any."""
     far = arb.pos_inf()
     return ZERO, ZERO, far, -far, far
 
 
-# ---------------------------------------------------------------- functions of two numbers
-
-
-def _plane(
-    f: Callable[[arb, arb], arb], slopes: Sequence[arb], box: Sequence[Range], ends: Range
-) -> Plane:
-    """By the mean value theorem: ranges over a box of both derivatives, and (`ends`) of f."""
-    middles, value, factors, rest = [((a + b) * HALF).mid() for a, b in box], hull(*ends), [], ZERO
-    offset = f(*middles)
-    for (low, high), middle, slope in zip(box, middles, slopes, strict=True):
-        far = abs(high - middle).max(abs(low - middle))
-        factors.append(ZERO if far.is_zero() else slope.mid())
-        offset -= factors[-1] * middle
-        rest += ZERO if far.is_zero() else (slope - factors[-1]) * far * UNIT
-    if not rest.is_finite():
-        return ZERO, ZERO, value.mid(), arb(value.rad()), *ends
-    return factors[0], factors[1], offset + rest.mid(), arb(rest.rad()), *ends
-
-
-def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
-    """The angle of a point: extreme at corners; any where the origin or the ray behind is near."""
-    box = (low_y, high_y), (low_x, high_x)
-    if not (low_x > 0 or low_y > 0 or high_y < 0):
-        return ZERO, ZERO, ZERO, PI_UP, -PI_UP, PI_UP
-    (a, b), (c, d) = (line_square(*ends)[3:] for ends in box)
-    square, y, x = hull(a + c, b + d), hull(*box[0]), hull(*box[1])
-    corners = [arb.atan2(a, b) for a in box[0] for b in box[1]]
-    return _plane(arb.atan2, (x / square, -y / square), box, _extremes(corners))
-
-
-def plane_pow(low_x: arb, high_x: arb, low_y: arb, high_y: arb) -> Plane:
-    """x^y for the x >= 0 of the box, and for all x where y is one whole number >= 0: as above."""
-    xs, ys = (low_x.lower(), high_x.upper()), (low_y.lower(), high_y.upper())
-    if not (ys[0] == ys[1] >= 0 and ys[0].is_integer()):
-        xs = xs[0].max(ZERO), xs[1].max(ZERO)
-
-    def ends(less: int) -> Range:
-        values = [x ** (y - less) for x in xs for y in ys]
-        return _extremes(values if not xs[0] < 0 < xs[1] else [*values, ZERO])
-
-    slopes = hull(*ys) * hull(*ends(1)), hull(*ends(0)) * hull(xs[0].log(), xs[1].log())
-    return _plane(arb.__pow__, slopes, (xs, ys), ends(0))
-
-
-UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
+FUNCTIONS: dict[str, Callable[[arb, arb], Line]] = {
     "max0": line_max0,
     "abs": line_abs,
     "square": line_square,
@@ -425,30 +300,10 @@ UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "inverse": line_inverse,
     "sqrt": line_sqrt,
     "soft_sign": line_soft_sign,
-    "sin": partial(_smooth, arb.sin, arb.cos, lambda _, y: -y * HALF, partial(_of_wave, HALF)),
-    "cos": partial(
-        _smooth, arb.cos, lambda v: -v.sin(), lambda _, y: -y * HALF, partial(_of_wave, ZERO)
-    ),
-    "exp": partial(_smooth, arb.exp, arb.exp, lambda _, y: y * HALF, _of_monotone),
-    "log": _line_log,
-    "tanh": partial(
-        _smooth,
-        *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), _of_monotone),
-    ),
-    "atan": partial(
-        _smooth,
-        *(arb.atan, lambda v: 1 / (1 + v * v), lambda x, _: -x / (1 + x * x) ** 2, _of_monotone),
-    ),
-    "tan": _line_tan,
-    "asin": partial(_line_of_arc, 1, arb.asin),
-    "acos": partial(_line_of_arc, -1, arb.acos),
-    "smooth_step": line_smooth_step,
-    "wrap_angle": line_wrap_angle,
-    "wrapped_double": line_wrapped_double,
 }
-"""Exact functions of one variable; the prelude's errors are added by `symbolic_operations.py`."""
-BIVARIATE: dict[str, Callable[[arb, arb, arb, arb], Plane]] = {
-    "atan2": plane_atan2,
-    "pow": plane_pow,
-}
-FUNCTIONS: dict[str, Callable[..., tuple[arb, ...]]] = {**UNIVARIATE, **BIVARIATE}
+"""Exact functions of one variable; those of the prelude: `extras/prelude_functions.py`."""
+
+
+def lines_over(name: str) -> Callable[..., tuple[arb, ...]]:
+    """The function of ends that gives the line over a function, of the prelude, too."""
+    return FUNCTIONS.get(name) or extras.prelude_functions.FUNCTIONS[name]

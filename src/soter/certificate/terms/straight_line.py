@@ -16,17 +16,15 @@ unless it is certain, nothing is given.
 
 from __future__ import annotations
 
-import math
 import operator
 from itertools import chain
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
 from flint import arb, arb_mat
 
+from soter.certificate.extras import extras
 from soter.certificate.terms.linear_enclosures import (
-    FUNCTIONS,
     ONE,
     ZERO,
     above,
@@ -36,6 +34,7 @@ from soter.certificate.terms.linear_enclosures import (
     larger,
     line_noisy_max0,
     line_or_range,
+    lines_over,
     magnitude,
     range_max0,
     smaller,
@@ -43,8 +42,6 @@ from soter.certificate.terms.linear_enclosures import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
 
     Number: TypeAlias = "arb | Value"
     Rows = list[list[Any]]
@@ -130,21 +127,6 @@ def share(weight: arb, x: arb) -> arb:
     return ZERO if weight.is_zero() else weight * x
 
 
-def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
-    """The range of a table between positions, which are whole numbers.
-
-    `values`: one number a cell, of the table's shape (n_1, ..., n_k); `ends`: low and high by axis.
-    """
-    part = []
-    for axis, size in enumerate(values.shape):
-        low, high = ends[2 * axis], ends[2 * axis + 1]
-        first = 0 if not low > 0 else min(math.ceil(low), size - 1)
-        last = size - 1 if not high < size - 1 else max(math.floor(high), 0)
-        part.append(slice(first, last + 1) if first <= last else slice(None))
-    there = values[tuple(part)]
-    return exact(float(there.min())), exact(float(there.max()))
-
-
 def require_certain(truth: int) -> None:
     """`NotCertainError` where a proposition may be false."""
     if truth != CERTAIN:
@@ -172,11 +154,10 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "range_between": range_between,
     "range_after": range_after,
     "inside": lambda low, high, least, most: bits(low >= least and high <= most, no=False),
-    "range_of_table": range_of_table,
+    "range_of_table": lambda *given: extras.tables.range_of_table(*given),  # noqa: PLW0108 - an extra
     "range_max0": range_max0,
     "line_noisy_max0": line_noisy_max0,
     "line_or_range": line_or_range,
-    **{f"line_{name}": line for name, line in FUNCTIONS.items()},
     "negative": lambda low, high: bits(high < 0, low >= 0),
     "not_positive": lambda low, high: bits(high <= 0, low > 0),
     "not": (0, 2, 1, 3).__getitem__,
@@ -186,6 +167,11 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "share": share,
     DEMAND: require_certain,
 }
+
+
+def operation_of(name: str) -> Callable[..., Any]:
+    """An operation of `OPERATIONS`, or `line_` and the name of a function that has lines."""
+    return OPERATIONS.get(name) or lines_over(name.removeprefix("line_"))
 
 
 CONSTANT, INPUT = "constant", "input"
@@ -258,7 +244,8 @@ class Builder:
 
     def constant(self, x: Any) -> Value:  # noqa: ANN401  a ball, a truth, a table
         """The value of a number; equal balls are one value."""
-        key = CONSTANT, (key_of_constant(x) if isinstance(x, (arb, int, float)) else id(x))
+        plain = repr(x) if isinstance(x, (int, float)) else id(x)
+        key = CONSTANT, (key_of(x) if isinstance(x, arb) else (type(x), plain))
         if key not in self._known:
             self._known[key] = Value(self, CONSTANT, (), x)
             self.values.append(self._known[key])
@@ -282,7 +269,7 @@ class Builder:
         if all(x.is_constant for x in values):
             known = [x.content for x in values]
             return self.constant(
-                known[0][content] if operation == PART else OPERATIONS[operation](*known)
+                known[0][content] if operation == PART else operation_of(operation)(*known)
             )
         simple = operation in ("add", "sub", "mul", "share")
         same = self._simplified(operation, *values) if simple else None
@@ -324,7 +311,7 @@ def apply_operation(operation: str, *arguments: Any, parts: int = 0) -> Any:  # 
             if parts:
                 return tuple(make.apply_for_parts(operation, parts, *arguments))
             return make.apply(operation, *arguments)
-    return OPERATIONS[operation](*arguments)
+    return operation_of(operation)(*arguments)
 
 
 class Function:
@@ -354,12 +341,6 @@ class Function:
         self._named = tuple(
             (v.operation, v.content, tuple(place[id(x)] for x in v.arguments)) for v in steps
         )
-        self.content: object = (
-            tuple(map(key_of_constant, self._constants)),
-            self._named,
-            self._wanted,
-        )
-        """Equal for functions only that give the same of every form: places tell its length."""
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
         """The values for one form; for a form of another program's values: values of that one.
@@ -409,24 +390,13 @@ def _values_needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Va
 
 def _compiled_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
     """(operation, place, None), (operation, place, place), or (operation, None, getter of all)."""
-    operation: Any = itemgetter(v.content) if v.operation == PART else OPERATIONS[v.operation]
+    operation: Any = itemgetter(v.content) if v.operation == PART else operation_of(v.operation)
     places = [place[id(x)] for x in v.arguments]
     if len(places) == 1:
         return operation, places[0], None
     if len(places) == 2:
         return operation, *places
     return operation, None, itemgetter(*places)
-
-
-def key_of_constant(constant: Any) -> object:  # noqa: ANN401  a ball, a pair of balls, a table, a truth
-    """A key, equal for equal constants only; what is no number or table has a key of its own."""
-    if isinstance(constant, tuple):
-        return tuple(key_of_constant(x) for x in constant)
-    if isinstance(constant, arb) and constant.is_finite():
-        return key_of(constant)
-    if isinstance(constant, np.ndarray):
-        return constant.dtype.str, constant.shape, constant.tobytes()
-    return (type(constant), repr(constant)) if isinstance(constant, (int, float)) else object()
 
 
 def total(parts: Iterable[Any]) -> Any:  # noqa: ANN401  a ball or a value

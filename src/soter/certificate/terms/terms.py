@@ -14,12 +14,10 @@ are exact.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
-    FUNCTIONS,
     ONE,
     TINIEST,
     UNIT_ROUNDOFF,
@@ -29,6 +27,7 @@ from soter.certificate.terms.linear_enclosures import (
     exact,
     hull,
     larger,
+    lines_over,
     magnitude,
     smaller,
 )
@@ -77,7 +76,7 @@ class Linear:
 class Atom:
     """Something that is not linear, or an input.
 
-    kind: "state", "box" (an input with fixed range), one of `FUNCTIONS`, "product",
+    kind: "state", "box" (an input with fixed range), a function that has lines, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
     numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
@@ -178,8 +177,6 @@ class Terms:
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
-    excluded: dict[int, int] = field(default_factory=dict)
-    """Inputs that lie above their lower end (1), or below their upper one (-1)."""
     turning: set[int] = field(default_factory=set)
     """Inputs that stand for angles any number of turns further (`extras/left_out_states.py`)."""
 
@@ -205,16 +202,12 @@ class Terms:
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
     def apply_function(self, name: str, *arguments: Linear, nonnegative: bool = False) -> Linear:
-        """The term of a function of `FUNCTIONS`, exactly, over real numbers."""
+        """The term of a function that has lines, exactly, over real numbers."""
         ends: list[arb] = []
         for x in arguments:
             ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
-        *_, least, most = FUNCTIONS[name](*ends)
+        *_, least, most = lines_over(name)(*ends)
         return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
-
-    def may_be_turned(self, x: Linear) -> bool:
-        """Whether a term may stand for numbers any number of turns further (`turning`)."""
-        return not self.turning.isdisjoint(x.terms)
 
     # ------------------------------------------------------------ linear operations
 
@@ -385,40 +378,10 @@ class Terms:
         atom.weights = tuple(magnitude(w) for w, _ in kept)
         return self.add_atom(atom)
 
-    def lookup(
-        self, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
-    ) -> Linear:
-        """values[index, ..]; that the element exists becomes an obligation.
-
-        NotRecheckedError where a value is not finite.
-        """
-        if not all(isfinite(v) for v in values):
-            raise NotRecheckedError("a table with a number that is not finite")
-        for index, size in zip(indices, shape, strict=True):
-            self.oblige(negation(self.below_zero(index)))
-            self.oblige(self.below_zero(self.combine(((ONE, index),), exact(float(-size)))))
-        atom = Atom("table", tuple(indices), low=exact(min(values)), high=exact(max(values)))
-        atom.values, atom.shape = tuple(values), tuple(shape)
-        return self.add_atom(atom)
-
-    def with_error(self, x: Linear, share: arb, extra: arb, low: arb, high: arb) -> Linear:
-        """`x`, a function of the prelude: off by a share and `extra`, never outside [low, high].
-
-        It holds for arguments in the function's domain, which is an obligation of its own.
-        """
-        index = x.atom
-        atom = self.atoms[index]
-        atom.extra, atom.share = extra, share
-        atom.low = larger(atom.low - share * abs(atom.low) - extra, low)
-        atom.high = smaller(atom.high + share * abs(atom.high) + extra, high)
-        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, x.nonnegative)
-
     # ------------------------------------------------------------ propositions
 
     def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
         """Whether `x < 0`; with `strict=False` whether `x <= 0`."""
-        if self.excluded and self._beside_zero(x, 1 if strict else -1):
-            return TRUE if strict else FALSE
         if x.high < 0 or (not strict and x.high <= 0):
             return TRUE
         if x.low > 0 or (strict and x.low >= 0):
@@ -426,15 +389,6 @@ class Terms:
         if strict and x.nonnegative:
             return FALSE
         return Proposition("below", argument=x, strict=strict)
-
-    def _beside_zero(self, x: Linear, sign: int) -> bool:
-        """Whether sign * x <= 0, and would only be 0 where an input had an end that it has not."""
-        most, beside = sign * x.const + x.radius, False
-        for index, factor in x.terms.items():
-            atom, slope = self.atoms[index], sign * factor
-            most += (slope * atom.low).max(slope * atom.high)
-            beside |= bool(-slope * self.excluded.get(index, 0) > 0)
-        return beside and bool(most <= 0)
 
     def compare(self, op: str, a: Linear, b: Linear) -> Proposition:
         """Whether `a op b` holds of two machine numbers."""

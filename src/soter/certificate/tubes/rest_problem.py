@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.extras.estimates_and_shield import command_cells
+from soter.certificate.extras.estimates_and_shield import acted_ns, command_cells
 from soter.certificate.extras.left_out_states import THIRD, degree, refuse_turns_read
 from soter.certificate.extras.sc_locals_and_modes import survives_the_start
 from soter.certificate.folder import hexadecimal
@@ -40,7 +40,6 @@ from soter.certificate.reading.module_facts import (
     topics_read,
     topics_read_by_sc,
 )
-from soter.certificate.reading.module_times import acted_ns
 from soter.certificate.reading.problem import read_facts, state_published
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves

@@ -1,0 +1,101 @@
+"""Plants that are maps: when they step, and chains of compiled steps in place of holds.
+
+Purpose: `check_instants` checks that all that is read and all that acts is of the instants in which
+the map steps; `map_step` is a period of SC, `map_free` a phase under any commands.
+Non-goals: what a map computes (`reading/case_model.py`), sets (`grid/group_claims.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.certificate.reading.case_model import boxes_of, control_inputs
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.terms.compile_terms import compile_step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.reading.derived_times import TimingSetting
+    from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.terms.compile_terms import Step
+
+
+STEPS_MAX, PHASE_MAX = 1_000, 100_000
+"""Steps of a map in a period of SC, and in a phase of any command."""
+
+
+def check_instants(facts: Facts, setting: TimingSetting) -> None:
+    """Check that all that is read and all that acts is of one instant, in which the map steps.
+
+    Else `NotRecheckedError`: ages and delays are not counted beside a map.
+    """
+    step, dm, sc = facts.plants[0].period_ns, setting.dm, setting.sc
+    paths = [(r, p) for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
+    late = [dm.slow, sc.slow, *(e.least | e.most for e in setting.effects)]
+    between = [*(p.clocks[1:] for _, p in paths), *(e.clocks for e in setting.effects)]
+    together = (dm.period, sc.period, dm.phase, sc.phase)
+    beside = {
+        "maps with different periods": {c.period_ns for c in facts.plants} != {step},
+        "a module that does not step together with its map": any(ns % step for ns in together),
+        "delays beside a map": any(late),
+        "`dropout` beside a map": setting.silent,
+        "nodes between a map and its module": any(between),
+    }
+    for what in (what for what, is_there in beside.items() if is_there):
+        raise NotRecheckedError(what)
+    for read, path in paths:
+        sensor = path.sensor
+        if sensor.phase or step % sensor.period:
+            raise NotRecheckedError(f"`{sensor.name}` does not publish whenever the map steps")
+        if read.max_age >= sensor.period:
+            raise NotRecheckedError("beside a map `max_age` must be shorter than its period")
+
+
+def map_step(model: CaseModel, members: Sequence[int]) -> Step:
+    """One period of SC: so many steps of the map under one command.
+
+    NotRecheckedError where they are too many.
+    """
+    terms, states = model.new_terms()
+    commands = model.commands(terms, states)
+    count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
+    if count > STEPS_MAX:
+        raise NotRecheckedError(f"more than {STEPS_MAX:,} steps of the map in a period of SC")
+    current, between = states, []
+    for _ in range(count):
+        current = model.next_states(terms, current, commands)
+        between += [current[i] for i in members]
+    return compile_step(
+        terms,
+        [states[i].atom for i in members],
+        len(members),
+        [current[i] for i in members],
+        ranges=between,
+        must=terms.obligations,
+        boxes=boxes_of(model, states, members),
+    )
+
+
+def map_free(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
+    """Steps of the map under any commands, as many as the time has.
+
+    NotRecheckedError where they are too many.
+    """
+    period = model.facts.plants[0].period_ns
+    if time_ns > PHASE_MAX * period:
+        raise NotRecheckedError(f"more than {PHASE_MAX:,} steps of the map under any command")
+    terms, states = model.new_terms()
+    commands = control_inputs(model.facts, terms)
+    after = model.next_states(terms, states, commands)
+    step = compile_step(
+        terms,
+        [states[i].atom for i in members],
+        len(members),
+        [after[i] for i in members],
+        ranges=[after[i] for i in members],
+        must=terms.obligations,
+        boxes=boxes_of(model, states, members),
+    )
+    return (step,) * -(-time_ns // period)
