@@ -520,6 +520,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("dds.md", "| key"): DEFINED,
     ("deploy.md", "``` your loop"): "a drawing",
     ("deploy.md", "| process | SIGTERM"): DEFINED,
+    ("deploy.md", "Functions with a check, counted"): MEASURED_ONCE,
     ("drone.md", "| file"): DEFINED,
     ("drone.md", "| gains"): DEFINED,
     ("drone.md", "```w  = v"): "a formula",

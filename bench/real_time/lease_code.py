@@ -14,14 +14,14 @@ from cffi import FFI
 
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, WARNINGS, compile_with, find
-from soter.native.shared_library import RUNTIME
+from soter.native.shared_library import CHECK_FAILED, RUNTIME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
 SOURCES = ("soter_lease.c", "soter_grant.c")
-HEADERS = ("soter_lease.h", "soter_grant.h")
+HEADERS = ("soter_lease.h", "soter_grant.h", "soter_check.h")
 LIBRARY = "leases.so"
 
 
@@ -29,12 +29,13 @@ LIBRARY = "leases.so"
 def engine() -> tuple[Any, Any]:
     """(ffi, library) of both files."""
     compiler = find()
-    flags = (*STRICT, *WARNINGS, "-O2", "-fPIC", "-shared")
-    names = [RUNTIME / n for n in (*SOURCES, *HEADERS)]
+    flags = (*STRICT, *WARNINGS, "-O2", "-fPIC", "-shared", f"-I{RUNTIME}")
+    sources = [*(RUNTIME / n for n in SOURCES), CHECK_FAILED]
+    names = [*sources, *(RUNTIME / n for n in HEADERS)]
     parts = [compiler.identity, *flags, *(n.read_text(encoding="utf-8") for n in names)]
 
     def make(work: Path) -> None:
-        command = [*compiler.command, *flags, *map(str, names[:2]), "-o", LIBRARY]
+        command = [*compiler.command, *flags, *map(str, sources), "-o", LIBRARY]
         compile_with(command, work, "the lease does not compile", ())
 
     folder = cached("leases", digest(parts), (LIBRARY,), make)

@@ -5,6 +5,10 @@
  */
 #include "soter_grant.h"
 
+#include "soter_check.h"
+
+#include <stddef.h>
+
 enum { DM = 0, SC = 1 };
 
 void soter_grant_init(soter_grant* grant, const soter_grant_info* info, int64_t* done) {
@@ -13,6 +17,7 @@ void soter_grant_init(soter_grant* grant, const soter_grant_info* info, int64_t*
 
 void soter_grant_begin(soter_grant* grant, const soter_grant_info* info, int64_t* done,
                        int64_t origin) {
+  SOTER_CHECK(info != NULL && done != NULL && info->nodes > SC);
   grant->info = info;
   grant->origin = origin;
   grant->done = done;
@@ -20,11 +25,13 @@ void soter_grant_begin(soter_grant* grant, const soter_grant_info* info, int64_t
   grant->spoken[1] = INT64_MIN;
   grant->broken = false;
   for (uint32_t k = 0; k < info->nodes; k++) {
+    SOTER_CHECK(info->node[k].period > 0);
     done[k] = 0;
   }
 }
 
 int64_t soter_grant_next(const soter_grant* grant, uint32_t node) {
+  SOTER_CHECK(node < grant->info->nodes && grant->done[node] >= 0);
   const soter_budget* const b = &grant->info->node[node];
   return grant->origin + b->phase + grant->done[node] * b->period;
 }
@@ -43,6 +50,7 @@ int64_t soter_grant_starts_by(const soter_grant* grant, uint32_t node) {
 }
 
 int64_t soter_grant_due(const soter_grant* grant, uint32_t node) {
+  SOTER_CHECK(node < grant->info->nodes);
   return soter_grant_starts_by(grant, node) + grant->info->node[node].response;
 }
 
@@ -72,6 +80,7 @@ bool soter_grant_done(soter_grant* grant, uint32_t node, int64_t start, int64_t 
 }
 
 bool soter_grant_lease(soter_grant* grant, int64_t now, int64_t* stamp, int64_t* expiry) {
+  SOTER_CHECK(stamp != NULL && expiry != NULL);
   for (uint32_t k = 0; k < grant->info->nodes; k++) {
     if (soter_grant_due(grant, k) < now) {
       grant->broken = true;

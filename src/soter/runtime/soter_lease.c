@@ -1,18 +1,26 @@
 /* soter_lease.c: what an actuator obeys, and until when. See soter_lease.h.
  *
- * Purpose: one state machine of three states, and one place where time ends a lease.
+ * Purpose: one state machine of three states, and one place where a lease ends: by time, or as what
+ * is remembered of it can be no lease. Then the law is read: SOTER_CHECK would end who obeys it.
  * Non-goals: everything else; this file is the whole of the actuator side, beside a constant.
  */
 #include "soter_lease.h"
 
 #include <string.h>
 
+/* Whether a command is obeyed at `seen`; false where memory was overwritten so that no take could
+ * have left it. */
+static bool in_force(const soter_lease* lease) {
+  return lease->state == SOTER_LEASE_HOLDS && lease->stamp >= 0 && lease->stamp <= lease->seen &&
+         lease->seen <= lease->until && lease->until - lease->stamp <= lease->info->longest;
+}
+
 /* The time, never less than it was told before; at an instant after its end a lease has ended. */
 static int64_t at(soter_lease* lease, int64_t now) {
   if (now > lease->seen) {
     lease->seen = now;
   }
-  if (lease->state == SOTER_LEASE_HOLDS && lease->seen > lease->until) {
+  if (lease->state != SOTER_LEASE_ARMED && !in_force(lease)) {
     lease->state = SOTER_LEASE_ENDED;
   }
   return lease->seen;

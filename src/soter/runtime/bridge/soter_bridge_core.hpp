@@ -14,6 +14,7 @@
 #ifndef SOTER_BRIDGE_CORE_HPP
 #define SOTER_BRIDGE_CORE_HPP
 
+#include "soter_check.h"
 #include "soter_outside.h"
 #include "soter_process.h"
 #include "soter_sources.hpp"
@@ -106,7 +107,9 @@ class Inward {
  public:
   typedef typename T::Message Message;
 
-  explicit Inward(int64_t clock_error_ns) : error_ns_(clock_error_ns) {}
+  explicit Inward(int64_t clock_error_ns) : error_ns_(clock_error_ns) {
+    SOTER_CHECK(clock_error_ns >= 0); /* below, messages would be younger than they are */
+  }
 
   /* NULL, or why the channel cannot be opened. */
   const char* open(const std::string& folder) {
@@ -122,6 +125,7 @@ class Inward {
   void take(const Message& m, const std::string& publisher, int64_t now, int64_t now_ns) {
     typename T::Value value;
     int64_t measured = 0;
+    SOTER_CHECK(channel()->size == sizeof value);
     (void)std::memset(&value, 0, sizeof value);
     if (publisher.empty()) {
       refuse(&stranger_, "which node publishes it cannot be told: there are several, or one began");

@@ -16,6 +16,7 @@
 #define SOTER_SIMULATION_CORE_HPP
 
 #include "soter_app.h"
+#include "soter_check.h"
 #include "soter_sha256.h"
 #include "soter_sources.hpp"
 
@@ -39,6 +40,13 @@ class Simulated {
   virtual void in(APP_STATE* /*state*/, int64_t /*origin*/) {}        /* at an instant */
   virtual void out(const APP_STATE* /*state*/, int64_t /*origin*/) {} /* after it */
 };
+
+/* Whether the topic of a traits is one of this program, and its value as long. */
+template <class T>
+inline void check_topic() {
+  SOTER_CHECK(T::index() < APP_PROGRAM->topics);
+  SOTER_CHECK(APP_PROGRAM->topic[T::index()].size == sizeof(typename T::Value));
+}
 
 /* Traits as in soter_bridge_core.hpp, and index(): of the topic. */
 template <class T>
@@ -64,6 +72,7 @@ class SimulatedInput : public Simulated {
   }
 
   void in(APP_STATE* state, int64_t origin) override {
+    check_topic<T>();
     const int64_t ct = soter_header_of(state)->ct;
     const int64_t stamp = T::stamped() ? here_.stamp_ns - origin : ct;
     if (!here_.heard || stamp > ct) {
@@ -134,6 +143,7 @@ class SimulatedOutput : public Simulated {
   void begin() override { published_stamp_ = SOTER_NEVER; }
 
   void out(const APP_STATE* state, int64_t origin) override {
+    check_topic<T>();
     /* the kernel takes states that it may change; this one it does not */
     const int64_t stamp = soter_stamps_of(APP_PROGRAM, const_cast<APP_STATE*>(state))[T::index()];
     if (stamp == SOTER_NEVER || stamp == published_stamp_) {

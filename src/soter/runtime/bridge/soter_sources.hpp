@@ -11,6 +11,8 @@
 #ifndef SOTER_SOURCES_HPP
 #define SOTER_SOURCES_HPP
 
+#include "soter_check.h"
+
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -38,6 +40,7 @@ class Sources {
   /* What becomes of a sample that was measured at `stamp_ns`, above 0; `write` writes it where it
    * is taken. Sources may speak on threads of their own: there is one writer at a time. */
   Verdict take(size_t rank, int64_t stamp_ns, const std::function<void()>& write) {
+    SOTER_CHECK(rank < of_.size() && stamp_ns > 0);
     const std::lock_guard<std::mutex> held(lock_);
     for (size_t k = 0; k < rank; k++) {
       if (newest_[k] > 0 && stamp_ns <= newest_[k] + after_[rank]) {
@@ -63,6 +66,7 @@ class Sources {
   }
 
   Counts counts(size_t rank) {
+    SOTER_CHECK(rank < of_.size());
     const std::lock_guard<std::mutex> held(lock_);
     Counts to = of_[rank];
     to.read = taken_ > 0 && read_ == rank;
