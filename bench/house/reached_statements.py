@@ -126,8 +126,9 @@ class Notes:
             path.write_bytes(pickle.dumps((self.offsets, self.tests)))
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.pluginmanager.register(Notes(Path(os.environ["REACHED"])))
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Before the first `conftest.py`, which imports what is to be marked."""
+    early_config.pluginmanager.register(Notes(Path(os.environ["REACHED"])))
 
 
 def read(folder: Path) -> tuple[dict[str, int], dict[str, tuple[float, array[int]]]]:

@@ -16,19 +16,18 @@ import ast
 import builtins
 import re
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.file_listing import files_below
 from tables import all_rows
+from unit.test_house_figures import SOURCES, SRC, tree_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
-SOTER = Path(__file__).resolve().parents[2] / "src" / "soter"
-SOURCES = sorted(p for p in files_below(SOTER, "*.py") if "templates" not in p.parts)
+SOTER = SRC / "soter"
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 _LENGTH = r"(?:\*?\w+(?: ?[-+*^] ?\w+)*|\.\.\.)"
@@ -42,13 +41,8 @@ CODE = re.compile(r"\b[A-Z]\d{3}\b")
 UNSAID = {"AssertionError", "NotImplementedError"}
 
 
-@cache
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
 def _module(path: Path) -> str:
-    return ".".join(path.with_suffix("").parts[len(SOTER.parent.parts) :])
+    return ".".join(path.with_suffix("").parts[len(SRC.parts) :])
 
 
 def _said(*nodes: ast.AST | None) -> str:
@@ -84,7 +78,7 @@ def _aliases() -> dict[tuple[str, str], set[str]]:
     """The names that each module gives to other types, with the words of what they stand for."""
     words_by_alias: dict[tuple[str, str], set[str]] = {}
     for path in SOURCES:
-        for node in ast.walk(_tree(path)):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Assign):
                 target, value = node.targets[0], node.value
             elif isinstance(node, ast.AnnAssign) and node.value is not None:
@@ -103,7 +97,7 @@ def _arrays(path: Path) -> set[str]:
     for module, known in _array_aliases().items():
         if module == _module(path):
             names |= known
-    for node in ast.walk(_tree(path)):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             known = _array_aliases().get(node.module, set())
             names |= {a.asname or a.name for a in node.names if a.name in known}
@@ -122,7 +116,7 @@ def _array_aliases() -> dict[str, set[str]]:
 def unsaid_shapes(path: Path) -> list[str]:
     """The public functions of a file that take or give arrays and say no shape."""
     arrays, offenders = _arrays(path), []
-    for _, function in _public(_tree(path).body):
+    for _, function in _public(tree_of(path).body):
         args = function.args
         given = [*args.posonlyargs, *args.args, *args.kwonlyargs, args.vararg, args.kwarg]
         notes = [a.annotation for a in given if a is not None] + [function.returns]
@@ -139,7 +133,7 @@ def _bases() -> dict[str, set[str]]:
         for name, kind in vars(builtins).items()
         if isinstance(kind, type) and issubclass(kind, BaseException)
     }
-    classes = [n for p in SOURCES for n in ast.walk(_tree(p)) if isinstance(n, ast.ClassDef)]
+    classes = [n for p in SOURCES for n in ast.walk(tree_of(p)) if isinstance(n, ast.ClassDef)]
     for _ in range(3):  # no family of exceptions is deeper
         for node in classes:
             own = {b.id for b in node.bases if isinstance(b, ast.Name)} & bases_by_class.keys()
@@ -153,7 +147,7 @@ def _makers() -> dict[tuple[str, str], str]:
     """The functions that give an exception to raise, by module and (last resort) by name alone."""
     class_by_maker: dict[tuple[str, str], str] = {}
     for path in SOURCES:
-        for node in ast.walk(_tree(path)):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef) and node.returns is not None:
                 made = ast.unparse(node.returns).strip("'\"")
                 if made in _bases():
@@ -202,7 +196,7 @@ def _escaping(nodes: list[ast.stmt] | list[ast.AST], module: str) -> set[str]:
 def unsaid_exceptions(path: Path) -> list[str]:
     """The public functions of a file that raise what their docstring does not name."""
     offenders = []
-    for owner, function in _public(_tree(path).body):
+    for owner, function in _public(tree_of(path).body):
         said = _said(function, owner)
         for name in sorted(_escaping(function.body, _module(path))):
             coded = "SoterError" in _bases().get(name, ()) and CODE.search(said)

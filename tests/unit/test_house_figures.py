@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
+SOURCES = sorted(p for p in (SRC / "soter").rglob("*.py") if "templates" not in p.parts)
 CODE = ("src/soter", "tests", "bench", "docs/site", "examples")
 """Folders of code: Python and C."""
 
@@ -43,13 +44,14 @@ SIMPLE, WORST = 15, 25
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    """A source, parsed when somebody asks: each worker reads this file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def trees() -> dict[Path, ast.Module]:
-    """Every source by its path, parsed when somebody asks: each worker reads this file."""
-    return {
-        p.relative_to(SRC): ast.parse(p.read_text(encoding="utf-8"))
-        for p in sorted((SRC / "soter").rglob("*.py"))
-        if "templates" not in p.parts
-    }
+    """Every source by its path below `src`."""
+    return {p.relative_to(SRC): tree_of(p) for p in SOURCES}
 
 
 def name_of(path: Path) -> str:

@@ -12,11 +12,8 @@ import pytest
 import processes
 from generators.file_listing import files_below
 from tables import all_rows
+from unit.test_house_figures import ROOT, SOURCES, tree_of
 
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = sorted(
-    p for p in files_below(ROOT / "src" / "soter", "*.py") if "templates" not in p.parts
-)
 MACHINE_PATHS = re.compile(r"/(?:work|root|home/\w+)/|(?:localhost|127\.0\.0\.1):\d+/simple")
 
 
@@ -121,7 +118,7 @@ def test_folders_that_the_docstring_of_a_package_names_are_there() -> None:
     wrong = []
     for path in SOURCES:
         if path.name == "__init__.py":
-            told = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            told = ast.get_docstring(tree_of(path)) or ""
             at = path.parent.relative_to(soter).as_posix()
             wrong += [f"{at}: no {n}/" for n in _missing_folders(told, path.parent, soter)]
     assert wrong == []

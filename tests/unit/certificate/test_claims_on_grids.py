@@ -13,7 +13,8 @@ from soter.certificate.extras import estimates_and_shield
 from soter.certificate.extras.estimates_and_shield import least_levels, packed_levels
 from soter.certificate.grid import grid_group, group_claims
 from soter.certificate.grid.grid_group import BLOCKS, LOOK, SMALL, GridCheck, block_tasks
-from soter.certificate.report import RejectedError
+from soter.certificate.grid.group_claims import RESTS
+from soter.certificate.report import NotRecheckedError, RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
 if TYPE_CHECKING:
@@ -290,6 +291,16 @@ def test_which_ranks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     for kept, tasks in ((True, 0), (False, 2)):
         assert len(list(check_of(whole, kept=kept).show_return(everywhere))) == tasks
     assert len(list(check_of(with_ranks(*good), kept=True).show_return(calm))) == 2
+
+
+def test_a_way_back_over_finer_cells_needs_the_table_of_the_dm() -> None:
+    group = tables([1] * 4, finer=LINE)
+    assert "cells of its own" in fails(lambda: check_of(group).show_return(None))
+
+
+def test_no_way_back_is_shown_where_sc_rests() -> None:
+    with pytest.raises(NotRecheckedError, match="cells at rest"):
+        list(check_of(tables([RESTS, 1, 1, 1])).show_return(None))
 
 
 # ---------------------------------------------------------------- the start

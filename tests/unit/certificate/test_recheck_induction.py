@@ -13,12 +13,18 @@ from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
 from soter.certificate.induction import check_claims
-from soter.language.front_end import check_file
+from soter.certificate.induction.check_claims import read_entry, recheck_induction
+from soter.certificate.induction.induction_problem import compare_entry, read_induction
+from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.language.front_end import check_file, system_to_prove
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from soter.language.model.system import System
 
 pytest.importorskip("z3")
 pytest.importorskip("flint")
@@ -354,3 +360,129 @@ def test_a_proof_of_something_has_no_such_words(tmp_path: Path) -> None:
     report = recheck(certificate(tmp_path))
     assert report.accepted, report.reason
     assert (report.vacuous, report.modules[0].unseen) == ({}, "")
+
+
+# ---------------------------------------------------------------- refused before it is asked
+
+CLOCKS = {name: [10_000_000, 0, 0, 0] for name in ("Planner.Any", "Planner.Hold", "Follower")}
+INDUCTION = {
+    "k": 1,
+    "returns": 3,
+    "hyperperiod_ns": 20_000_000,
+    "lemmas": ["good(candidate) || age(candidate) <= seconds(30ms)"],
+    "progress": [],
+    "latching": False,
+    "clocks": {"Planner.dm": [20_000_000, 0, 0, 0], **CLOCKS},
+}
+LEMMA = "induction; lemma good(candidate) || age(candidate) <= seconds(30ms);"
+READ = "publishes candidate; step { publish candidate = choose Plan; }"
+
+
+def flat_of(folder: Path, *pairs: tuple[str, str]) -> System:
+    text = PLANNER
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "planner.soter").write_text(text)
+    checked = check_file(str(folder / "planner.soter"))
+    assert checked.ok, checked.diagnostics
+    return system_to_prove(checked, "S")
+
+
+@all_rows(
+    ("old", "new", "refused"),
+    [
+        (LEMMA, "", "does not ask for an induction"),
+        ("module Planner;", "module Planner; force Planner sc;", "forced to sc"),
+        ("induction;", "induction; dropout 20ms;", "speaks of sets"),
+        ("induction;", "induction; late sc 1ms;", "steps that are late, or take time"),
+        (READ, f"takes [1ms, 2ms]; {READ}", "steps that are late, or take time"),
+        (READ, f"wcet 1ms; {READ}", "declared execution times"),
+        (READ, f"jitter 1ms; {READ}", "`Planner.Any`"),
+    ],
+)
+def test_a_program_that_is_not_for_an_induction_is_refused(
+    tmp_path: Path, old: str, new: str, refused: str
+) -> None:
+    assert read_induction(flat_of(tmp_path), "Planner").hyperperiod == 20_000_000
+    with pytest.raises((RejectedError, NotRecheckedError), match=refused):
+        read_induction(flat_of(tmp_path, (old, new)), "Planner")
+
+
+@all_rows(
+    ("variable", "step", "refused"),
+    [
+        ("k: int = 1", "k = 7 / k;", "a division by what is not known"),
+        ("f: float = 1.0", "f = f / 2.0;", "a division of floats"),
+        ("f: float = 1.0", "let k = int(f);", "`int` outside of a function"),
+        ("k: int", "k = k + 1; let ks: int[<=3] = [k];", "a list or a large array"),
+    ],
+)
+def test_a_step_that_the_solver_is_not_told_is_not_rechecked(
+    tmp_path: Path, variable: str, step: str, refused: str
+) -> None:
+    publish = "publish inForce"
+    flat = flat_of(tmp_path, ("var plan", f"var {variable}; var plan"), (publish, step + publish))
+    with pytest.raises(NotRecheckedError, match=refused):
+        read_entry(flat, {"module": "Planner", "induction": INDUCTION})
+
+
+def test_a_module_that_the_system_does_not_have_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(RejectedError, match="has no module `Other`"):
+        read_induction(flat_of(tmp_path), "Other")
+
+
+@all_rows(
+    ("change", "refused"),
+    [
+        ({"latching": 0}, "`latching` is no truth"),
+        ({"clocks": []}, "`clocks` are not as they should be"),
+        ({"steps": 1}, "`induction` is not as it should be"),
+        ({"k": 65}, "`k` of the induction is no number"),
+        ({"hyperperiod_ns": 1}, "the hyperperiod is 20000000 ns"),
+    ],
+)
+def test_a_wrong_entry_of_an_induction_is_rejected(
+    tmp_path: Path, change: dict[str, Any], refused: str
+) -> None:
+    facts = read_induction(flat_of(tmp_path), "Planner")
+    assert compare_entry(facts, INDUCTION) == (1, 3)
+    with pytest.raises(RejectedError, match=refused):
+        compare_entry(facts, INDUCTION | change)
+
+
+@all_rows(
+    ("pairs", "change", "refused"),
+    [
+        ((), {"more": 1}, "is not as it should be"),
+        ((), {"recover_ns": 1}, "no time within which SC gives control back"),
+        ((), {"induction": INDUCTION | {"latching": True}}, "rests on what nobody proves"),
+        ((("induction;", "induction; recover within 70ms;"),), {}, "later than `recover within`"),
+    ],
+)
+def test_a_return_that_an_induction_does_not_show_is_rejected(
+    tmp_path: Path, pairs: tuple[tuple[str, str], ...], change: dict[str, Any], refused: str
+) -> None:
+    entry: dict[str, Any] = {"system": "S", "module": "Planner", "claims": {"P2b": "proved"}}
+    entry |= {"recover_ns": None, "induction": INDUCTION}
+    assert recheck_induction(flat_of(tmp_path), entry)[1].confirmed == ["P2b"]
+    with pytest.raises(RejectedError, match=refused):
+        recheck_induction(flat_of(tmp_path, *pairs), entry | change)
+
+
+@all_rows(
+    ("figure", "most", "refused"),
+    [
+        ("RELEASES_MAX", 9, "more than are gone through"),
+        ("WORK_OF_ALL", 0, "more work than is done"),
+        ("WORK", 1, "does not decide it"),
+    ],
+)
+def test_more_work_than_is_allowed_is_not_rechecked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figure: str, most: int, refused: str
+) -> None:
+    entry: dict[str, Any] = {"system": "S", "module": "Planner", "claims": {"P2b": "proved"}}
+    entry |= {"recover_ns": None, "induction": INDUCTION}
+    monkeypatch.setattr(check_claims, figure, most)
+    with pytest.raises(NotRecheckedError, match=refused):
+        recheck_induction(flat_of(tmp_path), entry)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
+from soter.certificate.extras import node_paths
+from soter.certificate.extras.estimates_and_shield import command_cells
 from soter.certificate.extras.sc_locals_and_modes import survives_the_start
 from soter.certificate.reading.module_facts import DiffersError
-from soter.certificate.report import NotRecheckedError
+from soter.certificate.rechecker import read_problem
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
@@ -31,6 +35,96 @@ def facts_of(folder: Path, text: str, *pairs: tuple[str, str]) -> Facts:
         text = text.replace(old, new)
     (folder / "small.soter").write_text(text)
     return small_proofs.facts_of(folder / "small.soter", "S", "M")
+
+
+# ---------------------------------------------------------------- no problem of a proof on grids
+
+NOBODY = "node Nobody period 10ms { publishes x; step { publish x = 0.0; } }\nnode Fast"
+COUNTS = "node Count period 10ms { publishes k; step { publish k = 1; } }\nnode Fast"
+DRAWN = ("drives raw = q;", "drives raw = choose bool ? q : 0.0;")
+OTHER_KIND = (
+    ("{ p: P;", "{ p: P; q: Q;"),
+    ("node Fast", "plant Q period 10ms { drives y = q; state q: float; next q = q; }\nnode Fast"),
+    ("topic u:", "topic y: float max_age 20ms;\ntopic u:"),
+    ("verify {", "verify {\n    grid q.q in [-1.0, 1.0] / 1;"),
+)
+INTEGER = (
+    ("topic u:", "topic k: int;\ntopic u:"),
+    ("reads u;", "reads u, k;"),
+    ("node Fast", COUNTS),
+    ("{ p: P;", "{ p: P; node Count;"),
+    ("der p = u + w", "der p = u + w * float(k)"),
+)
+SHIELD = ("  verify {", "  shield 4;\n  verify {")
+
+
+@all_rows(
+    ("name", "pairs", "levels", "why"),
+    [
+        (
+            "written",
+            (("node Fast", NOBODY), ("{ p: P;", "{ node Nobody;")),
+            3,
+            "no verification plant",
+        ),
+        ("written", OTHER_KIND, 3, "flows and maps in one module"),
+        ("written", INTEGER, 3, "the disturbance `k` is no float"),
+        ("written", (("x: float max_age 20ms", "x: float"),), 3, "has no `max_age`"),
+        ("flying", (DRAWN,), 3, "the plant `world` chooses"),
+        ("computed", (), 1, "`levels` is not as it should be"),
+        ("computed", (), True, "`levels` is not as it should be"),
+        ("written", (), 4, "another one in the program"),
+        ("computed", (("verify {", "verify {\n    levels 3;"),), 4, "another one in the program"),
+    ],
+)
+def test_a_problem_of_another_kind_is_refused(
+    tmp_path: Path, name: str, pairs: Pairs, levels: int, why: str
+) -> None:
+    text = PROGRAMS[name]
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    (tmp_path / "small.soter").write_text(text)
+    checked = check_file(str(tmp_path / "small.soter"))
+    assert checked.ok, checked.diagnostics
+    with pytest.raises((RejectedError, NotRecheckedError), match=why):
+        read_problem(system_to_prove(checked, "S"), {"module": "M", "levels": levels})
+
+
+STRAIGHT_READ = (
+    ("node Estimate period 10ms { subscribes raw; publishes x; step { publish x = raw; } }\n", ""),
+    ("drives raw = q;", "drives x = q;"),
+    (" node Estimate;", ""),
+    (", Estimate 1ms", ""),
+)
+
+
+@all_rows(
+    ("figure", "pairs", "why"),
+    [
+        ("NODES_MAX", (), "more than 0 nodes on a path"),
+        ("NODES_MAX", STRAIGHT_READ, "more than 0 nodes on a path"),
+        ("LOOKS_MAX", (), "more ways between plants and module"),
+    ],
+)
+def test_as_many_nodes_and_ways_are_followed_as_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figure: str, pairs: Pairs, why: str
+) -> None:
+    facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+    monkeypatch.setattr(node_paths, figure, 0)
+    with pytest.raises(NotRecheckedError, match=why):
+        facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+
+
+@all_rows(("ac", "refused"), [("50ms", False), ("20ms", True)])
+def test_an_ac_under_a_shield_steps_with_a_plant_that_moves_in_steps(
+    tmp_path: Path, ac: str, refused: bool
+) -> None:
+    text = PROGRAMS["steps"]
+    beside = tuple((x, "") for x in text.splitlines() if x.startswith(("  ttf", "  safer")))
+    facts = facts_of(tmp_path, text, *beside, SHIELD, ("Fast period 50ms", f"Fast period {ac}"))
+    with pytest.raises(NotRecheckedError, match="between the steps") if refused else nullcontext():
+        assert command_cells(facts) == 4
 
 
 # ---------------------------------------------------------------- maps

@@ -13,7 +13,7 @@ import processes
 from soter.campaign import arms
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import python_child, python_module
-from unit.test_house_rules import ROOT, SOURCES
+from unit.test_house_figures import ROOT, SOURCES
 
 if TYPE_CHECKING:
     from pathlib import Path
