@@ -181,8 +181,7 @@ def _sections(report: Report) -> Iterator[PageSection]:
     yield PageSection("What was checked", program_lines + reason)
     for flight in report.flights:
         yield PageSection(visible(f"Flight {flight.log}"), tuple(_flight_lines(flight)))
-    numbers = report.assumption_numbers
-    texts = tuple(f"{numbers[text]}: {visible(text)}" for text in report.assumptions)
+    texts = tuple(f"{number}: {visible(text)}" for number, text in _numbered(report))
     yield PageSection("Under these assumptions, derived from the program", texts)
     yield PageSection("Not covered", tuple(visible(remark.text) for remark in report.not_covered))
 
@@ -263,12 +262,17 @@ def _say(report: Report, folder: str, console: Console) -> None:
         for colour, text in _remarks(module):
             console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
-    numbers = report.assumption_numbers
-    for text in report.assumptions:
-        console.say(console.paint("muted", f"  {numbers[text]:<3} {visible(text)}"))
+    for number, text in _numbered(report):
+        console.say(console.paint("muted", f"  {number:<3} {visible(text)}"))
     console.say("\nnot covered")
     for remark in report.not_covered:
         console.say(console.paint("muted", f"  {visible(remark.text)}"))
+
+
+def _numbered(report: Report) -> list[tuple[str, str]]:
+    """The derived assumptions, each behind its number, in the order of the numbers."""
+    derived = set(report.assumptions)
+    return [(n, text) for text, n in report.assumption_numbers.items() if text in derived]
 
 
 def _size_of_sets(module: RecheckedModule) -> str:

@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
 from soter.core.layout import size_of
 from soter.language.model.types import IntType, Type, leaves
+from soter.native.shared_library import RUNTIME
 from soter.targets.firmware_interface import described, topic_names
 from soter.targets.leases_and_lateness import (
     AgeLimit,
@@ -39,6 +41,12 @@ if TYPE_CHECKING:
 CHANNELS = "channels.json"
 SCHEMA = 1
 FROM_OUTSIDE, HERE = "outside", "here"
+
+
+def _status_words(part: str) -> int:
+    """How many words the report of the trusted part has for each of its parts, by its header."""
+    header = (RUNTIME / "posix" / "soter_status.h").read_text(encoding="utf-8")
+    return int(re.findall(rf"#define SOTER_STATUS_{part} (\d+)\n", header)[0])
 
 
 def channel_document(system: System) -> dict[str, object]:
@@ -230,8 +238,8 @@ class WorldTables:
         return number_of_layout(
             {
                 "status": [modules, leases, [self.names[t.index] for t in self.topics]],
-                "words of a module": 9,
-                "words of a lease": 6,
+                "words of a module": _status_words("MODULE"),
+                "words of a lease": _status_words("LEASE"),
             }
         )
 
