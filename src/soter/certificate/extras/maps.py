@@ -1,4 +1,4 @@
-"""Plants that are maps: when they step, and chains of compiled steps in place of holds.
+"""Plants that are maps, which step in place of holds.
 
 Purpose: `check_instants` checks that all that is read and all that acts is of the instants in which
 the map steps; `map_step` is a period of SC, `map_free` a phase under any commands.

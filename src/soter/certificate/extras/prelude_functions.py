@@ -1,4 +1,4 @@
-"""Functions of the prelude but `clamp`, read as what they mean: `sin`, `atan2`, `pow` and others.
+"""Functions of the prelude but `clamp`, read as what they mean: `sin`, `atan2`, `pow`, ...
 
 Purpose: `read_as_meant` makes the term of a call, the exact function within its tested bound; of
 `FUNCTIONS` each gives the line over one of them (of two numbers a slope for each).

@@ -1,4 +1,4 @@
-"""Elements of arrays at an index that depends on inputs: tables, read and enclosed.
+"""Elements of arrays at an index that depends on inputs.
 
 Purpose: `select`, `row_values` and `select_from_table` make terms of such elements; `table_rule`
 and `range_of_table` enclose them: by whatever stands between the positions there may be.

@@ -1,4 +1,4 @@
-"""The words of the assumptions that both the prover and the re-checker may make, and their numbers.
+"""The assumptions that prover or re-checker may make, in words with a number each.
 
 Purpose: `words` gives an assumption the same text wherever it is printed, and `numbered` the same
 number.
