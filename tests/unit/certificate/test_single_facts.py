@@ -90,9 +90,34 @@ def test_an_axis_names_one_state_or_none() -> None:
         assert problem._state_of_axis(facts, axis) == found
 
 
+BRAKES = "(p > -3.0 ? -1.0 : 0.0)"
+"""What stands at the lower end stays there."""
+
+
 @pytest.mark.parametrize(
     ("rate", "ends"),
-    [("-p * p * p", (True, True)), ("p * p * p", (False, False)), ("p * p", (True, False))],
+    [
+        ("-p * p * p", (True, True)),
+        ("p * p * p", (False, False)),
+        ("p * p", (True, False)),
+        (BRAKES, (True, True)),
+        ("(p <= -3.0 ? 0.0 : -1.0)", (True, True)),
+        ("(p < -3.0 ? 0.0 : -1.0)", (False, True)),
+        ("-sign(p + 3.0)", (True, True)),
+        ("-sign(3.0 - p)", (False, False)),
+        ("(p >= 3.0 ? -1.0 : 1.0)", (True, True)),
+        # no solution feels what a rate is at one point
+        ("(p == -3.0 ? 1.0 : -1.0)", (False, True)),
+        ("(p != -3.0 ? -1.0 : 1.0)", (False, True)),
+        ("(p <= -3.0 && p >= -3.0 ? 1.0 : -1.0)", (False, True)),
+        ("(p > -3.0 ? -1.0 : p < -3.0 ? -1.0 : 1.0)", (False, True)),
+        ("(2.0 * p + 6.0 == 0.0 ? 1.0 : -1.0)", (False, True)),
+        ("(p * p == 9.0 ? p : -p)", (False, False)),
+        ("(p * p == 9.0 ? -p : p)", (False, False)),
+        ("floor(p) + floor(-p)", (False, True)),
+        ("(int(p + 3.5) == 0 && p == -3.0 ? 1.0 : -1.0)", (False, True)),
+        ("(1.0 - 2.0 * sign((p + 3.0) * (p + 3.0)))", (False, True)),
+    ],
 )
 def test_an_end_is_not_crossed_where_the_flow_leads_in(
     tmp_path: Path, rate: str, ends: tuple[bool, bool]

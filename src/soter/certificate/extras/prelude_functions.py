@@ -58,6 +58,8 @@ OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
 FAR_TURNS = exact(2.0**-33)
 """By how much more a sum with an angle in it may be rounded where that is many turns further: what
 is shown of such sums in `left_out_states.py`."""
+JUMPS = frozenset({"atan2", "wrap_angle"})
+"""Functions of the prelude that jump where they have a value."""
 EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 
@@ -91,6 +93,8 @@ def prelude(make: Operations, name: str, *given: Value) -> Linear:
         (x,), far = numbers, FAR_TURNS
         around = x.low - far, x.high + far
         numbers = [Linear(x.const, x.terms, x.radius + far, *around, x.nonnegative)]
+    if name in JUMPS:
+        numbers = [make.on_both_sides(x) for x in numbers]
     if make.everywhere and name in EVERYWHERE:
         return make.terms.apply_function(name, *numbers)
     for x, ends in zip(numbers, bound.domain, strict=True):
@@ -141,7 +145,9 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
 @one_number
 def nearest_whole(make: Operations, x: Linear) -> Linear:
     """The whole number next to x, as a real function; of two that are as near the greater."""
-    return make.terms.apply_function("floor", make.terms.combine(((ONE, x),), HALF))
+    return make.terms.apply_function(
+        "floor", make.on_both_sides(make.terms.combine(((ONE, x),), HALF))
+    )
 
 
 def may_be_turned(terms: Terms, x: Linear) -> bool:

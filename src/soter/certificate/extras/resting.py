@@ -62,6 +62,10 @@ class TermsBesideZero(Terms):
             return TRUE if strict else FALSE
         return super().below_zero(x, strict=strict)
 
+    def is_beside(self, x: Linear) -> bool:
+        """Whether an input without an end is in x: what a rate is at 0 counts from both sides."""
+        return any(self.excluded.get(index, 0) for index in x.terms)
+
     def _beside_zero(self, x: Linear, sign: int) -> bool:
         """Whether sign * x <= 0, and would only be 0 where an input had an end that it has not."""
         most, beside = sign * x.const + x.radius, False

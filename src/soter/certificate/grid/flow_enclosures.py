@@ -246,16 +246,26 @@ class LocalFlow(KeptEnds):
     apart = False
 
     def __init__(
-        self, model: CaseModel, members: Sequence[int], kept: Sequence[tuple[bool, bool]] = ()
+        self,
+        model: CaseModel,
+        members: Sequence[int],
+        kept: Sequence[tuple[bool, bool]] = (),
+        outside: int | None = None,
     ) -> None:
-        """`kept`: for each member, whether its flow keeps the lower and the upper end."""
+        """`kept`: for each member, whether its flow keeps the lower and the upper end.
+
+        `outside`: the member that lies outside of its grid, if one does.
+        """
         super().__init__(model, members, kept)
         terms, states = model.new_terms()
+        terms.outside = None if outside is None else states[members[outside]].atom
         controls = control_inputs(model.facts, terms)
         rates, _ = model.rates(terms, states, controls)
         own = [states[i].atom for i in members]
         outputs = [rates[i] for i in members]
         felt = inputs_of(terms, outputs)
+        self.compared = [x in terms.compared for x in own]
+        """Members that are compared with numbers where a rate may jump."""
         self.moves = [k for k, u in enumerate(controls) if u.atom in felt]
         """Controls that this group feels."""
         inputs = own + [controls[k].atom for k in self.moves]

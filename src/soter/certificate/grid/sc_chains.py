@@ -14,7 +14,11 @@ f by its projection p(x) onto the grid in the axes with such ends. A solution of
 that begins in the grid stays above that end for as long as its other states are in their grids:
 before it were below at some t, it was at the end at some t_0 < t and below from then on, where x_i'
 = f_i(p(x), u, w) >= 0, so that x_i(t) >= x_i(t_0). There p does nothing: it solves x' = f(x, u, w),
-too, and solutions are unique (a linear flow is Lipschitz; for others a printed assumption). So a
+too, and solutions are unique (a linear flow is Lipschitz; for others a printed assumption). Where f
+jumps, a solution has any rate between those on both sides, whatever f is at the jump alone; so what
+touches a jump has all of these here (`on_both_sides` of `symbolic_operations.py`), and there is one
+that stays if from one side of all such ends together rates point inwards. Of x_i compared with the
+end itself that side is the strip outside: what is asked there holds up to the end. So a
 box that encloses the states of one step may be cut off at such an end, if what is left of it lies
 in a set of cells: whoever uses such a box checks that. Where all ends are of this kind the same
 holds of the whole grid, with no condition.
@@ -37,6 +41,8 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from flint import arb
+
 from soter.certificate.cell_sets import holds_in_parts
 from soter.certificate.extras import extras
 from soter.certificate.grid.flow_chains import FlowChain, Times
@@ -47,8 +53,6 @@ from soter.certificate.terms.straight_line import Builder, Function, NotCertainE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from flint import arb
 
     from soter.certificate.grid.flow_chains import Image
     from soter.certificate.reading.case_model import CaseModel
@@ -61,6 +65,8 @@ if TYPE_CHECKING:
 
 SPLITS = 8
 """How often a side of the grid is halved along each axis."""
+STRIP = arb(2) ** -20
+"""How wide the strip outside of an end is, as a part of its axis."""
 
 
 def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
@@ -93,24 +99,40 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
 
 
 def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
-    """The test of an end: over parts of the side, halved where it fails."""
+    """The test of an end: over parts of the side, halved where it fails; then outside of it."""
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
-        fixed = exact(side[i][0]), exact(side[i][1])
-
-        def holds(others: list[tuple[arb, arb]]) -> bool:
-            try:
-                lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
-            except NotCertainError:
-                return False
-            low, high = flow.rates(lines)[i]
-            return bool(low >= 0 if sign > 0 else high <= 0)
-
-        others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
-        return holds_in_parts(others, holds, SPLITS * len(others)) if others else holds([])
+        end, width = (
+            exact(side[i][0]),
+            exact(model.extents[members[i]][1]) - exact(model.extents[members[i]][0]),
+        )
+        if _points(flow, side, i, sign, (end, end)):
+            return True
+        beyond = end - sign * width * STRIP
+        strip = (beyond, end) if sign > 0 else (end, beyond)
+        return (
+            flow.compared[i]
+            and bool(strip[0] < strip[1])
+            and _points(LocalFlow(model, members, outside=i), side, i, sign, strip)
+        )
 
     return inwards
+
+
+def _points(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[arb, arb]) -> bool:
+    """Whether state i moves up (`sign` 1) or down wherever it is in `fixed`, others in `side`."""
+
+    def holds(others: list[tuple[arb, arb]]) -> bool:
+        try:
+            lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
+        except NotCertainError:
+            return False
+        low, high = flow.rates(lines)[i]
+        return bool(low >= 0 if sign > 0 else high <= 0)
+
+    others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
+    return holds_in_parts(others, holds, SPLITS * len(others)) if others else holds([])
 
 
 NANOSECOND = Fraction(1, 10**9)

@@ -36,6 +36,8 @@ from soter.certificate.terms.terms import (
     both,
     choice_of_truths,
     either,
+    inputs_of,
+    is_same_number,
     negation,
 )
 from soter.language.evaluate import arithmetic as arith
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 
+HAIR = exact(2.0**-500)
+"""By so much a number is wider where a rate may jump: by more than nothing."""
 F = TypeVar("F", bound="Callable[..., Any]")
 SMALL = exact(2.0**900)
 """An infinite number stays one where any 2^60 smaller ones are added, and is beyond all of them."""
@@ -182,7 +186,10 @@ class Operations:
             equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
             return decided(equal if op == "==" else negation(equal))
         if isinstance(a, Linear) or isinstance(b, Linear):
-            return decided(self.terms.compare(op, *self._operands(op, a, b)))
+            x, y = self._operands(op, a, b)
+            if not (is_same_number(x, y) or _is_whole(a, b)):
+                x = self.on_both_sides(x, self.terms.subtract(x, y))
+            return decided(self.terms.compare(op, x, y))
         _require_numbers(a, b)
         return COMPARED[op](a, b)
 
@@ -249,11 +256,31 @@ class Operations:
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
             self.demand(given)  # an int of what is infinite, or no number, is a fault
-            whole = x if self._is_floor(x) else self.terms.apply_function("truncated", x)
-            return self.as_int(whole)
+            if not self._is_floor(x):
+                x = self.terms.apply_function("truncated", self.on_both_sides(x, x))
+            return self.as_int(x)
         if name != "floor":
             raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
-        return self.terms.apply_function("floor", x)
+        return self.terms.apply_function("floor", self.on_both_sides(x, x))
+
+    def on_both_sides(self, x: Linear, at: Linear | None = None) -> Linear:
+        """A number by which a rate jumps where `at` is 0 (it itself: anywhere), a hair wider.
+
+        So where it touches a jump the rate is any between those on both sides, and never what it is
+        there alone, which no solution feels. States alone pass a jump.
+        """
+        terms, at = self.terms, at or x
+        if not self.everywhere or not any(
+            terms.atoms[i].kind == "state" for i in inputs_of(terms, [at])
+        ):
+            return x
+        if len(at.terms) == 1:
+            terms.compared.update(at.terms)
+        if terms.is_beside(at):
+            return x
+        return replace(
+            x, radius=x.radius + HAIR, low=x.low - HAIR, high=x.high + HAIR, nonnegative=False
+        )
 
     def _is_floor(self, x: Linear) -> bool:
         """Whether it is the result of `floor`, a whole number already."""

@@ -177,6 +177,10 @@ class Terms:
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
+    outside: int | None = None
+    """The state that lies outside of its grid: how it compares with the end there is certain."""
+    compared: set[int] = field(default_factory=set)
+    """States that are compared with numbers by themselves where a rate may jump."""
     turning: set[int] = field(default_factory=set)
     """Inputs that stand for angles any number of turns further (`extras/left_out_states.py`)."""
 
@@ -208,6 +212,10 @@ class Terms:
             ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
         *_, least, most = lines_over(name)(*ends)
         return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
+
+    def is_beside(self, x: Linear) -> bool:
+        """Whether x is never where the box of the inputs ends, as one of them never is."""
+        return self.outside in x.terms and len(x.terms) == 1 and x.radius.is_zero()
 
     # ------------------------------------------------------------ linear operations
 
