@@ -160,7 +160,7 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
         sets = _CertifiedTables(Path(cert), seal, confirmed)
         for m in modules:
             if m.problem is not None:
-                sets.built(m.problem, None)
+                sets.check_build(m.problem, None)
     entries = [_inheritance_entry(m, confirmed.get(m.module), seal) for m in modules]
     proved = dict.fromkeys(confirmed, f"`{target_system.name}`")
     lines = [x for e in entries for x in _entry_lines(e, proved.get(e["module"], ""), seal)]
@@ -199,7 +199,7 @@ class _CertifiedTables:
             return None
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
-    def built(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
+    def check_build(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
         """Raises SoterError D020 if the module is built with other figures than are certified."""
         from soter.verify.deploy.proof_transfer import what_differs  # noqa: PLC0415 - needs NumPy
 

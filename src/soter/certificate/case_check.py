@@ -4,7 +4,7 @@ Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that com
 `proved_claims` says what an entry claims, `check_static_claims` compares P1 with the program.
 `TaskProcesses` deals tasks out to processes, which tell what came of each. They see what there was
 when they were forked; only answers come back. There is no thread: this process may fork again.
-`rates_are_defined` shows, over the whole grid at once, each obligation of the rates (a divisor is
+`require_all_rates` shows, over the whole grid at once, each obligation of the rates (a divisor is
 not 0, an index is there, an assertion holds) that no group shows cell by cell.
 Non-goals: how a group shows a claim (`grid/grid_group.py`), certificates (`rechecker.py`).
 
@@ -63,30 +63,30 @@ PROVED = "proved"
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
 
-def proved_claims(given: object) -> set[str]:
+def proved_claims(claimed: object) -> set[str]:
     """The properties that are said to be proved; RejectedError for unknown ones, or none."""
-    if not isinstance(given, dict):
+    if not isinstance(claimed, dict):
         raise RejectedError("`claims` is not as it should be")
-    for name, verdict in given.items():
+    for name, verdict in claimed.items():
         if name not in (*CLAIMS, *ELSEWHERE) or verdict not in VERDICTS:
             raise RejectedError(f"the claim `{name}: {verdict}` is unknown")
-    claims = {name for name, verdict in given.items() if verdict == PROVED and name in CLAIMS}
+    claims = {name for name, verdict in claimed.items() if verdict == PROVED and name in CLAIMS}
     if not claims:
         raise RejectedError("nothing is claimed")
     return claims
 
 
-def check_module_claims(system: System, module: Module, given: dict[str, str]) -> None:
+def check_module_claims(system: System, module: Module, claims: dict[str, str]) -> None:
     """P1a, P1b, and that a DM can give control back; `RejectedError` where they overstate."""
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     latch = module.symbol.latch
-    if given.get("P2b") == PROVED and latch is not None and latch.topic is None:
+    if claims.get("P2b") == PROVED and latch is not None and latch.topic is None:
         raise RejectedError("P2b: the DM never gives control back (`returns never`)")
-    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
+    if claims.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     outputs = [{*c.writes} for c in (ac, sc) if c.node]
     same = module.outputs and all(of == set(module.outputs) for of in outputs)
-    if given.get("P1b") == PROVED and not same:
+    if claims.get("P1b") == PROVED and not same:
         raise RejectedError("P1b: AC and SC do not publish the same topics")
 
 
@@ -97,10 +97,10 @@ def p1c_of(facts: Facts) -> str:
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
-def check_static_claims(facts: Facts, given: dict[str, str]) -> None:
+def check_static_claims(facts: Facts, claims: dict[str, str]) -> None:
     """Compare P1a, P1b and P1c with the program; `RejectedError` where they overstate."""
-    check_module_claims(facts.flying, facts.flying_module, given)
-    if given.get("P1c") not in (PROVED, "assumed"):
+    check_module_claims(facts.flying, facts.flying_module, claims)
+    if claims.get("P1c") not in (PROVED, "assumed"):
         return
     if facts.times["H_ns"] < facts.times["H_star_ns"]:
         raise RejectedError("P1c: the horizon is shorter than H*")
@@ -109,7 +109,7 @@ def check_static_claims(facts: Facts, given: dict[str, str]) -> None:
     if blind and facts.times["H_ns"] < facts.start_ns:
         # an "AC" verdict shows nothing of what SC alone reads: only from h_0 on it is there
         raise RejectedError(f"P1c: `{blind[0]}`, which the DM does not read, may come after H")
-    if given["P1c"] == PROVED != p1c_of(facts):
+    if claims["P1c"] == PROVED != p1c_of(facts):
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
@@ -128,8 +128,8 @@ class TaskProcesses:
         self._answers: list[Connection] = []
         for first in range(workers):
             ours, theirs = fork.Pipe(duplex=False)
-            given = range(first, tasks, workers), answer, theirs, os.getpid()
-            process = fork.Process(target=_answer_tasks, args=given)
+            arguments = range(first, tasks, workers), answer, theirs, os.getpid()
+            process = fork.Process(target=_answer_tasks, args=arguments)
             process.start()
             theirs.close()
             self._processes.append(process)
@@ -145,14 +145,14 @@ class TaskProcesses:
                 ready = wait(self._answers)
                 for side in [x for x in self._answers if x in ready]:
                     try:
-                        number, said = side.recv()
+                        number, answer = side.recv()
                     except EOFError:
                         self._answers.remove(side)
                         continue
-                    if isinstance(said, BaseException):
-                        raise said
+                    if isinstance(answer, BaseException):
+                        raise answer
                     self._left.remove(number)
-                    yield number, said
+                    yield number, answer
                 if self._left and not self._answers:
                     raise BrokenExecutor("a process of the re-check was ended")
         finally:
@@ -207,9 +207,9 @@ class CaseCheck:
         pairs = zip(self.groups, lawful, strict=True)
         self.checks = [g.check(self.model, kept) for g, kept in pairs]
         if facts.unbounded:
-            extras.left_out_states.nothing_reads(self.model, len(self.groups))
+            extras.left_out_states.require_unread_states(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
-        rates_are_defined(self.model, [g.states for g, check in each if check.shows_rates_defined])
+        require_all_rates(self.model, [g.states for g, check in each if check.shows_rates_defined])
         if claims & OF_SETS:
             self._ask_core()
         if claims & FREE:
@@ -244,7 +244,7 @@ class CaseCheck:
         for topic in bounded_topics(facts):
             shown = cells_published_in_set(self.model, parts, topic)
             for check, cells in zip(self.checks, shown, strict=True):
-                check.stay_in_topic_set(topic, cells)
+                check.keep_in_topic_set(topic, cells)
         facts.in_sets = tuple(bounded_topics(facts))
         self._add_tasks(c.show_core() for c in self.checks)
 
@@ -319,7 +319,7 @@ class CaseCheck:
         share_done(self.done / sum(work for _, work in self.tasks))
 
 
-def rates_are_defined(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
+def require_all_rates(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
     """`NotRecheckedError` where a rate may be undefined; `seen_to`: groups that look themselves.
 
     Those are groups that are not linear, and that runs could leave (`grid/flow_enclosures.py`). An

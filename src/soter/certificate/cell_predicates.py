@@ -1,4 +1,4 @@
-"""On which cells predicates certainly hold, by the re-checker's own evaluation.
+"""Cells on which predicates certainly hold, by the re-checker's own evaluation.
 
 Purpose: `certain_cells` finds cells on which `safe` or `safer` holds, `cells_published_in_set`
 those on which what plants publish is in its set; `cells_wrongly_admitted` shows that `ttf` and
@@ -214,9 +214,9 @@ class AdmitCheck:
             safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
             fails = both(negation(safe), conjunction_of(terms.obligations))
             terms.obligations.clear()
-        told = model.predicate(terms, states, expr, errors=True)
+        truth = model.predicate(terms, states, expr, errors=True)
         sound_told = conjunction_of(terms.obligations)
-        refused = negation(told) if admits else told
+        refused = negation(truth) if admits else truth
         fine = either(fails, both(refused, sound_told))
         atoms = [x.atom for x in states]
         self.decision = Decision(model, group.states, terms, atoms, fine)

@@ -170,7 +170,7 @@ def halves(block: Block) -> tuple[Block, Block]:
     )
 
 
-def parts(block: Block, count: int) -> list[Block]:
+def cut_block(block: Block, count: int) -> list[Block]:
     """A block cut into about `count` blocks."""
     blocks = [block]
     while len(blocks) < count:

@@ -131,7 +131,7 @@ class Certificate:
             raise NotRecheckedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
 
     def plain(self, path: object) -> bytes:
-        """A file below `sets/` as it is; RejectedError where there is none."""
+        """The bytes of a file below `sets/`; RejectedError if it is missing."""
         if not isinstance(path, str) or not path.startswith("sets/") or path not in self.contents:
             raise RejectedError(f"there is no table `{path}`")
         self.used.add(path)
@@ -168,11 +168,11 @@ def read_certificate(folder: Path) -> Certificate:
     return Certificate(folder, manifest, contents, set())
 
 
-def _require_this_format(given: object) -> None:
+def _require_this_format(number: object) -> None:
     """NotRecheckedError for the format of another version of Soter: nothing of it is known here."""
-    if type(given) is not int or given < 1:
+    if type(number) is not int or number < 1:
         raise RejectedError("the manifest does not say the version of its format")
-    if other := other_format(given, FORMAT):
+    if other := other_format(number, FORMAT):
         raise NotRecheckedError(f"{other}: make it again with `soter verify --cert`")
 
 
@@ -262,7 +262,7 @@ def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
     if not isinstance(main, str) or f"program/{main}" not in certificate.contents:
         raise RejectedError(f"the main file `{main}` is not in the certificate")
     path = str(certificate.folder / "program" / main)
-    _only_own_files(certificate, path)
+    _require_sealed_files(certificate, path)
     checked = check_file(path)
     overrides: dict[str, Any] = {}
     if checked.program is not None:
@@ -303,7 +303,7 @@ def files_of(path: str) -> list[Path]:
     return paths
 
 
-def _only_own_files(certificate: Certificate, path: str) -> None:
+def _require_sealed_files(certificate: Certificate, path: str) -> None:
     """RejectedError unless imports and data lie in the folder, and nothing else below `program/`.
 
     What lies elsewhere is not sealed; what nobody reads is not part of what is checked.
@@ -345,14 +345,14 @@ def _parameter_value(of: object, value: object, name: str) -> object:
     return value
 
 
-def hexadecimal(text: object, what: str) -> float:
+def hexadecimal(text: object, name: str) -> float:
     """A finite number, written in the one way; RejectedError for any other text."""
     try:
         value = float.fromhex(text)  # type: ignore[arg-type]  # checked here
     except (TypeError, ValueError, OverflowError):
-        raise RejectedError(f"`{what}` is no hexadecimal number") from None
+        raise RejectedError(f"`{name}` is no hexadecimal number") from None
     if text != value.hex() or value - value != 0.0:
-        raise RejectedError(f"`{what}` is not written as it should be")
+        raise RejectedError(f"`{name}` is not written as it should be")
     return value
 
 
@@ -373,13 +373,13 @@ def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: ob
         raise RejectedError("no claim rests on the time to return")
 
 
-def only_keys(entry: object, names: str, what: str, optional: str = "") -> None:
+def require_keys(entry: object, names: str, holder: str, optional: str = "") -> None:
     """`RejectedError` unless an entry has these keys, some of the optional ones, and no other."""
     if not isinstance(entry, dict):
-        raise RejectedError(f"{what} is not as it should be")
+        raise RejectedError(f"{holder} is not as it should be")
     allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
     for name in sorted(entry.keys() ^ allowed):
-        raise RejectedError(f"{what} has {'no' if name in allowed else 'an unknown'} `{name}`")
+        raise RejectedError(f"{holder} has {'no' if name in allowed else 'an unknown'} `{name}`")
 
 
 def stated_in(manifest: dict[str, Any]) -> list[RecheckAssumption]:

@@ -44,8 +44,8 @@ def group_on_cells() -> type[GridGroup]:
 def _inductions() -> ModuleMethod:
     """What checks inductions; NotRecheckedError where the solver is not installed."""
     if find_spec("z3") is None:
-        what = "inductions are checked with `z3-solver`, which is not installed"
-        raise NotRecheckedError(f"{what}: {pip_install('prove')}")
+        text = "inductions are checked with `z3-solver`, which is not installed"
+        raise NotRecheckedError(f"{text}: {pip_install('prove')}")
     from soter.certificate.induction import check_claims  # noqa: PLC0415 - an extra
 
     return ModuleMethod(check_claims.recheck_induction, check_claims.read_entry)

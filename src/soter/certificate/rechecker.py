@@ -38,10 +38,10 @@ from soter.certificate.folder import (
     Certificate,
     NotACertificateError,
     hexadecimal,
-    only_keys,
     program_of,
     read_certificate,
     refuse_cells,
+    require_keys,
     stated_in,
 )
 from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
@@ -138,7 +138,7 @@ def failure_reason(error: Exception) -> str:
 
 def _check_certificate(certificate: Certificate, report: Report, workers: int) -> None:
     manifest = certificate.manifest
-    only_keys(manifest, MANIFEST_KEYS, "the manifest", "assumptions")
+    require_keys(manifest, MANIFEST_KEYS, "the manifest", "assumptions")
     report.stated = stated_in(manifest)
     report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
@@ -188,7 +188,7 @@ def _check_entry(
             system = _system_of_entry(checked, overrides, entry)
             facts, report = whole[0]().check(system, entry)
     else:
-        only_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
+        require_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
         with _rejecting_malformed("a module"):
             facts = read_problem(_system_of_entry(checked, overrides, entry), entry)
     if any(_proved_as(f) == _proved_as(facts) for f in covered):
@@ -218,12 +218,12 @@ def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
 
 
 @contextmanager
-def _rejecting_malformed(what: str) -> Iterator[None]:
+def _rejecting_malformed(part: str) -> Iterator[None]:
     """In this block a value of the wrong kind in the manifest becomes a RejectedError."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise RejectedError(f"{what} of the manifest is not as it should be: {error}") from None
+        raise RejectedError(f"{part} of the manifest is not as it should be: {error}") from None
 
 
 def _system_of_entry(
@@ -247,17 +247,17 @@ def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
     check_supported(facts)
     setting = facts.setting
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
-        extras.sc_locals_and_modes.survives_the_start(facts)  # else every read of SC shows a state
+        extras.sc_locals_and_modes.check_start_answers(facts)  # else every read of SC shows a state
     return facts
 
 
-def _read_levels(facts: Facts, said: object) -> None:
+def _read_levels(facts: Facts, levels: object) -> None:
     """Enter the manifest's number of levels; RejectedError where the program has another one."""
-    if not isinstance(said, int) or isinstance(said, bool) or said < LEVELS_MIN:
+    if not isinstance(levels, int) or isinstance(levels, bool) or levels < LEVELS_MIN:
         raise RejectedError("`levels` is not as it should be")
-    if said != facts.levels and (facts.symbol.verify.levels is not None or not facts.computed):
+    if levels != facts.levels and (facts.symbol.verify.levels is not None or not facts.computed):
         raise RejectedError("the number of levels is another one in the program")
-    facts.levels = said
+    facts.levels = levels
 
 
 @dataclass(eq=False)
@@ -270,22 +270,22 @@ class Claimed:
 
 
 def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
-    """All that an entry says of its module, compared with the program.
+    """The claims and figures of an entry, compared with the program.
 
     RejectedError where they differ, NotRecheckedError where there are too many cases.
     """
     claims = proved_claims(entry["claims"])
     with _rejecting_malformed("a module"):
         compare_figures(facts, entry)
-        given = [c["parameter"] for c in entry["cases"]]
+        parameters = [c["parameter"] for c in entry["cases"]]
     check_static_claims(facts, entry["claims"])
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
-    if given != [*map(list, facts.cases())]:
+    if parameters != [*map(list, facts.cases())]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
 
     def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[GridGroup]:
-        only_keys(case, "parameter groups", "a case")
+        require_keys(case, "parameter groups", "a case")
         if not (case["groups"] or claims & OF_SETS):
             raise NotRecheckedError("no sets were found: P2a, P3 and the start were not proved")
         with _rejecting_malformed("a group"):
@@ -371,9 +371,9 @@ def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
         raise RejectedError("`inputs` is not as it should be")
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
     if len(inputs) < len(facts.states) + len(others):
-        there = [given["name"] for given in inputs if given["kind"] == "state"]
+        names = [entry_input["name"] for entry_input in inputs if entry_input["kind"] == "state"]
         extras.left_out_states.leave_out(
-            facts, [s.name for s in facts.states if s.name not in there]
+            facts, [s.name for s in facts.states if s.name not in names]
         )
     if len(inputs) != len(facts.states) + len(others):
         raise RejectedError("the inputs are others in the program")
@@ -386,11 +386,11 @@ def _state_extents(
     facts: Facts, pairs: Iterable[tuple[Any, Input]]
 ) -> Iterator[tuple[float, float]]:
     """The ranges of the states by the manifest; RejectedError where another range differs."""
-    for i, (given, known) in enumerate(pairs):
-        only_keys(given, "name kind low high", "an input")
-        if (given["name"], given["kind"]) != (known.name, known.kind):
-            raise RejectedError(f"input {given['name']} is {known.name} by the program")
-        low, high = (hexadecimal(given[k], known.name) for k in ("low", "high"))
+    for i, (entry, known) in enumerate(pairs):
+        require_keys(entry, "name kind low high", "an input")
+        if (entry["name"], entry["kind"]) != (known.name, known.kind):
+            raise RejectedError(f"input {entry['name']} is {known.name} by the program")
+        low, high = (hexadecimal(entry[k], known.name) for k in ("low", "high"))
         if i < len(facts.states):
             if facts.axes.get(i, (low, high)) != (low, high):
                 raise RejectedError(f"the grid of {known.name} is another one in the program")
@@ -412,10 +412,10 @@ def read_groups(
         if entry.get("kind") != "grid":
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
         method = group_on_cells()
-        only_keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
+        require_keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
         states, edges = [], []
         for axis in entry["axes"]:
-            only_keys(axis, "state edges", "an axis")
+            require_keys(axis, "state edges", "an axis")
             if axis["state"] not in names:
                 raise RejectedError(f"there is no state `{axis['state']}`")
             states.append(names[axis["state"]])

@@ -28,7 +28,7 @@ FOLLOWED = "its decision module follows SC in flight (`rest`), and its entry doe
 
 
 class RejectedError(Exception):
-    """Something that the certificate says is false, or does not show what it is there to show."""
+    """A statement of the certificate is false, or does not show what it is there to show."""
 
 
 class NotRecheckedError(Exception):
@@ -202,7 +202,7 @@ class Report:
 
     @property
     def accepted(self) -> bool:
-        """Whether everything that is claimed holds."""
+        """Whether every claim holds."""
         return self.verdict == ACCEPTED
 
     @property

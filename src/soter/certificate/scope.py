@@ -86,17 +86,17 @@ def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[
         param = program.param(name)
         assert param is not None
         default = getattr(param.default, "value", None)
-        said = own.params.get(name, own.params.get(param.name))
-        if repr(said) != repr(value):
-            value_by_name[name] = _value_text(program, name, said)
-            contradicted |= repr(said) != repr(default)
+        flown = own.params.get(name, own.params.get(param.name))
+        if repr(flown) != repr(value):
+            value_by_name[name] = _value_text(program, name, flown)
+            contradicted |= repr(flown) != repr(default)
     return value_by_name, contradicted
 
 
 def open_questions(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> list[RecheckAssumption]:
-    """Everything that a reader might think is covered, and is not."""
+    """Assumptions about what a reader might think is covered, and is not."""
     gaps = [*_uncovered_modules(checked, overrides, covered)]
     if values := {n: v for f in covered for n, v in parameters_of(f.flying).items()}:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
@@ -170,8 +170,8 @@ def _open_questions(facts: Covered) -> Said:
     if any(p.component is None for p in system.properties):
         text = f"what system {system.name} says under `always` and `never`"
         yield f"properties {system.name}", f"{text}: only `safe` of {name} is covered"
-    said = system.program.systems.get(system.name)
-    if said is not None and said.faults:
+    own_system = system.program.systems.get(system.name)
+    if own_system is not None and own_system.faults:
         text = f"runs of system {system.name} in which its `faults` go wrong"
         yield f"faults {system.name}", text
 
@@ -181,7 +181,7 @@ WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 
 
 def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list[RecheckAssumption]:
-    """Everything that is taken for granted about one module; `jumps`: what was tried to confirm."""
+    """Assumptions about one module; `jumps`: what was tried to confirm."""
     links = bool(facts.symbol.verify.abstracts)
     parts = (
         _abstraction_conforms(facts) if links else (),
@@ -318,14 +318,14 @@ def _unproved_sets(facts: Facts) -> Iterator[str]:
 
 def _declared_delays(facts: Facts) -> Said:
     verify = facts.symbol.verify
-    for key, (said, name) in DELAYS.items():
+    for key, (delay, name) in DELAYS.items():
         if getattr(verify, name) is not None:
             time = show_ns(facts.times[key])
             if key == "L_ns" and verify.acts_least is not None:
                 time = f"{show_ns(number_of(facts, verify.acts_least))} to {time}"
-            yield f"declared {said} {time}", words("declared", f"{said} {time}")
+            yield f"declared {delay} {time}", words("declared", f"{delay} {time}")
         elif facts.kind == "flow":
-            yield f"undeclared {said}", words("undeclared", said)
+            yield f"undeclared {delay}", words("undeclared", delay)
 
 
 def _timing_assumptions(facts: Facts) -> Said:

@@ -128,8 +128,8 @@ def _vacuous_conditions(
     drawn, gets, keeps, both = 0, 0, 0, 0
     for x in _random_states(facts, chance, groups):
         drawn += 1
-        given, left = (_is_ac_admitted(check, x, chance) for check in checks)
-        gets, keeps, both = gets + given, keeps + left, both + (given and left)
+        switched, left = (_is_ac_admitted(check, x, chance) for check in checks)
+        gets, keeps, both = gets + switched, keeps + left, both + (switched and left)
         if both >= RARE_SHARE * DRAWN:
             return "", ""
     if not drawn:

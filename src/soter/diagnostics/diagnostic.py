@@ -385,7 +385,7 @@ class Diagnostics:
         return self._errors
 
     def raise_errors(self) -> None:
-        """`SoterError` with all of them where one is an error."""
+        """Raises SoterError with every diagnostic if at least one is an error."""
         if self._errors:
             raise SoterError(self.items)
 

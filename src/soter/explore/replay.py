@@ -210,7 +210,7 @@ class _TraceRun:
         """The values that overrunning steps will publish, by component."""
 
     def step(self, number: int, step: Step) -> None:
-        """One step; `NotAllowedError` where it is none of this execution."""
+        """Makes one step; `NotAllowedError` if this execution cannot make it."""
         index = self.schedule.take(step)
         if index is None:
             self._record(number, step, self.draws.end(), _Event())

@@ -17,7 +17,7 @@ from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Fix, Label, Se
 from soter.language.check.checker import check
 from soter.language.elaborate.derived_systems import faultless, without_held_topics
 from soter.language.elaborate.flatten_system import flatten, flatten_loose, implicit_system
-from soter.language.elaborate.lints.module_lints import doubt
+from soter.language.elaborate.lints.module_lints import warn_of_doubtful_parts
 from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.system_numbers import has_param
 from soter.language.elaborate.tested_system import elaborate_test
@@ -249,7 +249,7 @@ def _flatten(
         check_periods(flat, diagnostics, flattening.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
         if lints and sound and not program.damaged and not diagnostics.has_errors:
-            doubt(flat, diagnostics)
+            warn_of_doubtful_parts(flat, diagnostics)
         if symbol.deploys is not None and sound:
             flat.proved = _proved(program, symbol, overrides)
             check_deployed(flat, symbol, diagnostics)

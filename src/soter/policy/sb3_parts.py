@@ -265,7 +265,7 @@ def _dict_observation(path: Path, space: Made) -> ObservationLayout:
 
 
 def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
-    """The bounds of all numbers in one; None where some have none."""
+    """The bounds of all numbers as one pair of arrays; None if a number is unbounded."""
     known = [box for box in boxes if box is not None]
     if len(known) < len(boxes):
         return None

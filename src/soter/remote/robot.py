@@ -117,7 +117,7 @@ class Player:
                 self._thread.start()
             self._changed.notify()
 
-    def instead(self, topic: str, write: Callable[[], None]) -> None:
+    def write_instead(self, topic: str, write: Callable[[], None]) -> None:
         """Ends what is played on a topic, and writes something else."""
         with self._changed:
             self._playing.pop(topic, None)
@@ -267,7 +267,7 @@ class Robot:
         image, writer = t.image(value, clip=clip), self._writer(t)
         now_ns = time.monotonic_ns()
         stamp = now_ns if measured is None else _past(measured, now_ns)
-        self._player.instead(t.name, partial(writer.write, stamp, image))
+        self._player.write_instead(t.name, partial(writer.write, stamp, image))
 
     def publish_chunk(
         self,

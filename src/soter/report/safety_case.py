@@ -84,7 +84,7 @@ class TracedProperty:
 class TracedItem:
     """A hazard or a requirement; `properties`: what it leads to, over requirements, too.
 
-    It is "supported" where all of these are that are no flights, and there is one, and all the
+    "supported": at least one piece of evidence is no flight, all such pieces hold, and so do all
     requirements that it traces to; else "open".
     """
 

@@ -155,7 +155,7 @@ def mode_timeline(
     """
     if width < 1 or len(time_s) == 0:
         return ""
-    ac = _columns(time_s, in_control, width)
+    ac = _control_by_column(time_s, in_control, width)
     edges = [0, *(np.flatnonzero(np.diff(ac.astype(np.int8))) + 1).tolist(), width]
     return "".join(
         _mode_columns(bool(ac[first]), last - first, ascii_only=ascii_only)
@@ -163,7 +163,7 @@ def mode_timeline(
     )
 
 
-def _columns(
+def _control_by_column(
     time_s: NDArray[np.float64], in_control: NDArray[np.bool_], width: int
 ) -> NDArray[np.bool_]:
     """Return who holds each column: (width,) bool, true for AC."""

@@ -248,7 +248,7 @@ def latch_seen(
     """The configuration after a DM looked at its latch, and whether that lets AC have control.
 
     An acknowledgement is a press after a release, both published after the takeover; it counts
-    while it is not older than the `max_age` of its topic. One that is older as it is seen is spent.
+    unless it is older than the `max_age` of its topic when the DM reads it: then it is spent.
     """
     if module.latch is None or mode != SC:
         return c, True

@@ -357,7 +357,7 @@ class _PredicateReader:
         return ""
 
     def _with(self, leaf: typed.TypedExpr, x: float, topics: Sequence[Value]) -> Sequence[Value]:
-        """All topics, one leaf of which is another number."""
+        """A copy of all topics with one leaf replaced."""
         where: list[Any] = []
         while not isinstance(leaf, typed.TopicRead):
             assert isinstance(leaf, (typed.TypedField, typed.Index))

@@ -103,7 +103,7 @@ def snake_case(name: str) -> str:
 
 
 class NodeSources:
-    """The nodes of one system; `mapped`: its topics, of one with several sources each of them."""
+    """The nodes of a system; `mapped`: its topics, one entry for each source of a topic."""
 
     def __init__(
         self, bridged: BridgedSystem, name: str, mapped: Sequence[TopicMap], version: int = 1

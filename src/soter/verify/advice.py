@@ -416,11 +416,11 @@ class DelayAdvice:
             why = self.why_not[self.declared_ns]
             return f"not proved with `{self._written(self.declared_ns)}` as declared: {why}"
         more = show_ns(largest - self.declared_ns)
-        said = f"commands may act {show_ns(largest)} late, {more} more than declared, "
-        said += f"and everything is proved: `{self._written(largest)}`"
+        text = f"commands may act {show_ns(largest)} late, {more} more than declared, "
+        text += f"and everything is proved: `{self._written(largest)}`"
         if refused is None:
-            return f"{said}; nothing longer was tried"
-        return f"{said}; not with {show_ns(refused)}: {self.why_not[refused]}"
+            return f"{text}; nothing longer was tried"
+        return f"{text}; not with {show_ns(refused)}: {self.why_not[refused]}"
 
     def _written(self, most_ns: int) -> str:
         """The clause of the program with this longest delay."""

@@ -1,4 +1,4 @@
-"""Which modules of a program are verified, in which systems and views, and their problems.
+"""Modules of a program that are verified, their systems, views and problems.
 
 Purpose: `modules_of` picks the modules, each in a flat system that has it; `chosen_problems` gives
 the problem of each in every view. `module_named` is one of them, by its full name.
@@ -92,12 +92,12 @@ def _refuse_deployed_system(checked: CheckResult, system: str | None) -> None:
         return
     symbol = meant[0]
     assert symbol.deploys is not None
-    what = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
+    text = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
     there = symbol.deploys
     name = there.name.rpartition(".")[2]
     how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
     helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
-    raise SoterError((Diagnostic("U008", what, helps=helps),))
+    raise SoterError((Diagnostic("U008", text, helps=helps),))
 
 
 def _no_module(module: str, known: list[str]) -> Diagnostic:
@@ -150,9 +150,9 @@ def chosen_problems(
     return chosen, [without_faults(checked.program, flat, p) for p, (flat, _) in pairs]
 
 
-def module_named(checked: CheckResult, name: str, what: Mapping[str, Any]) -> tuple[System, Module]:
+def module_named(checked: CheckResult, name: str, pick: Mapping[str, Any]) -> tuple[System, Module]:
     """The module of this full name, with its flat system."""
-    every = modules_of(checked, **{**what, "module": name})
+    every = modules_of(checked, **{**pick, "module": name})
     return next((flat, m) for flat, m in every if m.name == name)
 
 

@@ -27,7 +27,7 @@ from soter.native.compiler import end_compilers
 from soter.verify.chosen_modules import chosen_problems, modules_of
 from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
-from soter.verify.deploy.missing_predicates import cache_sets
+from soter.verify.deploy.missing_predicates import store_computed_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried, take_back_cells
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
@@ -71,22 +71,22 @@ def verify(
     whose program bounds none of its states; what is verified then is the program with them.
     """
     began = time.perf_counter()
-    what: Any = {"module": module, "system": system, "params": params or {}}
+    pick: Any = {"module": module, "system": system, "params": params or {}}
     read = checked
-    checked, chosen, problems, searches = _problems_or_found(checked, what, budget_s)
+    checked, chosen, problems, searches = _problems_or_found(checked, pick, budget_s)
     results = _verify_problems(problems, refute, explain, search, _proved_by(searches))
     if budget_s and (refute if explain is None else explain):
-        checked, results, further = _with_other_hints(checked, what, results, searches, budget_s)
+        checked, results, further = _with_other_hints(checked, pick, results, searches, budget_s)
         searches += further
-        chosen, problems = chosen_problems(checked, **what) if further else (chosen, problems)
+        chosen, problems = chosen_problems(checked, **pick) if further else (chosen, problems)
     take_back_cells(results, searches)
     assert checked.program is not None
-    whole = {flat.name: flat for flat, _ in modules_of(checked, **what)}
+    whole = {flat.name: flat for flat, _ in modules_of(checked, **pick)}
     coverage = coverage_of(checked, chosen, problems, params or {})
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
             if result.problem.computed:
-                cache_sets(result)
+                store_computed_sets(result)
             enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
             if find_spec("flint") is not None:
                 result.ask_rechecker = partial(_why_not_recheckable, whole[flat.name], result)
@@ -117,23 +117,23 @@ def verify(
 
 
 def _problems_or_found(
-    checked: CheckResult, what: Mapping[str, Any], budget_s: float
+    checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[CheckResult, list[tuple[System, Module]], list[Problem], tuple[ProofSearch, ...]]:
     """The program, its modules and their problems; with hints found where it bounds no states."""
     try:
-        return checked, *chosen_problems(checked, **what), ()
+        return checked, *chosen_problems(checked, **pick), ()
     except SoterError as error:
         if not budget_s or {d.code for d in error.diagnostics} != {"R008"}:
             raise
         from soter.verify.search.searched_program import with_found_hints  # noqa: PLC0415 - rarely
 
-        checked, searches = with_found_hints(checked, what, budget_s, error)
-    return checked, *chosen_problems(checked, **what), searches
+        checked, searches = with_found_hints(checked, pick, budget_s, error)
+    return checked, *chosen_problems(checked, **pick), searches
 
 
 def _with_other_hints(
     checked: CheckResult,
-    what: Mapping[str, Any],
+    pick: Mapping[str, Any],
     results: list[ModuleResult],
     searches: Sequence[ProofSearch],
     budget_s: float,
@@ -145,7 +145,7 @@ def _with_other_hints(
         return checked, results, ()
     from soter.verify.search.searched_program import searched_anew  # noqa: PLC0415 - rarely
 
-    checked, further = searched_anew(checked, what, others, budget_s)
+    checked, further = searched_anew(checked, pick, others, budget_s)
     proved = _proved_by(further)
     return checked, [proved.get(r.name, r) for r in results], further
 
@@ -237,12 +237,12 @@ def _page(report: VerifyReport) -> str:
 
 
 def _command_line(
-    path: str, module: str | None, system: str | None, given: Mapping[str, object]
+    path: str, module: str | None, system: str | None, parameters: Mapping[str, object]
 ) -> str:
     words = ["soter", "verify", path]
     words += ["--module", module] if module else []
     words += ["--system", system] if system else []
-    for name, value in given.items():
+    for name, value in parameters.items():
         words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
     return shlex.join(words)
 

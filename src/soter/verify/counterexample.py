@@ -235,7 +235,7 @@ class _AttackedRun:
             return False
 
     def repeating_state(self, module: int) -> object:
-        """Everything that the future depends on, but for the time itself."""
+        """The parts of the state on which the future depends, but for the time itself."""
         c = self.c
         ages = tuple(c.ct - c.stamps[t] for t in self.system.modules[module].inputs)
         return (
@@ -245,10 +245,10 @@ class _AttackedRun:
 
     def steps(self) -> tuple[dict[str, Any], ...]:
         """The last DM instants and the final one, for people."""
-        told = [self._step_document(*kept) for kept in self._last]
+        documents = [self._step_document(*kept) for kept in self._last]
         if not self._last or self._last[-1][0] is not self.c:
-            told.append(self._step_document(self.c, (), self._choices_so_far()))
-        return tuple(told)
+            documents.append(self._step_document(self.c, (), self._choices_so_far()))
+        return tuple(documents)
 
     def _step_document(
         self, c: Configuration, verdicts: tuple[DecisionVerdict, ...], chosen: dict[str, Value]
@@ -339,29 +339,29 @@ def read_counterexample(path: Path) -> Counterexample:
         raise ValueError(f"`{path}` is a damaged counterexample: {error}") from error
 
 
-def _checked_type(given: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
-    if not isinstance(given, wanted) or isinstance(given, bool):
-        raise TypeError(f"{str(given)[:40]!r} is no {wanted.__name__}")
-    return given
+def _checked_type(value: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
+    if not isinstance(value, wanted) or isinstance(value, bool):
+        raise TypeError(f"{str(value)[:40]!r} is no {wanted.__name__}")
+    return value
 
 
-def _one_of_known(given: object, known: tuple[str, ...]) -> str:
-    if given not in known:
-        raise TypeError(f"{str(given)[:40]!r} is none of {', '.join(known)}")
-    return str(given)
+def _one_of_known(value: object, known: tuple[str, ...]) -> str:
+    if value not in known:
+        raise TypeError(f"{str(value)[:40]!r} is none of {', '.join(known)}")
+    return str(value)
 
 
-def _checked_time(given: object) -> int:
-    time: int = _checked_type(given, int)
+def _checked_time(value: object) -> int:
+    time: int = _checked_type(value, int)
     if not 0 <= time <= TIME_MAX:
         raise TypeError("a time is out of range")
     return time
 
 
-def _chosen_values(given: object) -> list[tuple[int, Any]]:
+def _chosen_values(entries: object) -> list[tuple[int, Any]]:
     """The choices of one stream as (index, value); they are checked when they are drawn."""
     choices = []
-    for entry in _checked_type(given, list):
+    for entry in _checked_type(entries, list):
         index, value = _checked_type(entry, list)
         if isinstance(value, (list, dict, str)) or value is None:
             raise TypeError("a choice is no value")

@@ -141,7 +141,7 @@ def store_verdicts_of_file(
     file = _verdicts_file(path)
     records = stored_verdicts_of_file(path)
     same = next((r for r in records if r["program_sha256"] == program_sha256), None)
-    now = {name: {**said, "when_s": time.time()} for name, said in modules.items()}
+    now = {name: {**verdict, "when_s": time.time()} for name, verdict in modules.items()}
     before = {} if same is None else same["modules"]
     record = {"program_sha256": program_sha256, "modules": {**before, **now}}
     other_records = [r for r in records if r is not same]

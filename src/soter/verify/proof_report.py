@@ -258,10 +258,10 @@ def _vacuity_clause(report: VerifyReport) -> str:
     if report.verdict not in ("proved", "assumed") or not little:
         return ""
     several = len(report.modules) > 1
-    said = [
+    texts = [
         f"{m.name}: {m.vacuity.text}" if several else m.vacuity.text for m in little if m.vacuity
     ]
-    return f", but {'; '.join(said)}"
+    return f", but {'; '.join(texts)}"
 
 
 def _module_proof(m: ModuleResult) -> ModuleProof:

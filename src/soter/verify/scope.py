@@ -152,7 +152,7 @@ def coverage_of(
 
 
 def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> list[int]:
-    """Which problems a module poses in its first view; empty where some view poses none."""
+    """Indices of the problems that a module poses in its first view; empty if a view poses none."""
     keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
     return every[0] if all(every) else []
@@ -301,34 +301,34 @@ def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[Scop
         there = [t for t in flat.topics if t.symbol is topic.symbol]
         there.sort(key=lambda t: not t.name.startswith(holder_of(module)))
         by = (there[0] if there else topic).driver or "nobody (its default)"
-        what = f"{topic.name} lies in its declared set"
-        guarantees.append(ScopeGuarantee(problem.name, what, by, "enforced"))
+        text = f"{topic.name} lies in its declared set"
+        guarantees.append(ScopeGuarantee(problem.name, text, by, "enforced"))
     return guarantees
 
 
 def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
-    """All that a module relies on outside of itself, and who guarantees it."""
+    """The guarantees on which a module relies, outside of itself, and who gives each."""
     guarantees = _set_guarantees(flat, module, problem)
     guarantees += _mode_guarantees(problem)
     guarantees += _influence_guarantees(flat, problem)
     for link in module.symbol.verify.abstracts:
-        what = f"{link.instance} behaves like {link.plant.name}, whatever others do"
-        guarantees.append(ScopeGuarantee(problem.name, what, link.instance, "assumed"))
+        line = f"{link.instance} behaves like {link.plant.name}, whatever others do"
+        guarantees.append(ScopeGuarantee(problem.name, line, link.instance, "assumed"))
     for parameter in problem.parameters:
-        what = f"{parameter.name} changes only inside S_0 of the new value"
-        guarantees.append(ScopeGuarantee(problem.name, what, "whoever changes it", "assumed"))
+        line = f"{parameter.name} changes only inside S_0 of the new value"
+        guarantees.append(ScopeGuarantee(problem.name, line, "whoever changes it", "assumed"))
     for text in problem.progress_texts:
-        what = f"progress, for P2b alone: {text}"
+        line = f"progress, for P2b alone: {text}"
         by = "the program: proved by nobody"
-        guarantees.append(ScopeGuarantee(problem.name, what, by, "assumed"))
+        guarantees.append(ScopeGuarantee(problem.name, line, by, "assumed"))
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
         moved = " and what is said of others" if problem.influences else ""
-        what = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
-        guarantees.append(ScopeGuarantee(problem.name, what, "the equations", "enforced"))
+        line = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
+        guarantees.append(ScopeGuarantee(problem.name, line, "the equations", "enforced"))
     if problem.quantities.disturbances:
-        what = "disturbances within their ranges"
-        guarantees.append(ScopeGuarantee(problem.name, what, "the world", "declared"))
+        line = "disturbances within their ranges"
+        guarantees.append(ScopeGuarantee(problem.name, line, "the world", "declared"))
     return guarantees
 
 
@@ -351,18 +351,18 @@ def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee
     guarantees = []
     for i in problem.influences:
         index, by = _flying_topic(flat, problem, i.topic)
-        what = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
+        text = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
         plant = next((c for c in flat.components if c.plant and index in c.writes), None)
         if plant is None:
             guarantees.append(
-                ScopeGuarantee(problem.name, what, by or "nobody (its default)", "enforced")
+                ScopeGuarantee(problem.name, text, by or "nobody (its default)", "enforced")
             )
             continue
         keeper, how = topic_contract_of(flat, index, i.leaf, i.low, i.high), "guaranteed"
         if not keeper:
             keeper, how = publisher_of(flat, plant), "published"
         guarantees.append(
-            ScopeGuarantee(problem.name, what, keeper or by, how if keeper else "assumed")
+            ScopeGuarantee(problem.name, text, keeper or by, how if keeper else "assumed")
         )
     return guarantees
 

@@ -271,7 +271,7 @@ def free_name(name: str, text: str) -> str:
 
 
 def _start_of_module(symbol: ModuleSymbol) -> int:
-    """Where `rta Name` begins, or the comment lines right above it."""
+    """The offset at which `rta Name` begins, or the comment lines right above it."""
     text = symbol.span.source.text
     at = text.rfind("\n", 0, symbol.span.start) + 1
     while at > 0:

@@ -25,8 +25,9 @@ from soter.verify.claims.choice import choose, given_up_note, shrink_core, with_
 from soter.verify.claims.claims import (
     HOW,
     IN_PROOF,
-    after_core,
+    check_after_core,
     check_return_time,
+    enter_static_claims,
     find_way_back,
     find_way_back_for_report,
     note_narrowed_leaves,
@@ -34,7 +35,6 @@ from soter.verify.claims.claims import (
     scheme_diverges,
     shown_scheme,
     solution_assumptions,
-    static_claims,
     weaken_if_waiting,
 )
 from soter.verify.claims.grid_refinement import announce_work, refined_groups, refinement_note
@@ -242,7 +242,7 @@ def _examine_claims(case: Case) -> None:
         for claim in CLAIMS[1:]:
             case.fail(claim, NO_CORE)
         return
-    after_core(case)
+    check_after_core(case)
     waits_for_all = case.problem.computed  # P2b, for the sets of all cases
     if not (waits_for_all or case.problem.stays or postpone_p2b(case)):
         _examine_return(case, find_way_back)
@@ -253,7 +253,7 @@ def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
     with ClaimTimer(case, "P2b"):
         way_back(case)
     if shrink_core(case):
-        after_core(case)
+        check_after_core(case)
         check_return_time(case)
 
 
@@ -263,7 +263,7 @@ def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
 def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> None:
     """Enters the findings on all properties but DM; `unentered`: why `enters` is not shown."""
     problem, findings = result.problem, result.findings
-    static_claims(problem, result)
+    enter_static_claims(problem, result)
     findings |= {claim: _finding_on_claim(problem, done, claim) for claim in CLAIMS}
     findings["P3"] = _p3_finding(result, sum(c.spent.get("P3", 0.0) for c in done))
     if "scheme" in result.assumed and (diverges := scheme_diverges(problem)):
@@ -321,7 +321,7 @@ def _hand_over_assumptions(problem: Problem, done: list[Case]) -> tuple[Mapping[
 def _weaken_if_proved(finding: Finding, why: str, hint: str) -> None:
     """Makes a proved finding undecided, with this reason; others have their own reasons."""
     if finding.verdict == PROVED:
-        finding.rest_on(UNDECIDED, why, hint)
+        finding.weaken_to(UNDECIDED, why, hint)
 
 
 def _lease_assumption(problem: Problem) -> Assumption:
@@ -359,7 +359,7 @@ def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding
     names = [p.name for p in problem.parameters]
     for case in done:
         for failure in case.failed(claim):
-            finding.rest_on(UNDECIDED)
+            finding.weaken_to(UNDECIDED)
             finding.text = finding.text or failure.text
             finding.hint = finding.hint or failure.hint
             if failure.cells is not None and failure.proof is not None:
@@ -380,10 +380,10 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
     if claim in ("ttf", "safer"):
         if problem.computed:
             return f"`{claim}` is computed from the sets{many}"
-        what = {"ttf": "not ttf", "safer": "safer"}[claim]
+        premise = {"ttf": "not ttf", "safer": "safer"}[claim]
         where, finding.counts = proved_in_words(done, claim)
         nothing = "" if any(finding.counts.values()) else OF_NOTHING
-        return f"{nothing}{what} implies R(H), {where}{many}"
+        return f"{nothing}{premise} implies R(H), {where}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
         if problem.module.symbol.acknowledgements:
@@ -402,7 +402,7 @@ def _p3_finding(result: ModuleResult, seconds: float) -> Finding:
     text = f"whatever AC publishes for {show_ns(times.horizon_ns)}, the state stays in K"
     finding = Finding(PROVED, seconds + ttf.seconds + safer.seconds, HOW["P3"], text)
     if bad is not None:
-        finding.rest_on(bad.verdict, bad.text, bad.hint)
+        finding.weaken_to(bad.verdict, bad.text, bad.hint)
         finding.regions = list(bad.regions)
     return finding
 

@@ -242,7 +242,7 @@ class Robot:
             def sets(self, problem: Problem) -> None:
                 del problem
 
-            def built(self, problem: Problem, tables: Any) -> None:
+            def check_build(self, problem: Problem, tables: Any) -> None:
                 heard.extend((problem, tables))
 
         there = self.program.declared().proved

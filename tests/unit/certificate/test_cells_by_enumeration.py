@@ -15,13 +15,13 @@ from soter.certificate.cell_sets import (
     block_index,
     cells_uncovered,
     cells_unshown,
+    cut_block,
     halves,
     holds_in_parts,
-    parts,
     smallest_block,
     volume,
 )
-from soter.certificate.extras.left_out_states import WIDER, beyond, has_no_ends
+from soter.certificate.extras.left_out_states import WIDER, beyond_ends, has_no_ends
 from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
@@ -168,10 +168,10 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
 def test_what_lies_beyond_is_covered_without_gaps(edges: tuple[float, ...]) -> None:
     grid = grid_beyond((edges, EDGES), (True, False))
     width = edges[-1] - edges[0]
-    up = beyond(edges, low=False, high=True)
-    down = beyond(edges, low=True, high=False)
-    assert beyond(edges, low=False, high=False) == []
-    assert len(beyond(edges, low=True, high=True)) == len(up) + len(down)
+    up = beyond_ends(edges, low=False, high=True)
+    down = beyond_ends(edges, low=True, high=False)
+    assert beyond_ends(edges, low=False, high=False) == []
+    assert len(beyond_ends(edges, low=True, high=True)) == len(up) + len(down)
     for intervals in (up, [(-b, -a) for a, b in down]):
         end = edges[-1] if intervals is up else -edges[0]
         assert intervals[0][0] == end
@@ -223,7 +223,7 @@ def test_sets_are_counted_and_blocks_cut(shape: tuple[int, ...]) -> None:
             assert lengths[axis] == max(lengths)
             assert 0 <= volume(other) - volume(one) <= volume(block) // lengths[axis]
         for count in (1, 2, 3, 100):
-            cut = parts(block, count)
+            cut = cut_block(block, count)
             assert len(cut) == min(count, volume(block))
             assert set().union(*map(cells_in, cut)) == cells_in(block)
             assert sum(map(volume, cut)) == volume(block)
@@ -232,7 +232,7 @@ def test_sets_are_counted_and_blocks_cut(shape: tuple[int, ...]) -> None:
 
 
 def test_the_largest_part_is_cut_first() -> None:
-    cut = parts(((0, 9),), 4)
+    cut = cut_block(((0, 9),), 4)
     assert sorted(map(volume, cut)) == [2, 2, 2, 3]
 
 

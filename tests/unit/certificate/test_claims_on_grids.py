@@ -121,11 +121,11 @@ def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
     for members, fine in (((0, 1, 1, 0), True), ((1, 1, 0, 1), False)):
         check = check_of(tables([0, 1, 1, 0]), system=topic)
         if fine:
-            check.stay_in_topic_set(3, Cells(LINE, bools(*members)))
+            check.keep_in_topic_set(3, Cells(LINE, bools(*members)))
             assert check.allowed.tolist() == [False, True, True, False]
         else:
             with pytest.raises(RejectedError, match="`seen` lies"):
-                check.stay_in_topic_set(3, Cells(LINE, bools(*members)))
+                check.keep_in_topic_set(3, Cells(LINE, bools(*members)))
 
 
 def test_a_free_phase_is_shown_where_something_may_be_left(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -356,7 +356,7 @@ def test_k_and_the_time_to_return_rest_on_claims(claim: str) -> None:
 
 def test_an_entry_has_its_keys_and_no_others() -> None:
     def ask(*keys: str) -> None:
-        folders.only_keys(dict.fromkeys(keys), "a b", "it", "c d")
+        folders.require_keys(dict.fromkeys(keys), "a b", "it", "c d")
 
     for more in itertools.chain.from_iterable(itertools.combinations("cd", n) for n in range(3)):
         ask("a", "b", *more)
@@ -367,4 +367,4 @@ def test_an_entry_has_its_keys_and_no_others() -> None:
         ask("a", "b", "e")
     for entry in (["a", "b"], "a b", None):
         with pytest.raises(RejectedError, match="not as it should be"):
-            folders.only_keys(entry, "a b", "it")
+            folders.require_keys(entry, "a b", "it")

@@ -331,7 +331,7 @@ def test_what_is_not_understood_is_refused(program: Any) -> None:
     with pytest.raises(NotRecheckedError, match="SimpleNamespace"):
         reader.value(strange, frame)
     with pytest.raises(NotRecheckedError, match="simplenamespace"):
-        reader._simple(strange, frame)
+        reader._run_simple(strange, frame)
     fun = program.funs["one"]
     (parameter,) = fun.parameters
     read: Any = SimpleNamespace(variable=parameter)

@@ -10,7 +10,7 @@ from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate.extras import node_paths
 from soter.certificate.extras.estimates_and_shield import command_cells
-from soter.certificate.extras.sc_locals_and_modes import survives_the_start
+from soter.certificate.extras.sc_locals_and_modes import check_start_answers
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.rechecker import read_problem
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -294,7 +294,7 @@ def test_sc_may_not_fault_on_a_state_beside_a_default(
 ) -> None:
     facts = facts_of(tmp_path, text, *pairs)
     with pytest.raises(NotRecheckedError, match="fault on what it then reads"):
-        survives_the_start(facts)
+        check_start_answers(facts)
 
 
 @pytest.mark.parametrize(
@@ -305,7 +305,7 @@ def test_sc_may_not_fault_on_a_state_beside_a_default(
 def test_what_is_published_at_once_is_default_at_once(tmp_path: Path, pairs: Pairs) -> None:
     facts = facts_of(tmp_path, SEEN, *pairs)
     assert facts.setting.first_available(0, facts.setting.by_sc) > facts.setting.sc.phase
-    survives_the_start(facts)
+    check_start_answers(facts)
 
 
 # ---------------------------------------------------------------- commands through other modules

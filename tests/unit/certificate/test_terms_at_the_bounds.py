@@ -359,13 +359,13 @@ def test_a_field_that_the_list_does_not_have_is_refused(monkeypatch: pytest.Monk
         entries: Any = {} if names is None else {Part: names}
         monkeypatch.setattr(supported_constructs, "ELABORATED", entries)
         with pytest.raises(NotRecheckedError, match="not known here"):
-            supported_constructs._only_known_fields(Part)
+            supported_constructs._require_known_fields(Part)
     entries = {Part: "known added", int: ""}
     monkeypatch.setattr(supported_constructs, "ELABORATED", entries)
     for of in entries:
-        supported_constructs._only_known_fields(of)
+        supported_constructs._require_known_fields(of)
     with pytest.raises(NotRecheckedError, match="not known here"):
-        supported_constructs._only_known_fields(float)
+        supported_constructs._require_known_fields(float)
 
 
 def test_a_state_is_followed_through_names(tmp_path: Path) -> None:

@@ -161,17 +161,17 @@ def test_a_proposition_is_strict_and_false_unless_it_says_else() -> None:
 def test_a_demand_is_made_where_the_code_runs() -> None:
     terms, x, y = two_inputs()
     terms.path = p = terms.below_zero(x)
-    terms.oblige(TRUE)
+    terms.add_obligation(TRUE)
     assert terms.obligations == []
-    terms.oblige(terms.below_zero(y))
+    terms.add_obligation(terms.below_zero(y))
     (demand,) = terms.obligations
     for a, b in itertools.product((-1.0, 1.0), repeat=2):
         assert holds(terms, demand, a, b) is (a >= 0 or b < 0)
     terms.path = TRUE
-    terms.oblige(FALSE)
+    terms.add_obligation(FALSE)
     assert terms.obligations[1:] == [FALSE]
     terms.path = FALSE
-    terms.oblige(p)
+    terms.add_obligation(p)
     assert len(terms.obligations) == 2
 
 

@@ -48,7 +48,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
             show_core=lambda: noted(f"core {k}"),
             note_safe_cells=lambda cells: asked.append(f"safe {k} {cells}"),
             show_predicate=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
-            stay_in_topic_set=lambda t, cells: noted(f"published {k} {t} {cells}"),
+            keep_in_topic_set=lambda t, cells: noted(f"published {k} {t} {cells}"),
             show_return=lambda cells: noted(f"home {k} {cells}"),
             holds_to_return=k + 1,
         )
@@ -64,8 +64,10 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     symbol = SimpleNamespace(safe="safe", safer="safer", verify=SimpleNamespace(recover=None))
     known = {"unbounded": set(), "times": {"H_ns": 7}, "computed": False, "between_ns": 3}
     own = SimpleNamespace(symbol=symbol, ttf="ttf", in_sets=(), **{**known, **facts})
-    monkeypatch.setattr(left_out_states, "nothing_reads", lambda _, n: asked.append(f"reads {n}"))
-    monkeypatch.setattr(case_check, "rates_are_defined", lambda _, s: asked.append(f"rates {s}"))
+    monkeypatch.setattr(
+        left_out_states, "require_unread_states", lambda _, n: asked.append(f"reads {n}")
+    )
+    monkeypatch.setattr(case_check, "require_all_rates", lambda _, s: asked.append(f"rates {s}"))
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
     monkeypatch.setattr(case_check, "cells_published_in_set", lambda *_: ["c0", "c1"])
     model: Any = SimpleNamespace(facts=own, parameter=(), extents=())
@@ -233,9 +235,12 @@ def test_when_the_start_of_sc_is_asked_about(
     )
     facts = SimpleNamespace(setting=setting, levels=3)
     monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)
-    for of, name in ((rechecker, "check_supported"), (sc_locals_and_modes, "survives_the_start")):
+    for of, name in (
+        (rechecker, "check_supported"),
+        (sc_locals_and_modes, "check_start_answers"),
+    ):
         monkeypatch.setattr(of, name, lambda _, name=name: done.append(name))
     none: Any = None
     found: Any = rechecker.read_problem(none, {"module": "M"})
     assert found is facts
-    assert done == ["check_supported"] + ["survives_the_start"] * (first != phase)
+    assert done == ["check_supported"] + ["check_start_answers"] * (first != phase)

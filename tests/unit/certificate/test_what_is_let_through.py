@@ -258,9 +258,9 @@ def test_an_sc_is_nothing_but_its_step() -> None:
         sc: Any = SimpleNamespace(**{**plain, **change})
         if words:
             with pytest.raises(NotRecheckedError, match=words):
-                supported_constructs._safe_controller(sc)
+                supported_constructs._require_supported_sc(sc)
         else:
-            supported_constructs._safe_controller(sc)
+            supported_constructs._require_supported_sc(sc)
 
 
 def test_a_plant_is_source_and_publishes_from_the_start() -> None:
@@ -460,12 +460,12 @@ def test_rates_are_defined_or_somebody_looks(
 ) -> None:
     model = model_of(facts_with(tmp_path, ("der p = v;", f"der p = {rate};")))
     if fine:
-        case_check.rates_are_defined(model, seen)
+        case_check.require_all_rates(model, seen)
     else:
         with pytest.raises(NotRecheckedError, match="not defined everywhere"):
-            case_check.rates_are_defined(model, seen)
+            case_check.require_all_rates(model, seen)
 
 
 def test_of_a_map_every_cell_is_asked(tmp_path: Path) -> None:
     pairs = (*MAP[1:], ("der p = v;", "next p = 1.0 / v;"))
-    case_check.rates_are_defined(model_of(facts_with(tmp_path, *pairs)), [])
+    case_check.require_all_rates(model_of(facts_with(tmp_path, *pairs)), [])

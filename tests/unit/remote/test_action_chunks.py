@@ -91,7 +91,7 @@ def test_no_actions_end_what_is_played(played: Played) -> None:
 
 def test_something_else_ends_what_is_played(played: Played) -> None:
     played.begin("abcd")
-    played.player.instead("wish", lambda: played.written(1010 * MS, b"!"))
+    played.player.write_instead("wish", lambda: played.written(1010 * MS, b"!"))
     assert played.at(20) is None
     assert played.written.all == [(0, b"a"), (10, b"!")]
 

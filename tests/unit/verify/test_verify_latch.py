@@ -177,7 +177,7 @@ def test_nobody_who_acknowledges_is_no_counterexample_of_the_way_back(tmp_path: 
     quiet = CART.replace(" input button every 100ms;", "")
     module = proved(tmp_path, quiet, AFTER)
     finding = module.findings["P2b"]
-    finding.rest_on("undecided", "told so")
+    finding.weaken_to("undecided", "told so")
     enter_refutations(module.problem, module)
     assert finding.verdict == "undecided"
     stays = quiet.replace("clamp(-pos, -1.0, 1.0)", "0.0")

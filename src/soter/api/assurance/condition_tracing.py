@@ -128,7 +128,7 @@ def _decided(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
 
 
 def _summed(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
-    """Each with all that was shown before it."""
+    """Sums up: each pair with the union of what it and all pairs before it show."""
     total: Shown = {}
     for what, seen in shown:
         total = {k: total.get(k, set()) | seen.get(k, set()) for k in total.keys() | seen.keys()}

@@ -213,7 +213,7 @@ class Evidence:
             tell(why)
         return read
 
-    def tests(self, case: SafetyCase, *, explored: bool) -> None:
+    def add_tests(self, case: SafetyCase, *, explored: bool) -> None:
         """Adds a goal for each test: supported if it was explored now and is clean."""
         own = [n for n in self.flat.program.tests if "." not in n] if explored else []
         names = list(dict.fromkeys([*self.told, *own]))
@@ -259,7 +259,7 @@ class Evidence:
                 case.add(node, beside=child)
         case.add(leaf, under=child)
 
-    def campaign(self, case: SafetyCase, most: int) -> None:
+    def add_campaign(self, case: SafetyCase, most: int) -> None:
         """Adds a goal for the campaign: flights are flown again and compared with the digests."""
         if self.flights is None:
             return

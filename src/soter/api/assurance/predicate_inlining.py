@@ -358,7 +358,7 @@ def _source(fun: typed.FunSymbol) -> str:
 
 
 def _closing_brace(text: str) -> int:
-    """Where the first `{` of a text is closed; braces in comments and strings do not count."""
+    """The index of the brace that closes the first `{`; comments and strings do not count."""
     depth = 0
     for token in re.finditer(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|[{}]', text, re.DOTALL):
         depth += {"{": 1, "}": -1}.get(token[0], 0)

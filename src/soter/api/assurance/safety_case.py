@@ -394,7 +394,7 @@ def assure(
     top = argue(case, flat, proof)
     _add_contexts(case, flat, top)
     tested = _tests(case, evidence, explored=tests, counted=trace)
-    evidence.campaign(case, flights)
+    evidence.add_campaign(case, flights)
     tracing.enter(case)
     if trace:
         trace_conditions(case, flat, program.flat(system, params), tested)
@@ -407,7 +407,7 @@ def _tests(
 ) -> list[tuple[str, Any]]:
     """Adds the goals of tests, and returns what these show of conditions, if that is `counted`."""
     with watched() if counted else nullcontext() as seen:
-        evidence.tests(case, explored=explored)
+        evidence.add_tests(case, explored=explored)
         return [("the tests of the program", seen())] if seen and explored else []
 
 

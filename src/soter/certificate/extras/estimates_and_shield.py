@@ -168,8 +168,8 @@ def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
     show: Any = partial(estimates_of_outside, model, tables, levels[0], inside)
     yield from block_tasks("an estimate in S_0 may be of a state outside R(H), in", grid, show)
     if facts.symbol.shield is not None:
-        for what, of_commands in shield_inclusions(model, tables, check.kernel):
-            yield from block_tasks(what, grid, of_commands)
+        for failure, of_commands in shield_inclusions(model, tables, check.kernel):
+            yield from block_tasks(failure, grid, of_commands)
     free = FreeCheck(model, tables, between_ns)
     for k in range(1, len(levels)):
         if (levels[k] & ~levels[k - 1]).any():
@@ -177,8 +177,8 @@ def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
         calm = eroded_cells(model, tables, Cells(grid, levels[k - 1]))
         if not check.never_left(calm):
             show = partial(estimates_driven_out, free, levels[k], calm)
-            what = f"S_{k} may be left for outside S_{k - 1} at once, from"
-            yield from block_tasks(what, grid, show)
+            failure = f"S_{k} may be left for outside S_{k - 1} at once, from"
+            yield from block_tasks(failure, grid, show)
 
 
 def command_cells(facts: Facts) -> int:
@@ -218,10 +218,10 @@ def _nodes_pass_commands_on(facts: Facts) -> bool:
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [(c, c.node) for c in system.components if c.node is not None and c.name in names]
     shown = {*topic_reads(*(link.value for link in facts.symbol.verify.abstracts))}
-    told = {*facts.flying_module.outputs}.union(*(c.writes for c, _ in nodes))
+    passed_on = {*facts.flying_module.outputs}.union(*(c.writes for c, _ in nodes))
     return all(
         (c.inline or not c.extern)
-        and (({*c.reads} <= told and not node.locals) or {*node.publishes} <= shown)
+        and (({*c.reads} <= passed_on and not node.locals) or {*node.publishes} <= shown)
         for c, node in nodes
     )
 
@@ -259,8 +259,8 @@ def shield_inclusions(
             between = CaseModel(facts, model.parameter, model.extents)
             check = FreeCheck(between, group, horizon)
             ends = f"[{edges[i]:g}, {edges[j + 1]:g}]"
-            what = f"{control.name} in {ends}, which the shield permits, may lead out of K from"
-            yield what, partial(estimates_driven_out, check, claimed, core)
+            failure = f"{control.name} in {ends}, which the shield permits, may lead out of K from"
+            yield failure, partial(estimates_driven_out, check, claimed, core)
 
 
 def command_edge(low: float, high: float, k: int, n: int) -> float:
@@ -424,7 +424,7 @@ def on_finer(tables: GroupTables) -> GroupTables:
     assert grid is not None
     places = zip(tables.grid.edges, grid.edges, strict=True)
     at = np.ix_(*(np.searchsorted(e, f[:-1], side="right") - 1 for e, f in places))
-    given = None if tables.given_back is None else tables.given_back[at]
-    made = GroupTables(tables.states, grid, tables.core[at], given_back=given)
+    given_back = None if tables.given_back is None else tables.given_back[at]
+    made = GroupTables(tables.states, grid, tables.core[at], given_back=given_back)
     made.home, made.rank, made.rank_holds = tables.home, tables.rank, tables.rank_holds
     return made

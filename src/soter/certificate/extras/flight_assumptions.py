@@ -130,17 +130,17 @@ class LoggedAssumptions:
             self._outputs[m.name] = _Outputs(m, *times, next=sc.phase_ns, read=read)
             self._steps[m.name] = Evaluator.of(sc.scope).block(sc.node.step)
 
-    def _doubt(self, time_ns: int, module: Module, text: str) -> None:
+    def _suspect(self, time_ns: int, module: Module, text: str) -> None:
         self.doubts.append(Doubt(time_ns, module.name, CONTRADICTED, text))
 
     # ------------------------------------------------------------ messages
 
-    def message(self, time_ns: int, name: str, value: Value) -> None:
+    def note_message(self, time_ns: int, name: str, value: Value) -> None:
         """Note what was published at a time: its set, its release, the silence before it."""
         self._latest[name] = time_ns, value
         for text in self._outside(name, value):
             for m in self.modules:
-                self._doubt(time_ns, m, text)
+                self._suspect(time_ns, m, text)
         for outputs in self._outputs.values():
             self._answer(outputs, time_ns - 1)
             if name in outputs.topics:
@@ -152,7 +152,7 @@ class LoggedAssumptions:
             if at is not None and ((time_ns - at[1]) % at[0] or sensor.last_ns == time_ns):
                 for m in self._readers(name):
                     text = f"{name} was published otherwise than once at a release of its plant"
-                    self._doubt(time_ns, m, text)
+                    self._suspect(time_ns, m, text)
             self._silence(name, sensor, time_ns)
             sensor.last_ns = time_ns
 
@@ -166,7 +166,7 @@ class LoggedAssumptions:
                 where = f"[{bound.low!r}, {bound.high!r}]"
                 yield f"{leaf_name(name, path)} is {x!r}, outside of its set {where}"
 
-    def truth(self, time_ns: int, plant: Component, states: Sequence[Value]) -> None:
+    def note_truth(self, time_ns: int, plant: Component, states: Sequence[Value]) -> None:
         """Note the states of a plant at a time at which all that it published was told."""
         assert plant.plant is not None
         env = Environment(dict(zip(plant.plant.states, states, strict=True)), time_ns=time_ns)
@@ -193,7 +193,7 @@ class LoggedAssumptions:
                 name = leaf_name(topic.name, path)
                 for m in self._readers(topic.name):
                     text = f"{name} is {x!r} where the plant is at {y!r}, measured within {error!r}"
-                    self._doubt(time_ns, m, text)
+                    self._suspect(time_ns, m, text)
 
     def _readers(self, name: str) -> list[Module]:
         return [m for m in self.modules if name in self._read[m.name]]
@@ -211,7 +211,7 @@ class LoggedAssumptions:
             if missing:
                 most = f"sensors are silent for {show_ns(silent)} longer than that at most"
                 allowed = most if silent else "sensors never drop out"
-                self._doubt(
+                self._suspect(
                     since,
                     m,
                     f"nothing came of {name} for {show_ns(until_ns - since)}, it is published "
@@ -220,7 +220,7 @@ class LoggedAssumptions:
 
     # ------------------------------------------------------------ verdicts
 
-    def verdict(self, time_ns: int, module: Module, *, is_ac: bool, plan: str = "") -> None:
+    def note_verdict(self, time_ns: int, module: Module, *, is_ac: bool, plan: str = "") -> None:
         """Note that the DM said who has control, and of several plans which one SC follows."""
         outputs = self._outputs[module.name]
         self._answer(outputs, time_ns - 1)
@@ -228,7 +228,7 @@ class LoggedAssumptions:
         for name, at in outputs.published.items() if outputs.since is not None else ():
             began = at - outputs.slow
             if began + (outputs.phase - began) % outputs.period >= asked and at < time_ns:
-                self._doubt(at, module, f"SC published {name} before the verdict of its release")
+                self._suspect(at, module, f"SC published {name} before the verdict of its release")
         if is_ac:
             outputs.since = None
             names = [p.name for p in module.symbol.plans]
@@ -249,7 +249,7 @@ class LoggedAssumptions:
 
     # ------------------------------------------------------------ SC, and the end
 
-    def instant_ends(self, time_ns: int) -> None:
+    def end_instant(self, time_ns: int) -> None:
         """All of an instant was told."""
         for outputs in self._outputs.values():
             self._answer(outputs, time_ns)
@@ -262,7 +262,7 @@ class LoggedAssumptions:
             for name in outputs.topics:
                 if outputs.published.get(name) == time_ns and not self._may_be(outputs, name):
                     why = f"SC published {name}, which its step gives on nothing it may have read"
-                    self._doubt(time_ns, outputs.module, why)
+                    self._suspect(time_ns, outputs.module, why)
 
     def _may_be(self, outputs: _Outputs, name: str) -> bool:
         """Whether SC's step gives what a topic has on something that SC may have read."""
@@ -291,7 +291,7 @@ class LoggedAssumptions:
             for name in outputs.topics:
                 if outputs.published.get(name, -1) < max(release, outputs.since):
                     text = f"SC published no {name} in time after its release"
-                    self._doubt(release, outputs.module, text)
+                    self._suspect(release, outputs.module, text)
 
     def _due(self, outputs: _Outputs) -> int:
         """The instant by which SC's outputs of its next release have to be there."""

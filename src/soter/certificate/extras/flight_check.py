@@ -110,12 +110,12 @@ def read_flight(path: Path, system: System, modules: Sequence[Module]) -> Flight
 
     for time_ns, channel, message in messages(path, cut):
         if now is not None and time_ns > now:
-            reader.instant(now, due)
+            reader.read_instant(now, due)
             due = []
         now = time_ns
         due.append((channel, message))
     if now is not None and not log.cut:
-        reader.instant(now, due)
+        reader.read_instant(now, due)
     reader.end(log.to_ns)
     log.doubts.sort(key=lambda d: d.time_ns)
     return log
@@ -136,11 +136,11 @@ class _Verdicts:
         self.plan = module.symbol.plans[0].name if module.plan is not None else ""
         """The plan that SC follows, which is another one after a verdict "AC" alone."""
 
-    def doubts_of(self, time_ns: int, said: dict[str, Any]) -> Iterator[str]:
+    def doubts_of(self, time_ns: int, decision: dict[str, Any]) -> Iterator[str]:
         """Doubts where a verdict contradicts those before it, the mode, or its own predicates."""
-        before, after = (said[f"mode_{at}"] == "AC" for at in ("before", "after"))
+        before, after = (decision[f"mode_{at}"] == "AC" for at in ("before", "after"))
         release = time_ns // self.period * self.period
-        began, ended = (time_ns - release + _lateness(said, at) for at in LATENESS)
+        began, ended = (time_ns - release + _lateness(decision, at) for at in LATENESS)
         if release < self.next:
             yield "it is the second one of its period"
             return
@@ -150,13 +150,13 @@ class _Verdicts:
             yield f"{had} had control before it, and {by_last} by the one before"
         if after != self.in_ac:
             yield f'it says "{_mode_name(after)}", and {_mode_name(self.in_ac)} has control'
-        predicates = said["predicates"]
+        predicates = decision["predicates"]
         # SC gives control back after a fault of AC, too (docs/semantics.md)
         false = [name for name in (*AGAINST, *["gate_fault"] * before) if predicates[name]]
         false += ["safer"] * (not before and not predicates["safer"])
         if after and false:
             yield f'it says "AC" against its own {", ".join(false)}'
-        plan = str(said.get("plan", ""))
+        plan = str(decision.get("plan", ""))
         if plan != self.plan and not after:
             yield f'it has SC follow another plan, `{plan}`, and does not say "AC"'
         self.plan = plan
@@ -176,9 +176,9 @@ class _Verdicts:
         return f"{count} verdicts are missing" if count > 1 else "the verdict is missing" * count
 
 
-def _lateness(said: dict[str, Any], at: str) -> int:
+def _lateness(decision: dict[str, Any], at: str) -> int:
     """How many ns after its instant a step began, or ended; ValueError where that is no time."""
-    late = said.get(at, 0)
+    late = decision.get(at, 0)
     if type(late) is not int or late < 0:
         raise ValueError(f"`{at}` is {late!r}, and no step comes before its release")
     return late
@@ -205,8 +205,8 @@ class _Reader:
         """Topic that the log has messages of -> its last two (time, value), the newest first."""
         self.begun = False
 
-    def instant(self, time_ns: int, due: Sequence[tuple[str, dict[str, Any]]]) -> None:
-        """All that the log has of one instant; SoterError D006 for what it cannot mean."""
+    def read_instant(self, time_ns: int, due: Sequence[tuple[str, dict[str, Any]]]) -> None:
+        """Takes in all messages of one instant; SoterError D006 for what a log cannot mean."""
         self.log.to_ns, self.begun = time_ns, True
         try:
             for channel, message in due:
@@ -214,19 +214,19 @@ class _Reader:
                     value = self._message(channel, message)
                     before = self.published.get(channel, [])
                     self.published[channel] = [(time_ns, value), *before[:1]]
-                    self.assumed.message(time_ns, channel, value)
+                    self.assumed.note_message(time_ns, channel, value)
                 elif channel == MODES_TOPIC and message["module"] in self.modules:
                     self.modules[message["module"]].in_ac = message["mode"] == "AC"
             for channel, message in due:
                 if (plant := self.plants.get(channel)) is not None and plant.plant is not None:
                     states = from_json(plant.plant.truth, message, channel)
-                    self.assumed.truth(time_ns, plant, states)
+                    self.assumed.note_truth(time_ns, plant, states)
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
                     self._add_verdict(time_ns, message)
-            self.assumed.instant_ends(time_ns)
+            self.assumed.end_instant(time_ns)
         except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
-            said = error if isinstance(error, ValueShapeError) else repr(error)
-            why = f"at {time_ns} ns: {said}; is it a log of `{self.system.name}`?"
+            fault = error if isinstance(error, ValueShapeError) else repr(error)
+            why = f"at {time_ns} ns: {fault}; is it a log of `{self.system.name}`?"
             raise unreadable(self.path, why) from error
 
     def end(self, time_ns: int) -> None:
@@ -239,9 +239,9 @@ class _Reader:
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
             self._note_missing(name, module.missing(time_ns + 1 - module.late), module.next)
 
-    def _note_missing(self, name: str, what: str, since_ns: int) -> None:
-        if what:
-            self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, what))
+    def _note_missing(self, name: str, text: str, since_ns: int) -> None:
+        if text:
+            self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, text))
 
     def _add_verdict(self, time_ns: int, message: dict[str, Any]) -> None:
         name = message["module"]
@@ -251,7 +251,7 @@ class _Reader:
         why = list(module.doubts_of(time_ns, message))
         estimate: dict[str, float] = {}
         is_ac = message["mode_after"] == "AC"
-        self.assumed.verdict(time_ns, self.named[name], is_ac=is_ac, plan=module.plan)
+        self.assumed.note_verdict(time_ns, self.named[name], is_ac=is_ac, plan=module.plan)
         if is_ac:
             reads = message.get("reads", {})
             for topic, read in reads.items():
@@ -298,17 +298,17 @@ class _Reader:
                 yield f"it read another {name} than the last one, which came at {came} ns"
             return
         possible = last if last[0][0] == time_ns else last[:1]
-        there = dict(possible).get(time_ns - age)
-        if there is None:
+        published = dict(possible).get(time_ns - age)
+        if published is None:
             yield f"it read {name} of {time_ns - age} ns, and the last one is of {last[0][0]} ns"
-        elif repr(there) != repr(value):  # bit by bit: -0.0 is another number than 0.0
+        elif repr(published) != repr(value):  # bit by bit: -0.0 is another number than 0.0
             yield f"it read {name} of {time_ns - age} ns, and the log has another value of then"
 
     def _message(self, channel: str, message: dict[str, Any]) -> Value:
         """A message as a value of its topic."""
         of = self.topics[channel].type
-        given = message if isinstance(of, RecordType) else message["value"]
-        return from_json(of, given, channel)
+        plain = message if isinstance(of, RecordType) else message["value"]
+        return from_json(of, plain, channel)
 
 
 REST, PLANS = "rest", "plans"
@@ -452,12 +452,12 @@ class Flights:
 
     def _system_of(self, log: str) -> str:
         """The system that flew in a log; SoterError D023 where the certificate is of another."""
-        said = metadata(Path(log))
-        if not said:
+        header = metadata(Path(log))
+        if not header:
             raise unreadable(Path(log), "it does not say what flew")
-        system, own = said.get("system", ""), self._sha256
-        if said.get("program_sha256") != own:
-            other = said.get("program_sha256", "none")
+        system, own = header.get("system", ""), self._sha256
+        if header.get("program_sha256") != own:
+            other = header.get("program_sha256", "none")
             raise _mismatch(log, f"its program is {other[:12]}, that of the certificate {own[:12]}")
         of_entries = dict.fromkeys(e["system"] for e in self._entries)
         assert self._checked.program is not None
@@ -470,7 +470,7 @@ class Flights:
             raise _mismatch(log, why, prove)
         proved = {name: text for name, (text, _) in changed_parameters(self._flats[system]).items()}
         begin = len(PARAMETER)
-        flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}
+        flown = {name[begin:]: text for name, text in header.items() if name.startswith(PARAMETER)}
         for name in sorted(proved.keys() | flown.keys()):
             values = [of.get(name, "the default") for of in (flown, proved)]
             if values[0] != values[1]:
@@ -490,6 +490,6 @@ def _mismatch(log: str, why: str, help_: str = SAME_PROGRAM) -> SoterError:
 
 
 def _cpu_seconds() -> float:
-    """Seconds of processors so far, of this process and of those that it has ended."""
+    """CPU seconds so far of this process and its finished children."""
     t = os.times()
     return t.user + t.system + t.children_user + t.children_system

@@ -158,19 +158,19 @@ def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
     text = " ".join(facts.whole.verify.enters.span.text.split())
     for name, entries in jumps.items():
         for jump in (j for j in entries if not j.why):
-            what = (
+            why = (
                 f"{jump.node} changes what the state of {name} rests on of {jump.topic} only in "
                 "steps that show it to DM and SC, and of which, as they read and publish, "
                 f"`{text}` holds; wherever that holds the state lies in R(H) of where it jumps to"
             )
-            yield f"enters {name} {jump.topic}", what
+            yield f"enters {name} {jump.topic}", why
 
 
 # ---------------------------------------------------------------- where `enters` holds
 
 
 def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.TypedExpr) -> str:
-    """Why it is not shown that `expr` holds only in R(H), in one case; "" where it is.
+    """The reason why `expr` is not shown to hold only in R(H), in one case; "" where it is.
 
     `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
     nothing but what the plants of the view drive. NotRecheckedError for what is not understood.
@@ -193,7 +193,7 @@ def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.T
 
 
 def where_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedExpr) -> str:
-    """Where `expr` may hold outside R(H), in words; not even `safe` is taken to hold there."""
+    """A place outside R(H) where `expr` may hold, in words; not even `safe` is assumed there."""
     grid = group.tables.grid
     assert group.tables.free is not None
     check = AdmitCheck(model, group.tables, expr, admits=True, anywhere=True)
@@ -244,7 +244,7 @@ def _where_outside_grid(
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
-    """Where `expr` may hold outside the grid, in words; "" where it cannot."""
+    """A place outside the grid where `expr` may hold, in words; "" if it cannot."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
     for axes in (g.tables for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
@@ -261,14 +261,14 @@ def _where_outside_grid(
 def _conjunct_checks(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_ConjunctCheck]:
     """The conjuncts of `expr`, each with what must be true so that it is judged without a fault."""
     terms, states = anywhere.new_terms()
-    told = anywhere.predicate(terms, states, expr, errors=True)
+    truth = anywhere.predicate(terms, states, expr, errors=True)
     sound = conjunction_of(terms.obligations)
     atoms = [x.atom for x in states]
-    return [_ConjunctCheck(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
+    return [_ConjunctCheck(anywhere, terms, atoms, part, sound) for part in conjuncts(truth)]
 
 
 class _ConjunctCheck:
-    """One of the parts of a predicate, over states that may lie outside the grid."""
+    """A conjunct of a predicate, over states that may lie outside the grid."""
 
     def __init__(
         self,

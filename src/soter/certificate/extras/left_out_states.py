@@ -1,9 +1,9 @@
 """Checked again: states that a claim need not look at, wholly or beyond the ends of their axes.
 
 Purpose: `leave_out` takes the states that a certificate leaves out from the problem; `refuse_read`
-checks that nothing which is asked depends on them. `nothing_reads` shows that no rate and no
-command of SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap around,
-and `refuse_turns_read` checks that all that reads their states is the same a turn further.
+checks that nothing which is asked depends on them. `require_unread_states` shows that no rate and
+no command of SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap
+around, and `refuse_turns_read` checks that all that reads their states is the same a turn further.
 `GridBeyondEnds` is a grid with such axes.
 Non-goals: sets of the other states (`cell_sets.py`); the rates' values.
 
@@ -137,7 +137,7 @@ def degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
     return max((known[a] for a in x.terms), default=0)
 
 
-def nothing_reads(model: CaseModel, groups: int) -> None:
+def require_unread_states(model: CaseModel, groups: int) -> None:
     """`NotRecheckedError` where a rate or SC may read such a state, or the argument is not for it.
 
     The rates and SC's step are read with states that may be anything up to `FARTHEST`, so that no
@@ -311,7 +311,7 @@ class GridBeyondEnds(Grid):
             parts = [inside]
             if self.unbounded[k] and reads[k]:
                 at_low, at_high = block[k][0] == 0, block[k][1] == self.shape[k]
-                parts += beyond(self.edges[k], low=at_low, high=at_high)
+                parts += beyond_ends(self.edges[k], low=at_low, high=at_high)
             sides.append(parts)
         return [list(box) for box in product(*sides)]
 
@@ -334,7 +334,7 @@ def reach(grid: Grid, axis: int) -> tuple[float, ...]:
     return (-far, *edges[1:-1], far) if has_no_ends(grid, axis) else edges
 
 
-def beyond(edges: Sequence[float], *, low: bool, high: bool) -> list[tuple[arb, arb]]:
+def beyond_ends(edges: Sequence[float], *, low: bool, high: bool) -> list[tuple[arb, arb]]:
     """Intervals that cover what lies beyond the ends of an axis, up to `FARTHEST`."""
     first, last = edges[0], edges[-1]
     below_it = [(-b, -a) for a, b in _intervals_beyond(-first, last - first)] if low else []
@@ -363,8 +363,8 @@ def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int,
 def turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
     """An interval less so many whole turns that it begins on an axis, rounded outwards.
 
-    As it is where it lies on the axis, or where it is so far away that nothing is known there; all
-    of the axis where it is longer than half of it: what is enclosed goes half a turn beyond.
+    Unchanged if it lies on the axis or too far outside it; the whole axis if it is longer than half
+    of it: what is enclosed goes half a turn beyond.
     """
     if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
         return low, high

@@ -43,8 +43,8 @@ def check_instants(facts: Facts, setting: TimingSetting) -> None:
         "`dropout` beside a map": setting.silent,
         "nodes between a map and its module": any(between),
     }
-    for what in (what for what, is_there in beside.items() if is_there):
-        raise NotRecheckedError(what)
+    for reason in (reason for reason, is_there in beside.items() if is_there):
+        raise NotRecheckedError(reason)
     for read, path in paths:
         sensor = path.sensor
         if sensor.phase or step % sensor.period:

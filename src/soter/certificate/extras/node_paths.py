@@ -290,8 +290,8 @@ class NodeWays(Ways):
         """
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
-        said = {**verify.late_of, **verify.response_of}
-        if nodes or c.takes_ns is not None or any(n in said for n in self._names(c)):
+        bounded = {**verify.late_of, **verify.response_of}
+        if nodes or c.takes_ns is not None or any(n in bounded for n in self._names(c)):
             return False
         if (c.extern and not c.inline) or (behind and behind[-1] > c.index):
             return False
@@ -311,7 +311,7 @@ class NodeWays(Ways):
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _is_in_proof(self, c: Component) -> bool:
-        """Whether a plant is one that `abstracts` names; all are where it names none."""
+        """Whether the proof has this plant: one that `abstracts` names, any if it names none."""
         links = self.module.symbol.verify.abstracts
         return not links or any(link.instance in self._names(c) for link in links)
 

@@ -64,16 +64,16 @@ EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 
 
-def read_as_meant(make: Operations, name: str, given: Sequence[Value]) -> Value | None:
+def read_as_meant(make: Operations, name: str, operands: Sequence[Value]) -> Value | None:
     """The term of a call that depends on inputs; None where the function's body is to be read."""
-    step = name == "smoothstep" and given[0] == given[1]
+    step = name == "smoothstep" and operands[0] == operands[1]
     if name in PRELUDE and not step:
-        return prelude(make, name, *given)
-    return nearest_whole(make, *given) if name == "_round" and not make.is_rounded else None
+        return prelude(make, name, *operands)
+    return nearest_whole(make, *operands) if name == "_round" and not make.is_rounded else None
 
 
 @one_number
-def prelude(make: Operations, name: str, *given: Value) -> Linear:
+def prelude(make: Operations, name: str, *operands: Value) -> Linear:
     """A function of the prelude: the exact one within its tested bound (an assumption).
 
     Claimed is that the result stands for all that the machine computes. Let y be the exact
@@ -85,7 +85,7 @@ def prelude(make: Operations, name: str, *given: Value) -> Linear:
     may be infinite. A turn further an argument was rounded by `FAR_TURNS` more.
     NotRecheckedError where the bound is one that is not read here.
     """
-    bound, numbers = BOUNDS[name], [make.finite(x) for x in given]
+    bound, numbers = BOUNDS[name], [make.finite(x) for x in operands]
     if bound.relative:
         raise NotRecheckedError(f"`{name}` has a bound of another kind")
     turned = name in OF_A_TURN and may_be_turned(make.terms, numbers[0])
@@ -99,8 +99,8 @@ def prelude(make: Operations, name: str, *given: Value) -> Linear:
         return make.terms.apply_function(name, *numbers)
     for x, ends in zip(numbers, bound.domain, strict=True):
         low, high = map(exact, ends)
-        make.doubt_below_zero(make.terms.combine(((ONE, x),), -low))
-        make.doubt_below_zero(make.terms.combine(((-ONE, x),), high))
+        make.add_doubt_below_zero(make.terms.combine(((ONE, x),), -low))
+        make.add_doubt_below_zero(make.terms.combine(((-ONE, x),), high))
     if name == "wrap_angle" and make.is_rounded and not turned:
         return make.terms.apply_function("wrapped_double", *numbers)
     value = _exact_function(make, name, *numbers)
@@ -122,7 +122,7 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
     if name == "tan":  # it has no value where the cosine is 0
         cosine = terms.apply_function("cos", *numbers)
         minus = terms.combine(((-ONE, cosine),))
-        make.doubt(either(terms.below_zero(cosine), terms.below_zero(minus)))
+        make.add_doubt(either(terms.below_zero(cosine), terms.below_zero(minus)))
     elif name == "hypot":
         squares = [terms.multiply(x, x) for x in numbers]
         return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
@@ -130,9 +130,9 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
         x, y = numbers
         if y.low == y.high >= 0 and y.low.is_integer():
             return terms.apply_function(name, x, Linear(y.low, {}, ZERO, y.low, y.low))
-        make.doubt_below_zero(x)
+        make.add_doubt_below_zero(x)
         above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
-        make.doubt(either(above, rises))
+        make.add_doubt(either(above, rises))
     elif name == "smoothstep":
         low, high, x = numbers
         parts = terms.subtract(x, low), terms.subtract(high, low)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.extras.left_out_states import beyond, has_no_ends
+from soter.certificate.extras.left_out_states import beyond_ends, has_no_ends
 from soter.certificate.reading.case_model import FARTHEST, control_inputs
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.module_facts import bounded_topics
@@ -152,7 +152,7 @@ class Resting:
         return exact(min(low, 0.0)), exact(max(high, 0.0))
 
     def _rates(self, signs: Signs) -> list[Interval]:
-        """Where all rates lie at the states of B, and a hair beyond, that have these signs.
+        """Intervals of all rates at the states of B, and a hair beyond, that have these signs.
 
         Of a state that is 0 both sides count as well: a run may go to and fro there.
         """
@@ -164,7 +164,7 @@ class Resting:
         return found
 
     def _rates_at(self, signs: Signs, compared: Signs) -> list[Interval]:
-        """The same where comparisons with 0 come out as the signs `compared` say."""
+        """These intervals, with comparisons with 0 decided by the signs `compared`."""
         ranges = {}
         for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
             hair = (high - low) * HAIR
@@ -218,7 +218,7 @@ class Resting:
         if has_no_ends(self.grid, way):
             return True  # its outer cells are in C with all that lies beyond
         at = {self.group.states[k]: r for k, r in zip(self.moving, self.box, strict=True)}
-        for part in beyond(self.grid.edges[way], low=sign < 0, high=sign > 0):
+        for part in beyond_ends(self.grid.edges[way], low=sign < 0, high=sign > 0):
             terms, states = self._terms({**at, self.group.states[way]: part})
             held = [self.model.predicate(terms, states, facts.symbol.safe, errors=False)]
             held += [self.model.in_set(terms, states, t) for t in bounded_topics(facts)]
@@ -240,7 +240,7 @@ class Resting:
                 yield cell
 
     def _reached_ranges(self, cell: Block) -> list[float] | None:
-        """All that a run from a cell comes to, within the grid; None: it may leave it unsafely."""
+        """The ranges that a run from a cell reaches in the grid; None: it may leave unsafely."""
         ends = self.grid.box(cell)
         reached: list[float] = []
         for k, edges in enumerate(self.grid.edges):

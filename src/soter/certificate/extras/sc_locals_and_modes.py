@@ -2,7 +2,7 @@
 
 Purpose: `every_step` reads every step that SC may take, one combination of modes and values of its
 locals after the other; `any_alternative` makes a term for whatever one of several steps publishes.
-`survives_the_start` shows that SC's first steps publish values in their sets and cannot fault: on
+`check_start_answers` shows that SC's first steps publish values in their sets and cannot fault: on
 defaults, or, where not all that SC reads is published at once, on any values.
 Who decides the modes of other modules is no part of a certificate: a step of SC is read once for
 each combination of them, a predicate with each of them open.
@@ -277,7 +277,7 @@ class _Shapes:
 # ---------------------------------------------------------------- before anything was published
 
 
-def survives_the_start(facts: Facts) -> None:
+def check_start_answers(facts: Facts) -> None:
     """NotRecheckedError unless SC surely answers all that it may read before there are states.
 
     SC reads only defaults while no topic shows a state, where one publisher says all of them each

@@ -79,8 +79,8 @@ def lookup(
     if not all(isfinite(v) for v in values):
         raise NotRecheckedError("a table with a number that is not finite")
     for index, size in zip(indices, shape, strict=True):
-        terms.oblige(negation(terms.below_zero(index)))
-        terms.oblige(terms.below_zero(terms.combine(((ONE, index),), exact(float(-size)))))
+        terms.add_obligation(negation(terms.below_zero(index)))
+        terms.add_obligation(terms.below_zero(terms.combine(((ONE, index),), exact(float(-size)))))
     atom = Atom("table", tuple(indices), low=exact(min(values)), high=exact(max(values)))
     atom.values, atom.shape = tuple(values), tuple(shape)
     return terms.add_atom(atom)

@@ -10,9 +10,9 @@ Own derivation. The thread takes the releases of the calendar one after the othe
 instant in the deployed order. Let W(k) be the work of the first k of them. Release k cannot have
 ended later than at the greatest, over i <= k, of r(i) + J(i) + W(k) - W(i - 1): the thread is not
 idle from the begin of the last one i that it had to wait for. If the work of a hyperperiod T is at
-most T, an i one hyperperiod earlier gives no more: r falls by T, and W(i - 1) by no more. So all
-that matters of release k lies in the hyperperiod before it, and what is true of one hyperperiod in
-which that is over for all releases, and of those before, is true of all.
+most T, an i one hyperperiod earlier gives no more: r falls by T, and W(i - 1) by no more. So
+release k depends on nothing before the last hyperperiod ahead of it. From the first hyperperiod in
+which this holds for every release, all hyperperiods are alike.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def check_thread(
 
 
 def delayed_in_thread(system: System, followed: Iterable[Component]) -> str:
-    """One of the components that may start or end after its release in the thread; "" if none may.
+    """The first component that may start or end after its release in the thread; "" if none may.
 
     DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
     """

@@ -89,7 +89,7 @@ def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> s
 
 
 def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
-    """`ttf` without what reads an age; as it is where that is all.
+    """`ttf` without the parts that read an age; unchanged if every part does.
 
     "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
     """
@@ -171,7 +171,7 @@ def abstracted_system(
     assert sc is not None
     parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in symbol.verify.abstracts]
     parts.append((symbol.name, _with_controllers(symbol, ac, sc)))
-    instances = tuple(typed.InstanceSymbol(n, what, {}, {}, symbol.span) for n, what in parts)
+    instances = tuple(typed.InstanceSymbol(n, plant, {}, {}, symbol.span) for n, plant in parts)
     made = typed.SystemSymbol(
         name="recheck",
         span=symbol.span,
@@ -196,7 +196,7 @@ def _own_parameters(
 ) -> tuple[typed.SetSymbol, ...]:
     """The `set`s of the module's own parameters, repeated for each plant of its proof.
 
-    Its topics are not its own: they keep what is set around it.
+    Its topics belong to the surrounding system, so they keep that system's parameters.
     """
     own = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
     return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in own)
@@ -231,8 +231,8 @@ def check_same_as_flown(facts: Facts) -> None:
         b = flying.components[getattr(running, part)]
         if (a.period_ns, a.phase_ns) != (b.period_ns, b.phase_ns) or a.node is not b.node:
             raise NotRecheckedError(f"`{b.name}` is another one where the module is proved")
-        given, flown = ({p: repr(v) for p, v in x.scope.params.items()} for x in (a, b))
-        if given != flown:
+        shown, flown = ({p: repr(v) for p, v in x.scope.params.items()} for x in (a, b))
+        if shown != flown:
             raise NotRecheckedError(f"`{b.name}` has other parameters where the module is proved")
         pairs.append((a.scope, b.scope))
     for proved, runs in pairs:

@@ -65,7 +65,7 @@ class CommandRows:
 
 @dataclass(frozen=True)
 class FormLayout:
-    """Where the numbers of a form stand: of `n` states, of the `depth` latest of `q` commands."""
+    """The places of a form's numbers: of `n` states, of the `depth` latest of `q` commands."""
 
     n: int
     q: int
@@ -80,14 +80,14 @@ class FormLayout:
         """The form as rows z; `before`: ranges of the old commands, where the form has none."""
         n, q = self.n, self.q
         count = n + self.depth * q
-        given = n if before is not None else count
-        ranges = [(form[2 * i], form[2 * i + 1]) for i in range(given)]
-        centres, rests = form[2 * given :], form[(3 + n) * given :]
-        symbols = [form[3 * given + i * n : 3 * given + (i + 1) * n] for i in range(given)]
-        common = [form[(4 + n) * given + k * n :][:n] for k in range(given - n)]
+        boxes = n if before is not None else count
+        ranges = [(form[2 * i], form[2 * i + 1]) for i in range(boxes)]
+        centres, rests = form[2 * boxes :], form[(3 + n) * boxes :]
+        symbols = [form[3 * boxes + i * n : 3 * boxes + (i + 1) * n] for i in range(boxes)]
+        common = [form[(4 + n) * boxes + k * n :][:n] for k in range(boxes - n)]
         z = [[ZERO] * (1 + n + count + q) for _ in range(count + q)]
         z.append([ONE, *[ZERO] * (n + count + q)])
-        for i in range(given):
+        for i in range(boxes):
             z[i][: 1 + n] = centres[i], *symbols[i]
             z[i][1 + n + i] = rests[i]
             if i >= n:

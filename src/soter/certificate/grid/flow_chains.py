@@ -209,8 +209,8 @@ class FlowChain:
     def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
         """The commands that answer the sample; their unknowns are entered into `start.z`.
 
-        Where each instant answers its own, there are none: what a command is off its row is another
-        number at each instant.
+        There are none where every instant has its own answer: the command's distance from its row
+        then differs at each instant.
         """
         n, q = self.n, self.q
         sample = self._sampled_states(start, fresh=fresh)

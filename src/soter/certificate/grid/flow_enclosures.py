@@ -207,7 +207,7 @@ class SolvedFlow(KeptEnds):
         return rates, others
 
     def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
-        """The most that disturbances add to a state, and that each command in [-1, 1] adds."""
+        """Bounds on what disturbances add to a state, and on what each command in [-1, 1] adds."""
         flow, columns = self.flow, range(len(self.moves))
         gains = [flow.added([[row[k]] for row in flow.b], start, end) for k in columns]
         rows = [[gain[i] for gain in gains] for i in range(self.n)]
@@ -230,7 +230,7 @@ class SolvedFlow(KeptEnds):
         end: Fraction,
         radii: Sequence[Any],
     ) -> list[Any]:
-        """The most that disturbances add in [start, end], with commands off by up to `radii`."""
+        """Bounds on what disturbances add in [start, end], with commands off by up to `radii`."""
         del enclosure
         noise, gains = self._added(start, end)
         return [x + sum_of_sizes(row, radii) for x, row in zip(noise, gains, strict=True)]
@@ -399,7 +399,7 @@ class LocalFlow(KeptEnds):
     def noise(
         self, enclosure: Enclosure, start: Fraction, end: Fraction, radii: Sequence[arb]
     ) -> list[arb]:
-        """The most that disturbances add in [start, end], with commands off by up to `radii`.
+        """Bounds on what disturbances add in [start, end], with commands off by up to `radii`.
 
         By |e^{As}| <= e^{Ms}: M has |a_ij| off the diagonal and a_ii on it (backwards: -a_ii; both
         ways: |a_ii|), for with A + k >= 0 on the diagonal e^{As} = e^{-ks} e^{(A + k) s}, and

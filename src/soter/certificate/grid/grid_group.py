@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.cell_predicates import AdmitCheck, cells_wrongly_admitted
-from soter.certificate.cell_sets import Cells, Grid, parts, volume
+from soter.certificate.cell_sets import Cells, Grid, cut_block, volume
 from soter.certificate.extras import extras
 from soter.certificate.grid.group_claims import (
     FREE_PIECES,
@@ -112,8 +112,8 @@ class GridGroup:
     @property
     def why_ac_never(self) -> str:
         """Why the DM's table never gives or leaves AC control; "": it does."""
-        given, levels = self.tables.given_back, self.tables.levels
-        if given is not None and not given.any():
+        given_back, levels = self.tables.given_back, self.tables.levels
+        if given_back is not None and not given_back.any():
             return f"{GETS} (the table gives it back on no estimate)"
         if levels and not levels[0].any():
             return f"{KEEPS} (the table leaves it in control on no estimate)"
@@ -166,7 +166,7 @@ class GridCheck:
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
-    def stay_in_topic_set(self, topic: int, cells: Cells) -> None:
+    def keep_in_topic_set(self, topic: int, cells: Cells) -> None:
         """SC has to keep the state in `cells`: a plant that publishes anything else stops.
 
         RejectedError where K holds other cells.
@@ -184,12 +184,12 @@ class GridCheck:
 
         RejectedError where `safe` is not certain on a cell of K.
         """
-        what = "`safe`"
+        text = "`safe`"
         if self.lawful is not None:
-            what = f"{what}, or what the law keeps,"
+            text = f"{text}, or what the law keeps,"
             self.allowed &= self.lawful.members
         if (self.kernel.members & ~self.allowed).any():
-            raise RejectedError(f"K holds cells on which {what} is not certain")
+            raise RejectedError(f"K holds cells on which {text} is not certain")
         if self.never_left(self.kernel):
             return ()
         within, tasks, at_rest = (
@@ -202,8 +202,8 @@ class GridCheck:
             tasks = [*block_tasks("SC does not certainly stand still from", self.grid, still)]
         holds = np.where(at_rest, 0, self.tables.core)
         show = partial(cells_not_led, self.chains, holds, within, self.kernel)
-        what = "SC does not certainly lead back to K from"
-        return [*tasks, *block_tasks(what, self.grid, show, holds)]
+        text = "SC does not certainly lead back to K from"
+        return [*tasks, *block_tasks(text, self.grid, show, holds)]
 
     def show_free(self, horizon_ns: int) -> Iterable[Task]:
         """Show that no command leads from a cell of R out of K; RejectedError without R."""
@@ -274,11 +274,11 @@ class GridCheck:
         if self.never_left(home):
             return
         kept = partial(cells_not_led, self.chains, tables.home, calm, home)
-        what = "SC does not certainly stay where `safer` holds from"
-        yield from block_tasks(what, self.grid, kept, tables.home)
+        text = "SC does not certainly stay where `safer` holds from"
+        yield from block_tasks(text, self.grid, kept, tables.home)
         nearer = partial(cells_not_nearer, self.chains, home)
-        what = "SC does not certainly come nearer to Q from"
-        yield from block_tasks(what, self.grid, nearer, tables.rank_holds)
+        text = "SC does not certainly come nearer to Q from"
+        yield from block_tasks(text, self.grid, nearer, tables.rank_holds)
 
     def show_start(self, until_ns: int) -> Iterable[Task]:
         """Shown at once, as it is one box; RejectedError where that may leave K."""
@@ -293,7 +293,7 @@ class GridCheck:
 
 
 def block_tasks(
-    what: str,
+    text: str,
     grid: Grid,
     show: Callable[[Block], Iterator[Block]],
     holds: NDArray[Any] | None = None,
@@ -303,13 +303,13 @@ def block_tasks(
     `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
     """
     cells = int(np.prod(grid.shape))
-    for block in parts(grid.whole, max(BLOCKS, cells // BLOCK) if cells > SMALL else 1):
+    for block in cut_block(grid.whole, max(BLOCKS, cells // BLOCK) if cells > SMALL else 1):
         work = LOOK * volume(block)
         if holds is not None:
             work += float(holds[tuple(slice(a, b) for a, b in block)].sum(dtype=np.float64))
-        yield partial(_answer, what, grid, show, block), work
+        yield partial(_answer, text, grid, show, block), work
 
 
-def _answer(what: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
+def _answer(text: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
     failed = next(show(block), None)
-    return "" if failed is None else f"{what} {grid.text(failed)}"
+    return "" if failed is None else f"{text} {grid.text(failed)}"

@@ -106,7 +106,7 @@ class _TargetCells:
         return self.cells.contains_all(boxes) and self.holds_beyond(boxes)
 
     def holds_beyond(self, boxes: Sequence[float]) -> bool:
-        """Whether all that is said of these boxes holds of the runs beyond."""
+        """Whether every claim about these boxes holds of the runs beyond the grid."""
         return self.cells.grid.followed_beyond(self.start, boxes)
 
 

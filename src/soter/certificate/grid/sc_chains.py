@@ -204,8 +204,8 @@ def sc_chain(
         step = extras.maps.map_step(model, members)
         return Chain(step, step, None)
     facts = model.facts
-    given = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
-    delta, d, j = (t * NANOSECOND for t in given)
+    times_ns = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
+    delta, d, j = (t * NANOSECOND for t in times_ns)
     times = Times(delta, d, *window.ends(j), window.taken(d))
     if facts.late_commands:
         times = Times(delta, facts.own.in_force * NANOSECOND, anew=True)

@@ -71,8 +71,8 @@ def recheck_induction(
     if "failsafe" in claims:
         raise RejectedError("failsafe: an induction says nothing of plants, so of no law")
     k, returns = compare_entry(facts, entry["induction"])
-    said = dict(entry["claims"])
-    _compare_static(facts, said)
+    verdicts = dict(entry["claims"])
+    _compare_static(facts, verdicts)
     if wanted := claims & set(TOGETHER):
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
@@ -82,12 +82,12 @@ def recheck_induction(
         raise RejectedError("P2b rests on what nobody proves: it is assumed, not proved")
     if "P2b" in claims:
         _show_return(facts, returns, entry["recover_ns"])
-    report = RecheckedModule(entry["module"], said, system=flat.name)
+    report = RecheckedModule(entry["module"], verdicts, system=flat.name)
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.hyperperiod, "k": k, "returns": returns}
-    report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
+    report.confirmed = [c for c in CLAIMS if verdicts.get(c) == PROVED]
     report.vacuous, report.unseen = "", "nothing is claimed"
     if wanted:
         report.vacuous, report.unseen = _vacuous(facts, rests_on)
@@ -106,10 +106,10 @@ def read_entry(flat: System, entry: dict[str, Any]) -> None:
         TransitionSystem(facts, first=first).run(facts.hyperperiod + 1)
 
 
-def _compare_static(facts: InductionFacts, said: dict[str, str]) -> None:
+def _compare_static(facts: InductionFacts, verdicts: dict[str, str]) -> None:
     """Compare P1a, P1b, P1c and the latch with the program; RejectedError if they overstate."""
-    check_module_claims(facts.flying, facts.flying_module, said)
-    if said.get("P1c") == PROVED and facts.undeclared:
+    check_module_claims(facts.flying, facts.flying_module, verdicts)
+    if verdicts.get("P1c") == PROVED and facts.undeclared:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
@@ -216,7 +216,7 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
         (False, (k + 1) * facts.hyperperiod),
         (True, facts.settled + k * facts.hyperperiod + last),
     )
-    for what, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
+    for text, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
         answers = set()
         for first, end in ends:
             run = TransitionSystem(facts, first=first)
@@ -229,7 +229,7 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
             if "sat" in answers:
                 break
         if answers == {"unsat"}:
-            return f"{what} (at no decision of any run)", ""
+            return f"{text} (at no decision of any run)", ""
         if "sat" not in answers:
             return "", "the solver does not decide whether AC ever has control"
     return "", ""
@@ -242,36 +242,36 @@ def _new_solver(run: TransitionSystem) -> z3.Solver:
     return solver
 
 
-def _require_unsat(answer: z3.CheckSatResult, what: str) -> None:
+def _require_unsat(answer: z3.CheckSatResult, claim: str) -> None:
     if answer == z3.sat:
-        raise RejectedError(f"{what}: something fails in an execution")
+        raise RejectedError(f"{claim}: something fails in an execution")
     if answer != z3.unsat:
-        raise NotRecheckedError(f"{what}: the solver does not decide it")
+        raise NotRecheckedError(f"{claim}: the solver does not decide it")
 
 
 def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
     flying, module = facts.flying, facts.flying_module
     ac = flying.components[module.ac].name
-    said = [
+    stated = [
         (f"any {ac}", words("ac", ac)),
         ("order", "steps of one instant come in any order; no release is skipped"),
         *((key, words(key)) for key in ("fresh", "z3", "machine")),
     ]
-    said += acknowledgement_assumption(facts.symbol)
-    said += identified_numbers(facts)
+    stated += acknowledgement_assumption(facts.symbol)
+    stated += identified_numbers(facts)
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "
             "and nothing says that AC gets control back then"
         )
-        said.append(("latching", text))
-    said += [
+        stated.append(("latching", text))
+    stated += [
         (f"mode {name}", f"mode({name}): SC or AC, anew at every step that reads it")
         for name in modes_of_others(facts)
     ]
     if facts.undeclared:
-        said.append(("undeclared", "undeclared times are zero: nobody is late, or takes time"))
+        stated.append(("undeclared", "undeclared times are zero: nobody is late, or takes time"))
     for c in facts.actors:
         text = f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on"
-        said.append((f"released {c.name}", text))
-    return [RecheckAssumption(key, text) for key, text in said]
+        stated.append((f"released {c.name}", text))
+    return [RecheckAssumption(key, text) for key, text in stated]

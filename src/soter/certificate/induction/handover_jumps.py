@@ -179,14 +179,14 @@ class _Steps:
         initial = [value_as_terms(v.type, value, self.known) for v, value in pairs]
         default = value_as_terms(topic.type, topic.default, self.known)
         before = self._step(anything)
-        for what, last, fault, step in (
+        for text, last, fault, step in (
             ("the first step", (True, default), False, self._step(initial)),
             ("a step", before.said.get(index), before.fault, self._step(before.behind)),
         ):
             bad = self._is_wrong_step(topic, paths, shown, last, step)
             if not self._is_impossible(both(negation(fault), bad)):
                 return (
-                    f"{what} of {self.c.name} may change it where `enters` does not hold, or "
+                    f"{text} of {self.c.name} may change it where `enters` does not hold, or "
                     "without showing it to DM and SC"
                 )
         return ""
@@ -211,11 +211,11 @@ class _Steps:
         good = one_of(both(*same), both(self._enters_term(step), *shows))
         return both(negation(step.fault), says, negation(good))
 
-    def _is_impossible(self, what: Term) -> bool:
+    def _is_impossible(self, truth: Term) -> bool:
         solver = z3.Solver()
         solver.set("rlimit", WORK)
         solver.set("timeout", PATIENCE_MS)
-        solver.add(*self.known, what)
+        solver.add(*self.known, truth)
         return bool(ask_solver(solver) == z3.unsat)
 
     def _visible_values(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
@@ -243,8 +243,8 @@ class _Steps:
         sight = self._visible_values(self.c.scope, read, unknown_value(MODE, "mode", self.known))
         reading = SolverReading(sight, deep=True)
         behind, published = reading.step(self.c.node, before)
-        said = {self.c.scope.topics[t]: value for t, value in published.items()}
-        return _Step(behind, said, one_of(reading.operations.fault, reading.operations.doubt), read)
+        out = {self.c.scope.topics[t]: value for t, value in published.items()}
+        return _Step(behind, out, one_of(reading.operations.fault, reading.operations.doubt), read)
 
     def _enters_term(self, step: _Step) -> Term:
         """Whether `enters` holds of what a step reads and publishes."""

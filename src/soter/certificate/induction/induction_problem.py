@@ -158,20 +158,20 @@ def modes_of_others(facts: InductionFacts) -> list[str]:
     return [flat.modules[i].name for i in sorted(read - {own.index})]
 
 
-def _without_times(facts: InductionFacts, *said: Iterable[str]) -> bool:
+def _without_times(facts: InductionFacts, *groups: Iterable[str]) -> bool:
     """Whether the program leaves out one of the times of some AC or node."""
     for c in facts.actors:
         names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
-        if c.role in ("ac", "node") and any(names.isdisjoint(word) for word in said):
+        if c.role in ("ac", "node") and any(names.isdisjoint(word) for word in groups):
             return True
     return False
 
 
 def _check_times(facts: InductionFacts) -> None:
     verify = facts.symbol.verify
-    said = [verify.late_dm, verify.late_sc, verify.response_dm, verify.response_sc]
-    facts.undeclared = any(e is None for e in said)
-    for expr in (*said, *verify.late_of.values(), *verify.response_of.values()):
+    declared = [verify.late_dm, verify.late_sc, verify.response_dm, verify.response_sc]
+    facts.undeclared = any(e is None for e in declared)
+    for expr in (*declared, *verify.late_of.values(), *verify.response_of.values()):
         if declared_ns(facts.flying_module, expr):
             raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     if any(c.wcet_ns is not None for c in facts.flying.components):
@@ -201,28 +201,28 @@ def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
     facts.topics = _published_topics(facts.actors)
 
 
-def compare_entry(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
+def compare_entry(facts: InductionFacts, induction: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
     """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
     names = ("k", "returns", "hyperperiod_ns", "lemmas", "progress", "latching", "clocks")
-    if not isinstance(given, dict) or set(given) != set(names):
+    if not isinstance(induction, dict) or set(induction) != set(names):
         raise RejectedError("`induction` is not as it should be")
     verify = facts.symbol.verify
-    for name, said in (("lemmas", verify.lemmas), ("progress", verify.progress)):
-        if given[name] != [" ".join(e.span.text.split()) for e in said]:
+    for name, stated in (("lemmas", verify.lemmas), ("progress", verify.progress)):
+        if induction[name] != [" ".join(e.span.text.split()) for e in stated]:
             raise RejectedError(f"`{name}`: the program says something else")
-    if type(given["latching"]) is not bool:
+    if type(induction["latching"]) is not bool:
         raise RejectedError("`latching` is no truth")
-    facts.latching = given["latching"]
-    _leave_out_nodes(facts, given["clocks"])
+    facts.latching = induction["latching"]
+    _leave_out_nodes(facts, induction["clocks"])
     clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in facts.actors}
-    if given["clocks"] != clocks:
+    if induction["clocks"] != clocks:
         raise RejectedError("the nodes, or their times, are others in the program")
-    if given["hyperperiod_ns"] != facts.hyperperiod:
+    if induction["hyperperiod_ns"] != facts.hyperperiod:
         raise RejectedError(f"the hyperperiod is {facts.hyperperiod} ns by the program")
     for key in ("k", "returns"):
-        if type(given[key]) is not int or not 0 <= given[key] <= 64:
+        if type(induction[key]) is not int or not 0 <= induction[key] <= 64:
             raise RejectedError(f"`{key}` of the induction is no number of hyperperiods")
-    return given["k"], given["returns"]
+    return induction["k"], induction["returns"]
 
 
 Term = Any
@@ -321,19 +321,19 @@ class TransitionSystem:
         calendar = calendar_of(self.facts, end + longest, first=self.first)
         times = sorted(calendar)
         if self.first:
-            self._before_everything(times[0])
+            self._check_time_before_first(times[0])
         for at, following in pairwise(times):
             if self.begin <= at < end:
-                self._instant(at, calendar[at], following)
+                self._step_at_instant(at, calendar[at], following)
 
-    def _before_everything(self, first: int) -> None:
+    def _check_time_before_first(self, first: int) -> None:
         """Judge the time before `first` if components that are not followed may step in it."""
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
             self._record_instant(0, first)
 
-    def _instant(self, at: int, due: list[Component], following: int) -> None:
+    def _step_at_instant(self, at: int, due: list[Component], following: int) -> None:
         """Let each component that is due make one step, in any order, and record what holds."""
         raise_if_interrupted()
         turns = []
@@ -430,9 +430,9 @@ class TransitionSystem:
         reading = SolverReading(self._visible_values(c, at, on))
         before = now["locals", c.index]
         taken = both(on, negation(now["had", c.index]))
-        behind, said = reading.step(node, before, taken)
+        behind, published = reading.step(node, before, taken)
         fault, doubt = reading.operations.fault, reading.operations.doubt
-        for symbol, (flag, value) in said.items():
+        for symbol, (flag, value) in published.items():
             topic = flying.topics[c.scope.topics[symbol]]
             refused = both(flag, negation(within_bounds(value, topic.type, topic.bounds)))
             if is_exact(topic.type):
@@ -447,7 +447,7 @@ class TransitionSystem:
         after["faulted"] = one_of(now["faulted"], fault, False if self.tolerant else doubt)
         for symbol in node.publishes:
             i = c.scope.topics[symbol]
-            flag, value = said.get(symbol, (False, after["topic", i]))
+            flag, value = published.get(symbol, (False, after["topic", i]))
             if i in c.failsafe:
                 own = value_as_terms(flying.topics[i].type, c.failsafe[i], self.constraints)
                 value = choose(gone, own, value)

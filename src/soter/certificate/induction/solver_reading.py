@@ -69,9 +69,9 @@ class SolverOperations:
         self.doubt: Term = False
         """The term that a function which is not read faults, or compares a NaN."""
 
-    def oblige(self, what: Term) -> None:
-        """Enter that the step faults where the code being read runs and `what` does not hold."""
-        self.fault = one_of(self.fault, both(self.path, negation(what)))
+    def add_obligation(self, truth: Term) -> None:
+        """Enter that the step faults where the code being read runs and `truth` does not hold."""
+        self.fault = one_of(self.fault, both(self.path, negation(truth)))
 
     def suspect(self, doubt: Term) -> None:
         """Enter that the step may fault where the code being read runs and `doubt` holds."""
@@ -87,7 +87,7 @@ class SolverOperations:
             return arithmetic.neg_int(x) if isinstance(x, int) else -x
         if is_float(x):
             return z3.Function("floats negated", OPAQUE, OPAQUE)(as_term(x))
-        self.oblige(x != SMALLEST)
+        self.add_obligation(x != SMALLEST)
         return -x
 
     def compare(self, op: str, a: Term, b: Term) -> Term:
@@ -111,7 +111,7 @@ class SolverOperations:
         if op in "/%":
             return self._divide(op, a, b)
         value = a + b if op == "+" else a - b if op == "-" else a * b
-        self.oblige(both(value >= SMALLEST, value <= LARGEST))
+        self.add_obligation(both(value >= SMALLEST, value <= LARGEST))
         return value
 
     def _divide(self, op: str, a: Term, b: Term) -> Term:
@@ -122,7 +122,7 @@ class SolverOperations:
         if op == "%":  # of the smallest one by -1 it is 0
             return a - q * b
         if b == -1:
-            self.oblige(a != SMALLEST)
+            self.add_obligation(a != SMALLEST)
         return q
 
     def extreme(self, name: str, a: Term, b: Term) -> Term:
@@ -138,7 +138,7 @@ class SolverOperations:
         if is_known(x):
             return BUILTINS[name](x)
         if name == "abs" and not is_float(x):
-            self.oblige(x != SMALLEST)
+            self.add_obligation(x != SMALLEST)
             return z3.If(x < 0, -x, x)
         if name == "int":
             raise NotRecheckedError(f"`{name}` outside of a function")
@@ -148,7 +148,7 @@ class SolverOperations:
         """`x`, which faults unless it lies between `low` and `high`."""
         if is_known(x):
             return arithmetic.narrow(x, low, high)
-        self.oblige(both(x >= low, x <= high))
+        self.add_obligation(both(x >= low, x <= high))
         return x
 
 
@@ -184,9 +184,9 @@ def compare_age(op: str, ns: Term, limit: float) -> Term:
     return {"<": ns < least, ">=": ns >= least, "<=": ns < beyond, ">": ns >= beyond}[op]
 
 
-def _least_true(there: Callable[[int], bool]) -> int:
-    """The least n from which on it is so; more than any age where it never is."""
-    return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=there)
+def _least_true(holds: Callable[[int], bool]) -> int:
+    """The smallest n from which it stays true; larger than any age if it never does."""
+    return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=holds)
 
 
 Published = dict[typed.TopicSymbol, tuple[Term, Term]]
@@ -242,10 +242,10 @@ class SolverReading(CodeReader):
         frame, facts = CallFrame(dict(zip(node.locals, before, strict=True))), self.sight.facts
         self.attempt(True, lambda: self.branch(taken, node.takeover or (), (), frame))
         self.attempt(True, lambda: self.block(node.step, frame))
-        said = {
+        out = {
             t: (says, value_as_terms(t.type, x, facts)) for t, (says, x) in frame.published.items()
         }
-        return tuple(value_as_terms(v.type, frame.variables[v], facts) for v in node.locals), said
+        return tuple(value_as_terms(v.type, frame.variables[v], facts) for v in node.locals), out
 
     # ------------------------------------------------------------ what names mean
 
@@ -303,7 +303,7 @@ class SolverReading(CodeReader):
         of, facts = e.target.type, self.sight.facts
         assert isinstance(of, (ListType, ArrayType))
         sequence = value_as_terms(of, sequence, facts)
-        self.operations.oblige(both(at >= 0, at < length(sequence, of, facts)))
+        self.operations.add_obligation(both(at >= 0, at < length(sequence, of, facts)))
         return element(sequence, at, of, facts)
 
     def replace_part(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
@@ -316,7 +316,7 @@ class SolverReading(CodeReader):
         if not keys or isinstance(keys[0], int):
             return super().replace_part(of, whole, keys, new)
         at, rest = keys[0], keys[1:]
-        self.operations.oblige(both(at >= 0, at < len(whole)))
+        self.operations.add_obligation(both(at >= 0, at < len(whole)))
         parts = []
         for k, part in enumerate(whole):
             inner, path = part_of(of, k), both(self.operations.path, at == k)

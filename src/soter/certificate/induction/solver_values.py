@@ -76,7 +76,7 @@ def is_exact(t: Type) -> bool:
 def reads_body(fun: typed.FunSymbol, *, deep: bool) -> bool:
     """Whether a function is read wherever it is called; another one only where all is known.
 
-    It is where all is exact; and where it is short and only puts together what others found.
+    A body is read if it is exact, or if it is short and only combines results of other calls.
     `deep`, where the same is asked in two places: also one expression that asks other functions,
     and calculates what it asks them, however long it is.
     """
@@ -248,11 +248,11 @@ def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
         if bounds and bounds[0] is not None:
             low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
         return both(value >= low, value <= high)
-    said = [None if b is None else (b.low, b.high) for b in bounds]
+    ranges = [None if b is None else (b.low, b.high) for b in bounds]
     if isinstance(value, float):
-        limits = said[0] or (float("-inf"), float("inf"))
+        limits = ranges[0] or (float("-inf"), float("inf"))
         return value - value == 0.0 and limits[0] <= value <= limits[1]
-    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(as_term(value))
+    return z3.Function(f"taken {t!r} {ranges}", OPAQUE, z3.BoolSort())(as_term(value))
 
 
 # ---------------------------------------------------------------- functions, lists

@@ -120,9 +120,9 @@ class CaseModel:
                 measured = any(m.topic == index for m in c.measured)  # the sum may be no number
                 if type(expr) is TopicRead and not measured and not any(topic.bounds):
                     continue  # a copy, which never faults; whoever reads it is not re-checked
-                what, read = topic.name, next(iter(commands)).name
+                name, read = topic.name, next(iter(commands)).name
                 raise NotRecheckedError(
-                    f"plant `{c.name}` publishes `{what}` made of `{read}`, which it reads: let a"
+                    f"plant `{c.name}` publishes `{name}` made of `{read}`, which it reads: let a"
                     " node publish that"
                 )
             reader = SymbolicReader(terms, Surroundings(c.scope.params, {}, seconds(c.period_ns)))
@@ -340,8 +340,8 @@ def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, 
     )
     low = terms.combine(((ONE, command),), -exact(control.low))
     high = terms.combine(((-ONE, command),), exact(control.high))
-    terms.oblige(negation(terms.below_zero(low)))
-    terms.oblige(negation(terms.below_zero(high)))
+    terms.add_obligation(negation(terms.below_zero(low)))
+    terms.add_obligation(negation(terms.below_zero(high)))
     return command
 
 

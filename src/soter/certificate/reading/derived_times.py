@@ -138,7 +138,7 @@ class TopicReading:
 
 @dataclass(frozen=True)
 class TimingSetting:
-    """Everything that a module's times depend on. `silent`: the drop-out that is allowed for."""
+    """The facts on which a module's times depend. `silent`: the drop-out that is allowed for."""
 
     dm: Clock
     sc: Clock

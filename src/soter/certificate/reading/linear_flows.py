@@ -76,7 +76,7 @@ class LinearFlow:
         )
 
     def added(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
-        """The most that |w| <= 1 adds to each state in [start, end], through columns like W's."""
+        """Bounds on what |w| <= 1 adds to each state in [start, end], by columns like W's."""
         most = [ZERO] * len(columns)
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):

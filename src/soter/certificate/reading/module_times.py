@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 from soter.certificate.extras import extras
-from soter.certificate.folder import only_keys
+from soter.certificate.folder import require_keys
 from soter.certificate.reading.derived_times import (
     Clock,
     DerivedTimes,
@@ -109,7 +109,7 @@ def read_times(facts: Facts) -> None:
 def _timing_setting(
     facts: Facts, by_dm: list[int], by_sc: list[int], times: dict[str, int]
 ) -> TimingSetting:
-    """Everything that the times depend on; topics are those of the system that runs."""
+    """The facts on which the times depend; topics are those of the system that runs."""
     system, module = facts.flying, facts.flying_module
     dm, sc = system.components[module.dm], system.components[module.sc]
 
@@ -152,9 +152,9 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
         "`shield`": symbol.shield is not None,
         "views": bool(facts.view or symbol.verify.views),
     }
-    for what, is_there in beside.items():
+    for reason, is_there in beside.items():
         if is_there:
-            raise NotRecheckedError(f"an SC whose jitter exceeds half its period, with {what}")
+            raise NotRecheckedError(f"an SC whose jitter exceeds half its period, with {reason}")
 
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
@@ -168,22 +168,22 @@ BEYOND, BEYOND_NS = 4, 1_000_000_000
 """A time beyond this multiple of ours, plus all times and so many ns, would only cost work."""
 
 
-def compare_times(facts: Facts, given: dict[str, Any]) -> None:
+def compare_times(facts: Facts, entry: dict[str, Any]) -> None:
     """Declared times are those of the program, derived ones no shorter; the longer ones count.
 
     Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
     RejectedError where they are shorter, NotRecheckedError where nobody needs such long ones.
     """
     keys: tuple[str, ...] = TIME_KEYS
-    if ACTED_KEY in given and facts.symbol.shield is not None and facts.kind == "flow":
+    if ACTED_KEY in entry and facts.symbol.shield is not None and facts.kind == "flow":
         keys = *keys, ACTED_KEY
         facts.times[ACTED_KEY] = extras.estimates_and_shield.acted_ns(facts)
-    only_keys(given, " ".join(keys), "`times`")
+    require_keys(entry, " ".join(keys), "`times`")
     ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
     own_jitter = facts.times["j_ns"]
     together = sum(facts.times[k] for k in keys) + sum(ages)
     for key in keys:
-        value, own = given[key], facts.times[key]
+        value, own = entry[key], facts.times[key]
         if not isinstance(value, int) or isinstance(value, bool):
             raise RejectedError(f"{key} is no time in the manifest")
         fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)

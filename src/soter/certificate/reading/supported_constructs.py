@@ -106,7 +106,7 @@ ROLES = ("plant", "dm", "sc", "ac", "node")
 def check_supported(facts: Facts, *, followed: bool = False) -> None:
     """`NotRecheckedError` for the first thing that is not on the list; `followed`: as `rest` is."""
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
-        _only_known_fields(declared)
+        _require_known_fields(declared)
     module = facts.flying_module
     if facts.symbol.rest is not None and not followed:
         raise NotRecheckedError(FOLLOWED)
@@ -115,7 +115,7 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
     assert facts.sc.node is not None
-    _safe_controller(facts.sc.node, followed=followed)
+    _require_supported_sc(facts.sc.node, followed=followed)
     if facts.modes:
         extras.sc_locals_and_modes.require_modes_of_others(facts)
     _require_own_topics(facts)
@@ -136,7 +136,7 @@ def _require_known_components(facts: Facts) -> None:
             raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
 
 
-def _only_known_fields(of: type) -> None:
+def _require_known_fields(of: type) -> None:
     known = {**CODE, **DECLARATIONS, **ELABORATED}.get(of)
     field_names = {f.name for f in fields(of)} if is_dataclass(of) else set()
     if known is None or field_names - set(known.split()):
@@ -147,7 +147,7 @@ def _only_known_fields(of: type) -> None:
 # ---------------------------------------------------------------- declarations
 
 
-def _safe_controller(sc: t.NodeSymbol, *, followed: bool = False) -> None:
+def _require_supported_sc(sc: t.NodeSymbol, *, followed: bool = False) -> None:
     """NotRecheckedError unless SC only does its step, and all parts of that are on the list."""
     if sc.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")

@@ -79,8 +79,8 @@ def one_number(operation: F) -> F:
     def asked(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
         before = len(self.doubts)
         result = operation(self, *operands)
-        given = (d for x in operands if isinstance(x, Linear) for d in x.rests)
-        return _resting_on(result, [*given, *self.doubts[before:]])
+        rests = (d for x in operands if isinstance(x, Linear) for d in x.rests)
+        return _resting_on(result, [*rests, *self.doubts[before:]])
 
     return remembered(asked)  # type: ignore[return-value]  # of the same type
 
@@ -117,28 +117,28 @@ class Operations:
 
     @property
     def path(self) -> Value:
-        """Under which condition the code being read runs."""
+        """The condition under which the code being read runs."""
         return decided(self.terms.path)
 
     @path.setter
     def path(self, condition: Value) -> None:
         self.terms.path = truth_of(condition)
 
-    def oblige(self, what: Value) -> None:
+    def add_obligation(self, truth: Value) -> None:
         """Demand it wherever the code being read runs."""
-        self.terms.oblige(truth_of(what))
+        self.terms.add_obligation(truth_of(truth))
 
     def demand(self, *numbers: Value) -> None:
         """Demand of numbers that they are some, and not infinite."""
         for x in numbers:
             if isinstance(x, Linear):
-                for what in (*x.rests, *x.beyond):
-                    self.terms.oblige(what)
+                for truth in (*x.rests, *x.beyond):
+                    self.terms.add_obligation(truth)
 
-    def doubt(self, what: Value) -> None:
+    def add_doubt(self, truth: Value) -> None:
         """Let what is made of the operands rest on it, unless it certainly holds."""
-        if decided(truth_of(what)) is not True:
-            self.doubts.append(truth_of(what))
+        if decided(truth_of(truth)) is not True:
+            self.doubts.append(truth_of(truth))
 
     @one_number
     def negation(self, a: Value) -> Value:
@@ -233,35 +233,35 @@ class Operations:
     @one_number
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
         """The prelude's `clamp`: x between limits; it is a number where these are in order."""
-        self.doubt(self.compare("<=", low, high))
+        self.add_doubt(self.compare("<=", low, high))
         return self.extreme("min", self.extreme("max", x, low), high)
 
-    def doubt_below_zero(self, x: Linear) -> None:
+    def add_doubt_below_zero(self, x: Linear) -> None:
         """Let what is made of the operands rest on that a number is not below 0."""
-        self.doubt(negation(self.terms.below_zero(x)))
+        self.add_doubt(negation(self.terms.below_zero(x)))
 
     @one_number
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
-        given, x = x, self.finite(x)
+        argument, x = x, self.finite(x)
         if name == "sqrt":
             if not x.nonnegative:
-                self.doubt_below_zero(x)
+                self.add_doubt_below_zero(x)
             return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
             return self.like(self.terms.apply_function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
-            self.demand(given)  # an int of what is infinite, or no number, is a fault
+            self.demand(argument)  # an int of what is infinite, or no number, is a fault
             if not self._is_floor(x):
-                x = self.terms.apply_function("truncated", self.on_both_sides(x, x))
+                x = self.terms.apply_function("truncated", self.on_both_sides(x))
             return self.as_int(x)
         if name != "floor":
             raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
-        return self.terms.apply_function("floor", self.on_both_sides(x, x))
+        return self.terms.apply_function("floor", self.on_both_sides(x))
 
     def on_both_sides(self, x: Linear, at: Linear | None = None) -> Linear:
         """A number by which a rate jumps where `at` is 0 (it itself: anywhere), a hair wider.
@@ -294,11 +294,11 @@ class Operations:
         if not isinstance(x, Linear):
             return arith.narrow(x, low, high)
         for short in (((ONE, x),), exact(-low)), (((-ONE, x),), exact(high)):
-            self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(*short))))
+            self.terms.add_obligation(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x
 
     def like(self, x: Linear, *of: Value) -> Value:
-        """`x`, as an int where one of `of` is one."""
+        """`x`, as an int if any operand in `of` is an int."""
         return self.as_int(x) if _is_whole(*of) else x
 
     def as_int(self, x: Linear) -> Value:

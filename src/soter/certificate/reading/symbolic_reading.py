@@ -74,7 +74,7 @@ class CodeReader:
         try:
             return True, run()
         except arithmetic.StepFault:
-            self.operations.oblige(what=False)
+            self.operations.add_obligation(truth=False)
             return False, None
         finally:
             self.operations.path = outside
@@ -123,7 +123,7 @@ class CodeReader:
             elif isinstance(statement, (t.ForRange, t.ForEach)):
                 todo[:0] = self._unrolled(statement, frame)
             else:
-                self._simple(statement, frame)
+                self._run_simple(statement, frame)
         return None
 
     def branch(
@@ -170,7 +170,7 @@ class CodeReader:
             unrolled += [t.TypedDeclare(loop.span, loop.variable, value), *loop.body]
         return unrolled
 
-    def _simple(self, statement: t.TypedStmt, frame: CallFrame) -> None:
+    def _run_simple(self, statement: t.TypedStmt, frame: CallFrame) -> None:
         if isinstance(statement, t.TypedDeclare):
             frame.variables[statement.variable] = self.value(statement.value, frame)
         elif isinstance(statement, t.TypedAssign):
@@ -181,7 +181,7 @@ class CodeReader:
         elif isinstance(statement, t.TypedPublish):
             frame.published[statement.topic] = True, self.value(statement.value, frame)
         elif isinstance(statement, t.Assert):
-            self.operations.oblige(self.value(statement.condition, frame))
+            self.operations.add_obligation(self.value(statement.condition, frame))
         else:
             raise NotRecheckedError(
                 f"`{type(statement).__name__.removeprefix('Typed').lower()}` {NOT_HERE}"

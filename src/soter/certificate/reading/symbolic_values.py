@@ -34,7 +34,7 @@ class SymbolicInt(Linear):
 
 @dataclass(eq=False)
 class Rows:
-    """One of several rows of numbers, at an index that depends on inputs: not read yet."""
+    """An element of several rows of numbers, at an index that depends on inputs: not read yet."""
 
     elements: Sequence[tuple[Value, ...]]
     index: Linear
@@ -105,7 +105,7 @@ def whole(x: Linear) -> Linear:
 
 
 def in_range(index: int, size: int) -> int:
-    """An index that there is; StepFault for any other."""
+    """Returns the index if it is in range; otherwise StepFault."""
     if 0 <= index < size:
         return index
     raise arith.StepFault(arith.FaultKind.INDEX)

@@ -363,7 +363,7 @@ def _make_truth(forms: AffineForms, x: Proposition) -> Value:
 
 
 def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
-    """Demand of the program that it gives nothing where one of these is not certain."""
+    """Make the program return nothing if one of these truths is uncertain."""
     for truth in must:
         forms.make.apply(DEMAND, truth_of(forms, truth))
 

@@ -105,12 +105,12 @@ def hull(low: arb, high: arb) -> arb:
 
 
 def larger(a: arb, b: arb) -> arb:
-    """One of two lower bounds: the better one where that is certain, else the second."""
+    """The better of two lower bounds where that is certain, else the second."""
     return max(b, a)
 
 
 def smaller(a: arb, b: arb) -> arb:
-    """One of two upper bounds: the better one where that is certain, else the second."""
+    """The better of two upper bounds where that is certain, else the second."""
     return min(b, a)
 
 

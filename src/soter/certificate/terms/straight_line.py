@@ -54,7 +54,7 @@ PART, DEMAND = "part", "demand"
 
 
 class NotCertainError(Exception):
-    """Something that is demanded may be false."""
+    """A truth that is demanded may be false."""
 
 
 def corners(low_a: arb, high_a: arb, low_b: arb, high_b: arb) -> tuple[arb, arb]:

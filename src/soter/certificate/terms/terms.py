@@ -74,7 +74,7 @@ class Linear:
 
 @dataclass(eq=False)
 class Atom:
-    """Something that is not linear, or an input.
+    """A part that is not linear, or an input.
 
     kind: "state", "box" (an input with fixed range), a function that has lines, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
@@ -184,9 +184,9 @@ class Terms:
     turning: set[int] = field(default_factory=set)
     """Inputs that stand for angles any number of turns further (`extras/left_out_states.py`)."""
 
-    def oblige(self, what: Proposition) -> None:
-        """Demand `what` wherever the code being read runs."""
-        demand = either(negation(self.path), what)
+    def add_obligation(self, truth: Proposition) -> None:
+        """Demand `truth` wherever the code being read runs."""
+        demand = either(negation(self.path), truth)
         known = demand.kind == "constant" and demand.value
         if not known and demand not in self.obligations:
             self.obligations.append(demand)
@@ -302,7 +302,7 @@ class Terms:
         """The quotient a / b; that b is not 0 becomes an obligation."""
         if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
-        self.oblige(either(self.below_zero(b), self.below_zero(self.combine(((-ONE, b),)))))
+        self.add_obligation(either(self.below_zero(b), self.below_zero(self.combine(((-ONE, b),)))))
         return self._soft_sign_quotient(a, b) or self.multiply(a, self.apply_function("inverse", b))
 
     def _soft_sign_quotient(self, a: Linear, b: Linear) -> Linear | None:

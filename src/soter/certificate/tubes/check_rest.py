@@ -13,7 +13,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import CLAIMS, check_static_claims, proved_claims
-from soter.certificate.folder import hexadecimal, only_keys
+from soter.certificate.folder import hexadecimal, require_keys
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.symbolic_values import scalar_leaves
@@ -116,17 +116,17 @@ def entries_of_plans(
     """
     if "plans" not in entry:
         return {"": (flat, entry)}
-    only_keys(entry, PLANS_KEYS, "a module")
-    given, claims = entry["plans"], dict(entry["claims"])
+    require_keys(entry, PLANS_KEYS, "a module")
+    plans, claims = entry["plans"], dict(entry["claims"])
     alone = dict(_plans_alone(flat, entry["module"]))
-    if not alone or given.keys() != alone.keys():
+    if not alone or plans.keys() != alone.keys():
         raise RejectedError("the plans are others in the program")
     found = {}
     for k, (name, system) in enumerate(alone.items()):
-        only_keys(given[name], PLAN_KEYS, "a plan")
+        require_keys(plans[name], PLAN_KEYS, "a plan")
         own = {n: v for n, v in claims.items() if not (k and n == "start")}
         head = {n: entry[n] for n in ("system", "module", "recover_ns")}
-        found[name] = system, {**head, **given[name], "claims": own}
+        found[name] = system, {**head, **plans[name], "claims": own}
     return found
 
 
@@ -203,7 +203,7 @@ def _tube(problem: RestProblem, ways: dict[int, Range], collects: object) -> Mod
     """The tube of a module; RejectedError where it collects in no state, or at no numbers."""
     if collects is None:
         return ModuleTube(problem, ways)
-    only_keys(collects, "state at", COLLECTS)
+    require_keys(collects, "state at", COLLECTS)
     assert isinstance(collects, dict)
     names = [problem.facts.states[s].name for s in problem.followed]
     low, high = (exact(hexadecimal(x, COLLECTS)) for x in collects["at"])
@@ -247,14 +247,14 @@ def _moves_entry(problem: RestProblem) -> dict[str, list[str | None]]:
     return {names[s]: [None if x == inf else x.hex() for x in drifts[s]] for s in problem.moving}
 
 
-def _free_states(problem: RestProblem, given: object) -> dict[int, Range]:
+def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
     """States of which an entry claims nothing at rest, though `moves` does not name them.
 
     That may be said of states without ends: all that is shown then holds wherever they are.
     NotRecheckedError where `rest`, or one of their rates, reads one of them, as it is read here.
     """
     names = {problem.facts.states[s].name: s for s in problem.own}
-    claimed = given if isinstance(given, dict) else {}
+    claimed = entry if isinstance(entry, dict) else {}
     free = {names[n] for n, ends in claimed.items() if n in names and ends == [None, None]}
     if not all(problem.sets[s] == (-inf, inf) for s in free):
         return {}
@@ -267,12 +267,12 @@ def _compare_entry(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
     """The problem, B and Y (`rest_claims.py`); RejectedError where an entry differs otherwise."""
-    only_keys(entry, KEYS, "a module")
+    require_keys(entry, KEYS, "a module")
     rest = entry["rest"]
     problem = read_rest(flat, entry["module"], rest.get("keeps", {}))
     judged, claims = shield_constants(problem), proved_claims(entry["claims"])
     needed = [REST_KEYS, *["shield"] * bool(judged), *[KEPT_KEYS] * ("P2a" in claims)]
-    only_keys(rest, " ".join(needed), "`rest`", f"{KEPT_KEYS} keeps wraps {COLLECTS}")
+    require_keys(rest, " ".join(needed), "`rest`", f"{KEPT_KEYS} keeps wraps {COLLECTS}")
     if "wraps" in rest:
         read_turns(problem, rest["wraps"])
     facts = problem.facts
@@ -304,52 +304,52 @@ def _compare_entry(
     return problem, box, ways
 
 
-def _compare_inputs(facts: Facts, given: object) -> None:
+def _compare_inputs(facts: Facts, entry: object) -> None:
     """RejectedError where the manifest has another input, or another range of one."""
     known = [
         {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()}
         for x in (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
     ]
-    if not isinstance(given, list) or len(given) != len(known):
+    if not isinstance(entry, list) or len(entry) != len(known):
         raise RejectedError("the inputs are others in the program")
-    for a, b in zip(given, known, strict=True):
+    for a, b in zip(entry, known, strict=True):
         if a != b:
             raise RejectedError(f"the range of {b['name']} is another one in the program")
 
 
-def _compare_shield(own: dict[str, int] | None, given: object) -> None:
+def _compare_shield(own: dict[str, int] | None, entry: object) -> None:
     """RejectedError for other cells, or for times shorter than the program's, `own`."""
     if own is None:
         return
-    if not isinstance(given, dict) or given.keys() != own.keys():
+    if not isinstance(entry, dict) or entry.keys() != own.keys():
         raise RejectedError("how commands are judged is not as the program says")
     for name, by_program in own.items():
         exactly = name == "cells"
-        claimed = given[name]
+        claimed = entry[name]
         if type(claimed) is not int or claimed < by_program or (exactly and claimed > by_program):
             raise RejectedError(f"{name} is {claimed} in the manifest, {by_program} by the program")
 
 
-def _compare_reads(problem: RestProblem, given: dict[str, Any]) -> None:
+def _compare_reads(problem: RestProblem, entry: dict[str, Any]) -> None:
     """RejectedError where the DM reads a followed state elsewhere, or with another error E."""
     own = {problem.leaf(s): s for s in problem.followed}
-    if given.keys() != own.keys():
+    if entry.keys() != own.keys():
         raise NotRecheckedError("the states that its check follows are others here")
     for leaf, s in own.items():
-        only_keys(given[leaf], "state within", "what is read")
-        if given[leaf]["state"] != problem.facts.states[s].name:
+        require_keys(entry[leaf], "state within", "what is read")
+        if entry[leaf]["state"] != problem.facts.states[s].name:
             raise RejectedError(f"`{leaf}` shows another state in the program")
-        if hexadecimal(given[leaf]["within"], leaf) != problem.error(s):
+        if hexadecimal(entry[leaf]["within"], leaf) != problem.error(s):
             raise RejectedError(f"the error of {leaf} is another one in the program")
 
 
-def _read_ranges(problem: RestProblem, given: dict[str, Any], what: str) -> dict[int, Range]:
-    """B or Y, as `what` says: a range for each followed state that `moves` does not name."""
+def _read_ranges(problem: RestProblem, entry: dict[str, Any], set_name: str) -> dict[int, Range]:
+    """B or Y, as `set_name` says: a range for each followed state that `moves` does not name."""
     names = {problem.facts.states[s].name: s for s in problem.own}
-    if given.keys() != names.keys():
-        raise RejectedError(f"`{what}` is not of the states that `rest` does not move")
+    if entry.keys() != names.keys():
+        raise RejectedError(f"`{set_name}` is not of the states that `rest` does not move")
     found = {}
-    for name, ends in given.items():
+    for name, ends in entry.items():
         low, high = (hexadecimal(x, name) for x in ends)
         found[names[name]] = low, high
     return found

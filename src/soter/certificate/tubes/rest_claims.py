@@ -192,7 +192,7 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         least, most = ways[s]
         if not sets[s][0] <= least <= low <= high <= most <= sets[s][1]:
             raise RejectedError("P2a: the box of `rest` does not lie within its ways and sets")
-    _holds_only_in(problem, box)
+    _show_rest_only_in(problem, box)
     if not own:
         return
     model = RestModel(problem.facts, (), problem.facts.extents)
@@ -272,7 +272,7 @@ def _ends(ranges: Ranges, states: tuple[int, ...]) -> Box:
     return [(exact(ranges[s][0]), exact(ranges[s][1])) for s in states]
 
 
-def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
+def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
     """Show that `rest` holds nowhere in the states' sets outside of a box; NotRecheckedError."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     rest = ConditionOnBoxes(
@@ -333,13 +333,13 @@ def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     except NotCertainError:
         raise NotRecheckedError("P2a: what SC answers at rest is not bounded") from None
     ranges = dict(enumerate(problem.facts.extents)) | dict(ways)
-    there = AtRest({s: (exact(a), exact(b)) for s, (a, b) in ranges.items()}, commands)
-    terms, *_ = _rates(problem, there)
+    at_rest = AtRest({s: (exact(a), exact(b)) for s, (a, b) in ranges.items()}, commands)
+    terms, *_ = _rates(problem, at_rest)
     if not all_certain(terms, terms.obligations):
         raise NotRecheckedError("P2a: a plant's equation is not defined everywhere at rest")
     for z in problem.moving:
         for sign, by in zip((-1, 1), problem.drifts[z], strict=True):
-            if by < inf and not _is_growth_below(problem, z, sign * ONE, by, box, there):
+            if by < inf and not _is_growth_below(problem, z, sign * ONE, by, box, at_rest):
                 name = problem.facts.states[z].name
                 raise NotRecheckedError(f"P2a: how far SC moves {name} is not shown")
 
@@ -372,10 +372,10 @@ def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
 
 
 def _is_growth_below(
-    problem: RestProblem, z: int, sign: arb, by: float, rests: Ranges, there: AtRest
+    problem: RestProblem, z: int, sign: arb, by: float, rests: Ranges, at_rest: AtRest
 ) -> bool:
     """Whether z grows (`sign` 1), or falls (-1), by at most `by`."""
-    total, held = ZERO, there
+    total, held = ZERO, at_rest
     for x in problem.own:
         if _rate_bound(problem, z, sign, held) <= 0:
             break
@@ -386,30 +386,30 @@ def _is_growth_below(
     return bool(_rate_bound(problem, z, sign, held) <= 0 and total <= exact(by))
 
 
-def _rate_bound(problem: RestProblem, z: int, sign: arb, there: AtRest) -> arb:
+def _rate_bound(problem: RestProblem, z: int, sign: arb, at_rest: AtRest) -> arb:
     """An upper bound of `sign` z'."""
-    terms, _, rates = _rates(problem, there)
+    terms, _, rates = _rates(problem, at_rest)
     return terms.combine(((sign, rates[z]),)).high
 
 
-def _factor(problem: RestProblem, z: int, sign: arb, x: int, there: AtRest) -> float:
+def _factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest: AtRest) -> float:
     """A c for which c |x| outweighs what x adds to z'; 0: x adds nothing; inf: there is no c."""
     found = [
-        _factor_beside(problem, (z, x), (sign, side), far, there)
-        for side, far in zip((-ONE, ONE), there.states[x], strict=True)
+        _factor_beside(problem, (z, x), (sign, side), far, at_rest)
+        for side, far in zip((-ONE, ONE), at_rest.states[x], strict=True)
         if side * far > 0
     ]
     return max(c for c, _ in found) if any(adds for _, adds in found) else 0.0
 
 
 def _factor_beside(
-    problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, there: AtRest
+    problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, at_rest: AtRest
 ) -> tuple[float, bool]:
     """`_factor` on the side `signs[1]` of x = 0, as far as `far`; whether x adds anything there."""
     (z, x), (sign, side) = of, signs
 
     def within(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:
-        return _rates(problem, AtRest({**there.states, x: span}, there.commands))
+        return _rates(problem, AtRest({**at_rest.states, x: span}, at_rest.commands))
 
     adds, by_slope, by_range, added = ZERO, [], [], []
     for k in range(PARTS):
@@ -447,19 +447,19 @@ def _ratio(adds: arb, falls: arb) -> float:
     return _most(adds / falls.lower()) if falls > 0 else inf
 
 
-def _rates(problem: RestProblem, there: AtRest) -> tuple[Terms, list[Linear], list[Linear]]:
-    """(terms, states, rates) over the ranges `there`; a state that is surely 0 is a constant."""
+def _rates(problem: RestProblem, at_rest: AtRest) -> tuple[Terms, list[Linear], list[Linear]]:
+    """(terms, states, rates) over `at_rest`; a state that is surely 0 is a constant."""
     facts, terms = problem.facts, Terms()
     states = []
     for s, state in enumerate(facts.states):
-        low, high = there.states[s]
+        low, high = at_rest.states[s]
         known = bool(low == 0 and high == 0)
         states.append(
             terms.constant(0.0) if known else terms.add_input("state", state.name, low, high)
         )
     controls = [
         terms.add_input("box", u.name, *r)
-        for u, r in zip(facts.controls, there.commands, strict=True)
+        for u, r in zip(facts.controls, at_rest.commands, strict=True)
     ]
     model = RestModel(facts, (), facts.extents)
     rates, _ = model.rates(terms, states, controls)

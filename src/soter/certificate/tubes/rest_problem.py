@@ -26,7 +26,7 @@ from flint import arb
 
 from soter.certificate.extras.estimates_and_shield import acted_ns, command_cells
 from soter.certificate.extras.left_out_states import THIRD, degree, refuse_turns_read
-from soter.certificate.extras.sc_locals_and_modes import survives_the_start
+from soter.certificate.extras.sc_locals_and_modes import check_start_answers
 from soter.certificate.folder import hexadecimal
 from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.reading.case_model import CaseModel, control_inputs
@@ -217,10 +217,10 @@ def read_rest(
         raise DiffersError(f"`{name}` has no `rest`")
     check_supported(facts, followed=True)
     _require_covered(facts)
-    _only_safe_reads_maps(facts, rest)
+    _require_maps_in_safe_only(facts, rest)
     setting = facts.setting
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
-        survives_the_start(facts)
+        check_start_answers(facts)
     sets = _state_sets(facts)
     facts.extents = tuple((max(a, -LARGEST), min(b, LARGEST)) for a, b in sets.values())
     states = _followed_states(facts, rest)
@@ -296,7 +296,7 @@ def map_topics(facts: Facts) -> tuple[int, ...]:
     return tuple(i for i in read if i not in driven and i not in facts.module.outputs)
 
 
-def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
+def _require_maps_in_safe_only(facts: Facts, rest: RestSymbol) -> None:
     """NotRecheckedError for a map that conditions 5 and 7 forbid, or that SC or `rest` reads."""
     rest_reads = {facts.module.scope.topics[t] for t in topic_reads(rest.condition)}
     by_sc = {facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)}
@@ -311,8 +311,8 @@ def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
                 "[]" in path or not isinstance(of, FloatType) for path, of in leaves(topic.type)
             ),
         }
-        for what in (what for what, there in wrong.items() if there):
-            raise NotRecheckedError(f"the map `{topic.name}` {what}")
+        for reason in (reason for reason, is_there in wrong.items() if is_there):
+            raise NotRecheckedError(f"the map `{topic.name}` {reason}")
 
 
 def _require_covered(facts: Facts) -> None:
@@ -327,8 +327,8 @@ def _require_covered(facts: Facts) -> None:
         "a grid": bool(symbol.verify.groups),
         "predicates of its own": symbol.ttf is not None or symbol.safer is not None,
     }
-    for what in (what for what, there in wrong.items() if there):
-        raise NotRecheckedError(f"`rest` beside {what}")
+    for reason in (reason for reason, is_there in wrong.items() if is_there):
+        raise NotRecheckedError(f"`rest` beside {reason}")
 
 
 def shield_constants(problem: RestProblem) -> dict[str, int] | None:

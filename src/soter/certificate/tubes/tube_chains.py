@@ -285,10 +285,10 @@ class ConditionOnBoxes:
         self,
         model: CaseModel,
         members: Sequence[int],
-        said: Callable[[Terms, list[Linear]], Proposition],
+        truth_of: Callable[[Terms, list[Linear]], Proposition],
     ) -> None:
         terms, states = model.new_terms()
-        first = said(terms, states)
+        first = truth_of(terms, states)
         own = [states[i].atom for i in members]
         known = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
         boxes = boxes_of(model, states, members)
@@ -340,7 +340,7 @@ class ModuleTube:
         self.problem, self.ways = problem, dict.fromkeys(facts.turning, A_TURN) | dict(ways)
         model = RestModel(facts, (), facts.extents)
         self._seen: list[str] | None = None
-        self._within(problem.first_map)
+        self._set_constraint(problem.first_map)
         self.rest = ConditionOnBoxes(
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
@@ -362,14 +362,14 @@ class ModuleTube:
         return self.problem.facts.symbol.shield is not None
 
     def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
-        """None where an estimate, a number for each of `reads`, is good; else why it may not be."""
+        """The reason why an estimate, a number for each of `reads`, may be bad; None if good."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
             if not all(isfinite(x) for x in numbers):
                 return f"a number of `{self.problem.facts.system.topics[index].name}` is none"
             maps[index] = value_of_leaves(self.problem.facts.system.topics[index].type, numbers)
-        self._within(maps)
+        self._set_constraint(maps)
         for s in self.problem.followed:
             x, error = exact(estimate[self.problem.leaf(s)]), exact(self.problem.error(s))
             if not x.is_finite():
@@ -380,13 +380,13 @@ class ModuleTube:
         return self.why_not_settled(box, times.alpha, times.horizon)
 
     def why_starts_not_good(self) -> str | None:
-        """None where all initial states are good, else why not; until h_0 any command may act."""
+        """The reason why initial states may not be good, or None; until h_0 any command may act."""
         states, times = self.problem.facts.states, self.problem.times
         box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
-        self._within(self.problem.first_map)
+        self._set_constraint(self.problem.first_map)
         return self.why_not_settled(box, times.start_alpha, times.start)
 
-    def _within(self, maps: Mapping[int, Value]) -> None:
+    def _set_constraint(self, maps: Mapping[int, Value]) -> None:
         """Make `constraint` the C of these maps, where it is not so already."""
         seen = [x.hex() for of in maps.values() for x in scalar_leaves(of)]
         if seen != self._seen:
@@ -399,7 +399,7 @@ class ModuleTube:
     # ------------------------------------------------------------ tubes
 
     def why_not_settled(self, box: Box, earliest: int, latest: int) -> str | None:
-        """None where SC, acting first in [earliest, latest] ns, ends at rest from all of `box`."""
+        """The reason why SC, acting first in [earliest, latest] ns, may not rest from `box`."""
         if not self.is_within_c(box):
             return "C is not certain of the estimate itself"
         body, step = StateSet.of_box(box), earliest * NANOSECOND / FREE_PIECES

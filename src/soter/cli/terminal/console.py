@@ -259,7 +259,7 @@ class Console:
                 self._note_lost_output(error)
 
     def write(self, text: str) -> None:
-        """What stands on standard output as it is, such as that of a child."""
+        """Writes text to standard output unchanged, such as a child's."""
         if self.out is None or self.output_error is not None:
             return
         try:

@@ -267,13 +267,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 helps=("pass its value as an argument",) if in_function else (),
             )
         if context.topics != "any" and topic not in context.topics:
-            return self._not_subscribed(topic, span, context)
+            return self._report_not_subscribed(topic, span, context)
         context.topics_read.setdefault(topic)
         queue = context.queues.get(topic)
         t = topic.type if queue is None else ListType(topic.type, queue)
         return typed.TopicRead(t, span, topic)
 
-    def _not_subscribed(
+    def _report_not_subscribed(
         self, topic: typed.TopicSymbol, span: Span, context: Context
     ) -> typed.TypedExpr:
         if context.owner in self.shared.damaged:  # it may be the one that could not be read

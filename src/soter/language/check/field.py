@@ -383,7 +383,7 @@ def _from_the_end(of: ArrayType | ListType, index: typed.Literal, target: str) -
 def find_instance(
     instances: dict[str, typed.InstanceSymbol], names: list[tree.Name] | tuple[tree.Name, ...]
 ) -> tuple[object, int]:
-    """What the longest prefix of a path that is an instance is of, its length; (None, 0): none."""
+    """The declaration of the longest prefix that is an instance, its length; (None, 0): none."""
     symbol: object = None
     depth = 0
     for name in names:

@@ -120,9 +120,9 @@ class Composition:
 
     def check(self, property_reads: list[tuple[int, Span]]) -> None:
         """Checks all rules; also enters the driver of every topic."""
-        self._distinct_names()
+        self._require_distinct_names()
         beside = self._beside_their_modules()
-        self._takeovers(beside)
+        self._check_takeovers(beside)
         drivers = self._drivers(beside)
         for index, topic_drivers in drivers.items():
             driven_topic = self.system.topics[index]
@@ -130,9 +130,9 @@ class Composition:
             if len(topic_drivers) > 1:
                 self._report_two_drivers(driven_topic, topic_drivers)
             if driven_topic.symbol.input:
-                self._drives_an_input(driven_topic, *topic_drivers[0])
-        self._disjoint_topics()
-        self._acknowledgements(drivers)
+                self._report_driven_input(driven_topic, *topic_drivers[0])
+        self._require_disjoint_topics()
+        self._check_acknowledgements(drivers)
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
@@ -141,10 +141,10 @@ class Composition:
                     reader = f"module `{component.name.rpartition('.')[0]}`"
                 elif component.role in {"ac", "sc"}:
                     reader = f"node `{component.name}`"
-                self._driven(component.scope.topics[topic], span, reader, driven)
+                self._require_driver(component.scope.topics[topic], span, reader, driven)
         for index, span in property_reads:
-            self._driven(index, span, "a property", driven)
-        self._disjoint_nodes()
+            self._require_driver(index, span, "a property", driven)
+        self._require_disjoint_nodes()
         if not self.partial:
             check_external(self.system, self.read, self.diagnostics)
         for queue in self.system.topics:
@@ -178,7 +178,7 @@ class Composition:
             )
         return set(beside)
 
-    def _takeovers(self, without: set[Component]) -> None:
+    def _check_takeovers(self, without: set[Component]) -> None:
         """Reports M015 for `on takeover` in nodes that are no controllers of a module."""
         for c in self.system.components:
             if c.role != "node" or c.node is None or c in without or self.draft:
@@ -246,7 +246,7 @@ class Composition:
         )
 
     def _listed(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
-        """Where the node at `place` lists `topic` as published, and an edit that removes it.
+        """The span at which the node at `place` publishes `topic`, and an edit that removes it.
 
         The edit is for a node whose step never publishes the topic.
         """
@@ -289,7 +289,7 @@ class Composition:
 
     # ------------------------------------------------------------ wires
 
-    def _distinct_names(self) -> None:
+    def _require_distinct_names(self) -> None:
         """Reports N002 for an instance with the name of an import: topics would clash."""
         seen: dict[str, Topic] = {}
         for topic in self.system.topics:
@@ -304,7 +304,7 @@ class Composition:
                     helps=("give the instance another name",),
                 )
 
-    def _drives_an_input(self, topic: Topic, who: str, span: Span) -> None:
+    def _report_driven_input(self, topic: Topic, who: str, span: Span) -> None:
         """Reports M011 if the part at `span` drives an input by a wire."""
         parts = [c for c in self.system.components if c.span is span]
         if any(topic.symbol in c.published for c in parts):
@@ -318,7 +318,7 @@ class Composition:
             helps=("wire it to a topic that is declared without `input`",),
         )
 
-    def _disjoint_topics(self) -> None:
+    def _require_disjoint_topics(self) -> None:
         """Reports M001 after wiring, too: inputs and outputs of a node must be disjoint."""
         for c in self.system.components:
             if c.node is None:
@@ -343,7 +343,7 @@ class Composition:
 
     # ------------------------------------------------------------ acknowledgements
 
-    def _acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
+    def _check_acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
         """Reports M028 if a node or module could acknowledge, or one press could count twice."""
         first_by_topic: dict[int, Module] = {}
         for module in self.system.modules:
@@ -392,7 +392,7 @@ class Composition:
             reads += [(t, m.latch.span) for t in m.acknowledgements]
         return reads
 
-    def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
+    def _require_driver(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         index = self.system.topics[index].source
         topic = self.system.topics[index]
         self.read.add(index)
@@ -435,7 +435,7 @@ class Composition:
 
     # ------------------------------------------------------------ nodes of modules
 
-    def _disjoint_nodes(self) -> None:
+    def _require_disjoint_nodes(self) -> None:
         seen: dict[tuple[str, NodeSymbol], Module] = {}
         for m in self.system.modules:
             prefix = m.name.rpartition(".")[0]

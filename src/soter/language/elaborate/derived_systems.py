@@ -358,7 +358,7 @@ def _as_extern(c: Component) -> Component:
 
 
 def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
-    """Whether all that a property reads remains, and the component of a contract."""
+    """Whether the parts that a property reads remain, and the component of a contract."""
     seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
     read = mode_reads(p.condition)
     there = {m for m, i in p.scope.modules.items() if i in placed}

@@ -73,7 +73,7 @@ class ReadTopic:
     compared: dict[Path, set[Comparison]] = field(default_factory=dict)
 
     def told_apart(self, path: Path) -> Span | None:
-        """Where code reads the value of this part, or of one around it; None: nowhere."""
+        """The place in code that reads this part's value, or that of one around it; None: none."""
         return next((s for p, s in self.whole.items() if path[: len(p)] == p), None)
 
 
@@ -93,36 +93,36 @@ class Readers:
         for m in system.modules:
             if m.symbol.ttf is None or m.symbol.safer is None:  # they may read anything then
                 for topic in system.topics:
-                    self._all_of(topic.index, m.symbol.span)
+                    self._add_whole_read(topic.index, m.symbol.span)
         for c in system.components:
-            self._component(c)
+            self._add_reads_of_component(c)
         for m in system.modules:
-            self._module(m)
+            self._add_reads_of_module(m)
         for p in system.properties:
             self._read((p.condition,), p.scope)
         for condition, scope in asked:
             self._read((condition,), scope)
         for topic in system.topics:
             if topic.queue_of is not None:
-                self._all_of(topic.queue_of, topic.symbol.span)
+                self._add_whole_read(topic.queue_of, topic.symbol.span)
         self._add_reads_of_contracts([c for c in system.components if c.stands_for is not None])
 
     def of(self, topic: int) -> ReadTopic:
         """What code reads of the topic with this index."""
         return self.topics.setdefault(topic, ReadTopic())
 
-    def _all_of(self, topic: int, span: Span) -> None:
+    def _add_whole_read(self, topic: int, span: Span) -> None:
         self.heard.add(topic)
         self.of(topic).whole.setdefault((), span)
 
-    def _component(self, c: Component) -> None:
+    def _add_reads_of_component(self, c: Component) -> None:
         if c.node is not None and c.stands_for is None:
             node = c.node
             self._read((*node.step, *(node.takeover or ()), *node.assumes), c.scope)
             self._read(node.guarantees, c.scope)
             if c.extern:
                 for s in node.subscribes:
-                    self._all_of(c.scope.topics[s.topic], s.span)
+                    self._add_whole_read(c.scope.topics[s.topic], s.span)
             self.heard |= {c.scope.topics[s.topic] for s in node.subscribes}
         elif c.plant is not None:
             self._read(plant_code(c.plant), c.scope)
@@ -149,15 +149,15 @@ class Readers:
         outputs = {*c.writes}
         return c.module is not None or bool(outputs & self.heard)
 
-    def _module(self, m: Module) -> None:
+    def _add_reads_of_module(self, m: Module) -> None:
         symbol = m.symbol
         self._read([e for e in (symbol.safe, symbol.ttf, symbol.safer) if e is not None], m.scope)
         self.heard |= {*m.reads}
         if m.acknowledgement is not None:
-            self._all_of(m.acknowledgement, m.symbol.span)
+            self._add_whole_read(m.acknowledgement, m.symbol.span)
         if m.shield is not None:
             for topic in m.outputs:
-                self._all_of(topic, m.symbol.span)
+                self._add_whole_read(topic, m.symbol.span)
 
     # ------------------------------------------------------------ code
 

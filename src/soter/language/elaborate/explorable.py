@@ -49,7 +49,7 @@ def _check_code(test: typed.TestSymbol, system: System, diagnostics: Diagnostics
             _report_extern(test, c, diagnostics)
     externs: dict[typed.FunSymbol, typed.TypedCall] = {}
     for root in _code(system):
-        _externs_below(root, externs)
+        _add_externs(root, externs)
     for fun, call in externs.items():
         diagnostics.error(
             "E006",
@@ -179,7 +179,7 @@ def _code(system: System) -> Iterator[object]:
     yield from (p.condition for p in system.properties)
 
 
-def _externs_below(root: object, call_by_extern: dict[typed.FunSymbol, typed.TypedCall]) -> None:
+def _add_externs(root: object, call_by_extern: dict[typed.FunSymbol, typed.TypedCall]) -> None:
     """Enters extern functions that code below `root` calls, each with its first call."""
     for call in calls_in(root):
         seen: set[typed.FunSymbol] = set()

@@ -2,7 +2,7 @@
 
 Purpose: turns each `SystemFaultSymbol` into `Fault`s, one for each component, with diagnostics for
 impossible ones, and decides whether a proof's assumptions still hold with it. `named` finds a
-component by the path in a fault or a test; `not_found` reports that there is none.
+component by the path in a fault or a test; `refuse_path` reports that there is none.
 Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
 (`language/elaborate/tested_system.py`).
 """
@@ -49,7 +49,7 @@ def _aliases(system: System, c: Component) -> set[str]:
     return aliases | {s.name for s in symbols} | {s.name.rpartition(".")[2] for s in symbols}
 
 
-def not_found(
+def refuse_path(
     system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
 ) -> None:
     """Reports E009, no such component; `verb`: what it could do, `plants`: whether plants can."""
@@ -153,7 +153,7 @@ class _FaultPlacer:
         """Reports V011 and returns True if a component would be so late that it never runs."""
         never = item.kind == "late" and item.rate is None and amount[0] >= c.period_ns
         if never:
-            self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
+            self._refuse(item, f"leaves `{c.name}` no release: each is lost to the next one")
         return never
 
     def _stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
@@ -174,7 +174,7 @@ class _FaultPlacer:
         if rate is None or per is None:
             return None
         if not (math.isfinite(rate) and rate >= 0.0):
-            self._wrong(item, f"cannot happen {rate!r} times: give a number that is not negative")
+            self._refuse(item, f"cannot happen {rate!r} times: give a number that is not negative")
             return None
         return float(rate) / (per / 1e9)
 
@@ -187,13 +187,13 @@ class _FaultPlacer:
             return None  # the parser has reported it
         if item.kind == "overrun":
             if not 0 < values[0] <= LATE_MAX_NS:
-                self._wrong(item, "is by a time of more than 0 and at most 1 h")
+                self._refuse(item, "is by a time of more than 0 and at most 1 h")
                 return None
             return (values[0],)
         if item.kind == "late":
             return self._lateness(item, values, lasts)
         if any(not math.isfinite(v) for v in values) or len(values) > 1:
-            self._wrong(item, "is by one finite number")
+            self._refuse(item, "is by one finite number")
             return None
         return tuple(float(v) for v in values)
 
@@ -202,10 +202,10 @@ class _FaultPlacer:
     ) -> tuple[float, ...] | None:
         """The quantiles of the lateness, rising, in ns; None after a report."""
         if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
-            self._wrong(item, "is by times from 0 to 1 h, the shorter ones first")
+            self._refuse(item, "is by times from 0 to 1 h, the shorter ones first")
             return None
         if item.rate is not None and (len(values) > 1 or values[0] <= 0 or lasts):
-            self._wrong(item, "that happens now and then is by one time, which is its length")
+            self._refuse(item, "that happens now and then is by one time, which is its length")
             return None
         if item.rate is None and len(values) == 1:
             values = [0, *values]
@@ -222,21 +222,21 @@ class _FaultPlacer:
         if share > most:
             often = show_ns(round(slot_ns / most))
             what = f"lasts {show_ns(slot_ns)}" if item.lasts or apart else "is about one release"
-            self._wrong(item, f"happens too often: it {what}, so at most once in {often}")
+            self._refuse(item, f"happens too often: it {what}, so at most once in {often}")
             return None
         return (1.0 - math.sqrt(1.0 - 4.0 * share)) / 2.0 if apart else share
 
-    def _wrong(self, item: typed.SystemFaultSymbol, what: str) -> None:
+    def _refuse(self, item: typed.SystemFaultSymbol, what: str) -> None:
         self.diagnostics.error("V011", f"`{item.kind}` {what}", item.span)
 
     # ------------------------------------------------------------ targets
 
     def _group(self, item: typed.SystemFaultSymbol) -> list[_Target]:
         if item.kind == "overrun":
-            self._impossible(item, f"not all nodes of `{item.path}` can: name those that shall")
+            self._refuse_item(item, f"not all nodes of `{item.path}` can: name those that shall")
             return []
         if item.kind not in {"late", "skip"}:
-            self._impossible(item, f"`{item.path}` stands for nodes whose time is disturbed")
+            self._refuse_item(item, f"`{item.path}` stands for nodes whose time is disturbed")
             return []
         wanted = ("dm", "sc", "ac") if item.path == "modules" else ("dm", "sc", "ac", "node")
         components = [c for c in self.system.components if c.role in wanted]
@@ -253,7 +253,7 @@ class _FaultPlacer:
                 return [x for c in components for x in self._hit(item, c, parts[count:])]
         if not self.flat.partial:
             verb = f"have a fault `{item.kind}`"
-            not_found(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
+            refuse_path(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
         return []
 
     def _hit(
@@ -261,9 +261,9 @@ class _FaultPlacer:
     ) -> Iterator[_Target]:
         if item.kind in {"late", "skip"}:
             if rest:
-                self._impossible(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
+                self._refuse_item(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
             elif c.plant is not None:
-                self._impossible(item, "physical time is never skewed")
+                self._refuse_item(item, "physical time is never skewed")
             else:
                 yield c, None, (), None
             return
@@ -272,15 +272,15 @@ class _FaultPlacer:
             if why is None:
                 yield c, None, (), None
             else:
-                self._impossible(item, why)
+                self._refuse_item(item, why)
             return
         if c.role == "dm":
-            self._impossible(item, "a decision module publishes nothing")
+            self._refuse_item(item, "a decision module publishes nothing")
             return
         drawn = [i for i, d in enumerate(c.disturbances) if [d.variable.name] == list(rest[:1])]
         if drawn and item.kind == "scale":
             if len(rest) > 1:
-                self._impossible(item, f"all of `{c.name}.{rest[0]}` is scaled, no part of it")
+                self._refuse_item(item, f"all of `{c.name}.{rest[0]}` is scaled, no part of it")
                 return
             yield c, None, (), drawn[0]
             return
@@ -295,7 +295,7 @@ class _FaultPlacer:
         for symbol in topics:
             if item.kind != "silent" and not _is_one_value(c, symbol):
                 if rest:
-                    self._impossible(item, f"`{symbol.name}` is not one value of fixed size")
+                    self._refuse_item(item, f"`{symbol.name}` is not one value of fixed size")
                     return
                 continue
             topic = c.scope.topics[symbol]
@@ -304,19 +304,19 @@ class _FaultPlacer:
                 hit = True
                 yield c, topic, indices, None
         if not hit:
-            self._nothing_to_hit(item, c, rest)
+            self._report_nothing_to_hit(item, c, rest)
         elif c.plant is not None and item.kind == "nan":
-            self._impossible(item, "a reading that is no number reaches no topic: say `silent`")
+            self._refuse_item(item, "a reading that is no number reaches no topic: say `silent`")
 
-    def _nothing_to_hit(
+    def _report_nothing_to_hit(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
     ) -> None:
         what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
         there = [t.name.rpartition(".")[2] for t in c.published]
         also = [f"`{c.name}` publishes {listed(there)}"] if there else []
-        self._impossible(item, f"{what} is nothing that `{item.kind}` could hit", *also)
+        self._refuse_item(item, f"{what} is nothing that `{item.kind}` could hit", *also)
 
-    def _impossible(self, item: typed.SystemFaultSymbol, *why: str) -> None:
+    def _refuse_item(self, item: typed.SystemFaultSymbol, *why: str) -> None:
         self.diagnostics.error(
             "E018", f"`{item.kind} {item.path}` cannot happen", item.span, notes=why
         )

@@ -326,7 +326,7 @@ class _TimeReader:
     def _clocks_of_two(
         self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
     ) -> list[bool]:
-        """Which of two parts are clocks; `e` is open if the other one is no constant either."""
+        """Whether each part is a clock; `e` is open if the other one is no constant either."""
         clocks = [self._is_clock(one), self._is_clock(other)]
         beside = other if clocks[0] else one
         if any(clocks) and not all(clocks) and self._constant(beside) is None:

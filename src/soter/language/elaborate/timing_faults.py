@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.faults import named, not_found
+from soter.language.elaborate.faults import named, refuse_path
 from soter.language.elaborate.passes.memory_topics import refuse_overrun
 from soter.language.model.system import TimingFault
 
@@ -67,7 +67,7 @@ def _fault_components(flat: Flattening, system: System, item: typed.FaultSymbol)
     if not components:
         if not flat.partial:
             verb = _VERBS[item.kind]
-            not_found(system, item.path, item.span, flat.diagnostics, verb=verb, plants=False)
+            refuse_path(system, item.path, item.span, flat.diagnostics, verb=verb, plants=False)
         return []
     wrong = {c.role for c in components} & (
         {"plant", "dm"} if item.kind == "overrun" else {"plant"}

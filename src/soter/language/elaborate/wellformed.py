@@ -57,10 +57,10 @@ def check_declaration(
     for node in module.own:
         check_messages(module, node, at_ac if node is ac else at_sc, diagnostics)
     if set(ac.publishes) != set(sc.publishes) or not ac.publishes:
-        _different_outputs(module, diagnostics, others)
+        _require_same_outputs(module, diagnostics, others)
 
 
-def _different_outputs(
+def _require_same_outputs(
     module: ModuleSymbol, diagnostics: Diagnostics, others: Collection[NodeSymbol]
 ) -> None:
     """Reports P1b if AC and SC do not publish the same topics, or publish none."""

@@ -228,7 +228,7 @@ def hull(a: Range, b: Range) -> Range:
 
 
 def total(a: Range, b: Range) -> Range:
-    """The range of sums of one number of each."""
+    """The range of x + y, with x and y in these ranges."""
     return a[0] + b[0], a[1] + b[1]
 
 

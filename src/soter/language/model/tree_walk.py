@@ -266,7 +266,7 @@ class _Counter:
                 path.append((callee, iter(_callees(callee))))
                 continue
             path.pop()
-            size = BYTES * (leaf_count(fun.result) + _passed(fun.parameters))
+            size = BYTES * (leaf_count(fun.result) + _numbers_copied(fun.parameters))
             cost = self.body(fun.body or (), f"`{fun.name}`", fun.span, size)
             self.costs[fun] = cost if fun.body is not None else typed.Cost(0, size, (fun.name,))
             if self._said:
@@ -337,7 +337,7 @@ class _Counter:
             return 1 + self._expr(e.condition) + max(sides)
         parts = sum(self._expr(p) for p in children(e))
         if isinstance(e, typed.TypedCall):
-            return parts + 1 + _passed(e.fun.parameters) + self.costs[e.fun].operations
+            return parts + 1 + _numbers_copied(e.fun.parameters) + self.costs[e.fun].operations
         if isinstance(e, typed.Builtin):
             return parts + max(leaf_count(a.type) for a in e.arguments)
         if isinstance(e, (typed.TypedUnary, typed.Vector, typed.Aggregate)):
@@ -353,7 +353,7 @@ def _callees(fun: typed.FunSymbol) -> list[typed.FunSymbol]:
     return _callees_in(fun.body or ())
 
 
-def _passed(parameters: Iterable[typed.Variable]) -> int:
+def _numbers_copied(parameters: Iterable[typed.Variable]) -> int:
     """How many numbers a call copies for its arguments."""
     return sum(min(leaf_count(p.type), ARGUMENT) for p in parameters)
 

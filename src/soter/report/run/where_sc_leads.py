@@ -77,7 +77,7 @@ def _whole(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[
 
 
 def _joined(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Join boxes of SC that follow each other to their hull, where they are many."""
+    """Replaces neighbouring boxes of SC by their hull if there are many."""
     ours = boxes[:, 0] == BY_SC
     many = -(-int(ours.sum()) // BOXES_MAX) if ours.any() else 1
     number = np.where(ours, np.cumsum(ours) // max(many, 1), -1 - np.arange(len(boxes)))

@@ -95,7 +95,7 @@ class Case:
         self.failures.append(made)
         return made
 
-    def again(self, proof: Any) -> None:  # noqa: ANN401 - one of `proofs`
+    def make_fresh(self, proof: Any) -> None:  # noqa: ANN401 - one of `proofs`
         """Makes a group's proof fresh: it keeps nothing of an earlier attempt."""
         proof.fresh = True
         self.failures = [f for f in self.failures if f.proof is not proof]
@@ -130,10 +130,10 @@ class ClaimTimer:
 
     def _so_far(self) -> list[str]:
         failed = {f.claim: f"not shown: {f.text}" for f in reversed(self.case.failures)}
-        said = [f"{c} {failed.get(c, 'shown')}" for c in self.case.spent]
+        claims = [f"{c} {failed.get(c, 'shown')}" for c in self.case.spent]
         values = zip(self.case.problem.parameters, self.case.parameter, strict=True)
         at = "".join(f" with {p.name} = {value}" for p, value in values)
-        until = ", ".join(said) or "no claim settled"
+        until = ", ".join(claims) or "no claim settled"
         return [f"{self.case.problem.name}{at}: {until}; ended in {self.claim}"]
 
 
@@ -143,10 +143,10 @@ def settled(*results: ModuleResult) -> list[str]:
     for result in results:
         held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
         lines.append(f"{result.name}: {held}")
-        told = {NO_CORE}
+        texts = {NO_CORE}
         for name, f in result.findings.items():
-            if not f.holds and f.text not in told:
-                told.add(f.text)
+            if not f.holds and f.text not in texts:
+                texts.add(f.text)
                 lines.append(f"  {name}  {f.text}")
                 lines += [f"    where  {region}" for region in f.regions[:REGIONS_SHOWN]]
                 lines += [f"    why    {cause.text}" for cause in f.causes]
@@ -154,12 +154,12 @@ def settled(*results: ModuleResult) -> list[str]:
 
 
 @contextmanager
-def settled_before(told: Callable[[], list[str]]) -> Iterator[None]:
-    """A `with` block in which an interruption carries the lines of `told` as its notes."""
+def settled_before(notes: Callable[[], list[str]]) -> Iterator[None]:
+    """A `with` block in which an interruption carries the lines of `notes` as its notes."""
     try:
         yield
     except KeyboardInterrupt as stopped:
-        vars(stopped)["__notes__"] = told()
+        vars(stopped)["__notes__"] = notes()
         raise
 
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 from soter.verify.claims import start
 from soter.verify.claims.case import ClaimTimer
-from soter.verify.claims.claims import after_core, compute_levels, find_way_back, make_tables
+from soter.verify.claims.claims import check_after_core, compute_levels, find_way_back, make_tables
 from soter.verify.claims.grid_refinement import cells_of, counts_of, smaller_cells
 from soter.verify.grid.group_model import UnboundedError
 
@@ -105,7 +105,7 @@ def _shown_with_fewer_cells(done: list[Case]) -> bool:
         for case in done:
             if failures := case.failed("P2b"):
                 _give_up(case, failures)
-                after_core(case)
+                check_after_core(case)
         _examine_way_back(done)
         if not any(map(_unshown_failures, done)):
             return True
@@ -195,8 +195,8 @@ class Choice:
         levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
         pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
         counts = filter(None, (counts_of(a, b) for a, b in pairs))
-        what = f"cells of {self.size} the size: on the declared ones {FAILED[self.failed]}"
-        return [*(f"{what}: {text}" for text in counts), *([levels] if self.why else [])]
+        head = f"cells of {self.size} the size: on the declared ones {FAILED[self.failed]}"
+        return [*(f"{head}: {text}" for text in counts), *([levels] if self.why else [])]
 
 
 def choose(problem: Problem, attempt: Attempt) -> Choice:

@@ -155,7 +155,7 @@ def compute_core(case: Case) -> bool:
         return whole
     case.lawful.give_up(NOTHING_INSIDE)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
-        case.again(proof)
+        case.make_fresh(proof)
         proof.take_constraint(case, part)
     return _compute_cores(case)
 
@@ -176,13 +176,13 @@ def compute_free_phase(case: Case) -> None:
 def check_inclusion(case: Case, predicate: str) -> None:
     """Checks that `ttf` or `safer` lets AC have control only at estimates of states in R(H)."""
     for proof in case.fresh:
-        proof.inclusion(case, predicate)
+        proof.check_inclusion(case, predicate)
 
 
 def compute_levels(case: Case) -> None:
     """Computes S_0 ... S_(m-2) of every group; enters failures where they are empty."""
     for proof in case.fresh:
-        proof.levels(case)
+        proof.find_levels(case)
 
 
 def make_tables(cases: Sequence[Case]) -> None:
@@ -201,7 +201,7 @@ def make_tables(cases: Sequence[Case]) -> None:
             proof.take_table(case, table)
 
 
-def after_core(case: Case) -> None:
+def check_after_core(case: Case) -> None:
     """Computes and checks everything that follows from K, but P2b."""
     with ClaimTimer(case, "P3"):
         compute_free_phase(case)
@@ -271,9 +271,9 @@ def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
     if modes is None or not modes.waits or finding.verdict != PROVED:
         return
     if modes.never:
-        finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
+        finding.weaken_to(UNDECIDED, modes.never, GIVE_BACK)
     else:
-        finding.rest_on(
+        finding.weaken_to(
             ASSUMED, f"{finding.text} while {subjects_in_words(modes.waits)} in AC: not proved"
         )
 
@@ -413,7 +413,7 @@ HOW = {
 """How claims are shown that are not shown group by group."""
 
 
-def static_claims(problem: Problem, result: ModuleResult) -> None:
+def enter_static_claims(problem: Problem, result: ModuleResult) -> None:
     """Enters P1a and P1b, which were checked with the program, and P1c, which compares times."""
     times = problem.times
     result.findings["P1a"] = Finding(

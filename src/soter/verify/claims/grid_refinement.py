@@ -350,5 +350,5 @@ def _estimate_in_words(problem: Problem, seconds: float) -> str:
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]
     axes = sum(len(g.axes) for g in problem.groups)
     many = "1 axis" if axes == 1 else f"{axes} axes"
-    told = f"{problem.name}: {many} of {' and '.join(shapes)} cells"
-    return f"{told}: about {lasting(seconds, TO_S)} of processor time"
+    text = f"{problem.name}: {many} of {' and '.join(shapes)} cells"
+    return f"{text}: about {lasting(seconds, TO_S)} of processor time"

@@ -170,7 +170,7 @@ class Finding:
     """
 
     verdict: str
-    """The worst verdict that it depends on: `rest_on` makes it worse, and nothing better."""
+    """The worst verdict that it depends on: `weaken_to` makes it worse, and nothing better."""
     seconds: float = 0.0
     method: str = ""
     text: str = ""
@@ -191,10 +191,10 @@ class Finding:
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "verdict" and hasattr(self, "verdict"):
-            raise AttributeError("a verdict is made once: `rest_on` says what else it rests on")
+            raise AttributeError("a verdict is made once: `weaken_to` says what else it rests on")
         super().__setattr__(name, value)
 
-    def rest_on(self, verdict: str, text: str = "", hint: str = "") -> None:
+    def weaken_to(self, verdict: str, text: str = "", hint: str = "") -> None:
         """Makes the verdict the worse of its own and this one.
 
         `text` and `hint` replace the finding's unless its own verdict is the worse one.
@@ -274,7 +274,7 @@ class CaseSets:
 
 @dataclass(eq=False, repr=False)
 class ModuleResult:
-    """Everything that was found about a module."""
+    """The findings about a module, and the sets behind them."""
 
     problem: Problem
     findings: dict[str, Finding]
@@ -466,8 +466,8 @@ class VerifyReport:
         ]
         count = sum(len(m.assumptions) for m in self.modules)
         head = f"{self.path} {self.system}: {self.verdict} under {count} assumptions"
-        told = notebook_table(head, ("module", "property", "verdict", "how"), rows)
-        return told if self.page is None else told + framed(self.page(self))
+        table = notebook_table(head, ("module", "property", "verdict", "how"), rows)
+        return table if self.page is None else table + framed(self.page(self))
 
     @property
     def said(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Where SC begins: where it gets control with the state in R(h), and what it does on defaults.
+"""The start of SC: whether it gets control with the state in R(h), and its steps on defaults.
 
 K, the core: states from which SC keeps `safe` for ever. R(t): states from which no command of U,
 the declared sets of what drives plants, leads out of K within t. h_0: the time by which an output
@@ -64,7 +64,7 @@ def check_start(case: Case) -> None:
     """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted."""
     if not case.problem.starts_with(case.parameter):
         return
-    _fails_on_defaults(case)
+    _check_defaults(case)
     until_ns = case.problem.in_horizon(case.problem.times.start)
     for proof in case.proofs:
         at = proof.at_start(case)
@@ -88,7 +88,7 @@ def _start_in_words(case: Case, axis: Axis) -> str:
 
 
 def why_not_entered(case: Case) -> str:
-    """Why it is not shown that `enters` implies R(H), in words; "": it is shown."""
+    """The reason why `enters` is not shown to imply R(H), in words; "": it is shown."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
@@ -155,7 +155,7 @@ def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
 # ---------------------------------------------------------------- SC on defaults
 
 
-def _fails_on_defaults(case: Case) -> None:
+def _check_defaults(case: Case) -> None:
     """Enters a failure of `start` where SC may fault on defaults."""
     why = fault_on_defaults(case.problem)
     if why:

@@ -95,8 +95,8 @@ def _skewed_pairs(
 ) -> list[tuple[int, int, int, Fraction | float]]:
     """(i, j, max(a_i, a_j), sigma_i + sigma_j) in ns, for pairs where the sum is the smaller."""
     every = combinations(range(len(ages)), 2)
-    told = [(i, j, max(ages[i], ages[j]), slacks[i] + slacks[j]) for i, j in every]
-    return [x for x in told if x[2] > x[3]]
+    pairs = [(i, j, max(ages[i], ages[j]), slacks[i] + slacks[j]) for i, j in every]
+    return [x for x in pairs if x[2] > x[3]]
 
 
 def rates_of(problem: Problem) -> list[float]:
@@ -207,12 +207,12 @@ def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostic
         own = e.errors[k]
         if own is not None and own <= allowed:
             continue
-        told = f"within {own!r}" if own is not None else "nothing says how exact it is"
+        text = f"within {own!r}" if own is not None else "nothing says how exact it is"
         diagnostics.error(
             "D019",
             f"the error of `{name}` is not covered by the proof in `{s.there.name}`",
             e.span,
-            told,
+            text,
             notes=(f"there its plant is `measured ... within {allowed!r}`",),
             helps=(f"write `measured {name} within {allowed!r}` or less, if that is true",),
         )
@@ -268,13 +268,13 @@ def _check_steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics
     plant = s.plants[topic.index]
     if e.every_ns == plant.period_ns and not e.delay_ns:
         return
-    said = "nothing" if e.every_ns is None else f"every {show_ns(e.every_ns)}"
-    told = f"{said}, delayed {show_ns(e.delay_ns)}" if e.delay_ns else said
+    period = "nothing" if e.every_ns is None else f"every {show_ns(e.every_ns)}"
+    text = f"{period}, delayed {show_ns(e.delay_ns)}" if e.delay_ns else period
     diagnostics.error(
         "D019",
         f"`{topic.name}` shows a plant that moves in steps, and does not come with each of them",
         e.span,
-        told,
+        text,
         notes=(
             f"plant `{plant.name}` moves every {show_ns(plant.period_ns)}; reads show that step",
         ),

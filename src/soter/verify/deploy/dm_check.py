@@ -41,7 +41,7 @@ from soter.verify.deploy.dm_test_cases import (
     ExpectedFacts,
     LatchBytes,
     gates,
-    values,
+    topic_values,
 )
 from soter.verify.deploy.level_tables import GroupTable
 from soter.verify.deploy.missing_predicates import install
@@ -107,10 +107,10 @@ class DMCheck:
             + f"; {self.states:,} inputs tried"
         )
 
-    def differs(self, what: str) -> None:
+    def fail(self, text: str) -> None:
         """Enters a difference."""
         if len(self.failures) < FAILURES_MAX:
-            self.failures.append(what)
+            self.failures.append(text)
 
 
 def decided(
@@ -148,7 +148,7 @@ def check_decisions(
         inputs.run(points)
         for table in level_tables:
             others = [t for t in level_tables if t is not table]
-            inputs.levels(table, others, at, acted_ns)
+            inputs.try_level_table(table, others, at, acted_ns)
         checks.append(check)
     return checks
 
@@ -249,12 +249,12 @@ def _try_all_facts(c: CompiledDM, check: DMCheck) -> None:
     names = ("stale", "ttf", "safer", "gate_fault", "clean")
     for mode in (SC, AC):
         for facts in itertools.product((False, True), repeat=5):
-            said = dict(zip(names, facts, strict=True))
-            wanted, got = decided(mode, **said), c.switch(mode, facts)
+            fact_by_name = dict(zip(names, facts, strict=True))
+            wanted, got = decided(mode, **fact_by_name), c.switch(mode, facts)
             check.facts += 1
             if wanted != got:
-                true = ", ".join(n for n, fact in said.items() if fact) or "no fact"
-                check.differs(
+                true = ", ".join(n for n, fact in fact_by_name.items() if fact) or "no fact"
+                check.fail(
                     f"in {_name_of(mode)} with {true}: {_name_of(got)}, not {_name_of(wanted)}"
                 )
 
@@ -293,7 +293,7 @@ class _Inputs:
         read = [scope[t] for t in topic_reads(*predicates)]
         expected = ExpectedFacts(system, self.module)
         every = list(itertools.product(self._ages_to_try(), gates(self.module)))
-        for k, chosen_values in enumerate(values(system, read, points, self.chance)):
+        for k, chosen_values in enumerate(topic_values(system, read, points, self.chance)):
             topics = [t.default for t in system.topics]
             for index, value in zip(read, chosen_values, strict=True):
                 topics[index] = value
@@ -334,7 +334,7 @@ class _Inputs:
                 struct.pack_into("<d", state, offset(s), value)
         return state, np.array([offset(s) for s in own.states], dtype=np.uintp)
 
-    def levels(
+    def try_level_table(
         self,
         table: LevelTable,
         others: Sequence[LevelTable],
@@ -367,7 +367,7 @@ class _Inputs:
         self.check.cells += len(points)
         for k in np.flatnonzero(got != levels)[:1]:
             where = points[k].tolist()
-            self.check.differs(f"at {where} its level is {got[k]}, not {levels[k]}")
+            self.check.fail(f"at {where} its level is {got[k]}, not {levels[k]}")
 
     def _acting_commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
         """All pairs of cells of the command that is held and of one that may just still act.
@@ -441,9 +441,9 @@ class _Inputs:
         self.check.states += 1
         wrong = [n for n, fact in facts.items() if state[self.at[n]] != fact]
         for name in wrong[:1]:
-            self.check.differs(f"in {_name_of(mode)} it finds `{name}` {not facts[name]}")
+            self.check.fail(f"in {_name_of(mode)} it finds `{name}` {not facts[name]}")
         if got != wanted:
-            self.check.differs(
+            self.check.fail(
                 f"in {_name_of(mode)} on {facts}: {_name_of(got)}, not {_name_of(wanted)}"
             )
 
@@ -465,11 +465,11 @@ class _Inputs:
             after = self.latch.switched(wanted, NOW_NS) if wanted != mode else held
             self.check.states += 1
             if (got := self.c.decide(self.module.index, state)) != wanted:
-                self.check.differs(
+                self.check.fail(
                     f"in {_name_of(mode)} on {seen}: {_name_of(got)}, not {_name_of(wanted)}"
                 )
             elif (kept := self.latch.remembered(state)) != after:
-                self.check.differs(f"in {_name_of(mode)} on {seen}: it keeps {kept}, not {after}")
+                self.check.fail(f"in {_name_of(mode)} on {seen}: it keeps {kept}, not {after}")
 
 
 def _place_of(layout: StateLayout, topic: Topic, leaf: int) -> int:

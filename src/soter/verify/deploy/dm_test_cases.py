@@ -86,7 +86,7 @@ def gates(module: Module) -> Iterator[tuple[int, int, int]]:
                 yield mode, gate_fault, clean
 
 
-def values(
+def topic_values(
     system: System,
     read: Sequence[int],
     points: Points,

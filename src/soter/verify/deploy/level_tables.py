@@ -282,7 +282,7 @@ class GroupTable(LevelTable):
 
     @property
     def wide(self) -> Bools:
-        """Which cells, (cells,) in C order, have a double between their ends."""
+        """Truths, (cells,) in C order: whether a cell has a double between its ends."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
@@ -404,8 +404,8 @@ def place_function(
     """
     count = len(edges) - 1
     table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
-    given = w.variable("x", "parameter", FLOAT)
-    x = w.variable("near", "let", FLOAT) if wraps else given
+    argument = w.variable("x", "parameter", FLOAT)
+    x = w.variable("near", "let", FLOAT) if wraps else argument
     low, high = (w.variable(n, "var", INT) for n in ("low", "high"))
     mid, step = w.variable("mid", "let", INT), w.variable("step", "loop", INT)
     middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.number(2))
@@ -418,11 +418,11 @@ def place_function(
     inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
     begin = [w.declare(low, w.number(0)), w.declare(high, w.number(count))]
     if wraps:
-        begin.append(w.declare(x, _brought_back(w, given, edges[0], edges[-1])))
-        size = t.Builtin(FLOAT, w.span, "abs", (w.read(given),))
+        begin.append(w.declare(x, _brought_back(w, argument, edges[0], edges[-1])))
+        size = t.Builtin(FLOAT, w.span, "abs", (w.read(argument),))
         inside = w.op("&&", w.op("<=", size, w.decimal(FARTHEST)), inside)
     answer = t.Conditional(INT, w.span, inside, w.read(low), w.number(-1))
-    return w.function(name, (given,), [*begin, *([search] if rounds else []), w.give(answer)])
+    return w.function(name, (argument,), [*begin, *([search] if rounds else []), w.give(answer)])
 
 
 def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:

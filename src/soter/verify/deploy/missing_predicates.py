@@ -79,7 +79,7 @@ class Known(Protocol):
     def sets(self, problem: Problem) -> list[Pairs] | None:
         """The pairs (S_0, S_(m-2)) of every case; None: it does not know them."""
 
-    def built(self, problem: Problem, level_tables: Found) -> None:
+    def check_build(self, problem: Problem, level_tables: Found) -> None:
         """Learns of what a module's DM is built (empty: of nothing); may raise to refuse it."""
 
 
@@ -117,19 +117,19 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
                 problem, sets = sets_of(problem)
         level_tables = None if sets is None else tables_of_groups(problem, sets)
         if known is not None:
-            known.built(problem, level_tables or [])
+            known.check_build(problem, level_tables or [])
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
         install(flat, module, problem, level_tables)
         every = zip(problem.groups, level_tables, strict=True)
         share = prod(table.share(group) for group, table in every)
-        what = f"AC may have control on {share:.1%} of the estimates (S_0)"
+        text = f"AC may have control on {share:.1%} of the estimates (S_0)"
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
-            what += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"
+            text += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"
         if problem.declared_groups:
-            what += f"; on {cells_of(problem):,} cells, as less is shown on those that are declared"
-        notes.append(f"{module.name}: ttf and safer computed, {what}")
+            text += f"; on {cells_of(problem):,} cells, as less is shown on those that are declared"
+        notes.append(f"{module.name}: ttf and safer computed, {text}")
     return notes
 
 
@@ -146,15 +146,15 @@ def _install_tube_predicates(
     for check, of in zip(checks, claims, strict=True):
         own = [] if kept else [TubeLevels.of(check, of.ways, rest_entry(check, of))]
         if known is not None:
-            known.built(check.problem, own)
+            known.check_build(check.problem, own)
         levels += own
     if kept:
         return f"{module.name}: {kept}: {NEVER}"
     install(flat, module, problem, levels)
     module.unshown = _unshown_in_words(claims)
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
-    given = any(c.given for c in claims)
-    where = "SC, followed from there, comes to rest" + ", not at the start" * (not given)
+    at_start = any(c.given for c in claims)
+    where = "SC, followed from there, comes to rest" + ", not at the start" * (not at_start)
     return f"{module.name}: AC may have control where {where}{missing}"
 
 
@@ -199,8 +199,8 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
-    told = [VERSION, check.offline({}), repr(ranges)]
-    key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
+    parts = [VERSION, check.offline({}), repr(ranges)]
+    key = digest([*parts, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
         claims = show_rest_claims(check)
@@ -341,7 +341,7 @@ def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
     return sets or (problem, None)
 
 
-def cache_sets(result: ModuleResult) -> None:
+def store_computed_sets(result: ModuleResult) -> None:
     """Puts the sets of a proof with computed predicates into the cache, for whatever flies.
 
     They would be found again.
@@ -397,7 +397,7 @@ def _one_case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...
 
 def _cache_key(problem: Problem, library: ReachLibrary) -> str:
     """A hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
-    told = hashlib.sha256()
+    hashed = hashlib.sha256()
     for part in (
         VERSION,
         np.__version__,
@@ -426,10 +426,10 @@ def _cache_key(problem: Problem, library: ReachLibrary) -> str:
         problem.law_unread,
         *_law_parts(problem),
     ):
-        told.update(repr(part).encode() + b"\0")
+        hashed.update(repr(part).encode() + b"\0")
     for file in engine_files():
-        told.update(file.read_bytes())
-    return told.hexdigest()
+        hashed.update(file.read_bytes())
+    return hashed.hexdigest()
 
 
 def _law_parts(problem: Problem) -> tuple[object, ...]:

@@ -52,12 +52,12 @@ def certified_sets(
         return None  # what a shield permits for longer, and whether others would do, is not there
     if not _same_wrapping(entries[0], problem):
         return None
-    given, every = entries[0].get("cases", []), list(cases(problem))
-    if [tuple(c["parameter"]) for c in given] != every:
+    entry_cases, every = entries[0].get("cases", []), list(cases(problem))
+    if [tuple(c["parameter"]) for c in entry_cases] != every:
         return None
     groups = problem.groups
     case_pairs = []
-    for case in given:
+    for case in entry_cases:
         if len(case["groups"]) != len(groups):
             return None
         both = zip(groups, case["groups"], strict=True)
@@ -85,10 +85,10 @@ def what_differs(
     `built`: its tables, or the check that follows SC; empty: neither, and AC never gets control;
     None: the program has the predicates, and figures are compared alone.
     """
-    said = (
+    entries = (
         (e, (e["system"], e["module"], e.get("view", ""))) for e in certificate.manifest["modules"]
     )
-    entry = next((e for e, of in said if of == (system, module, problem.view)), None)
+    entry = next((e for e, of in entries if of == (system, module, problem.view)), None)
     if entry is None or "induction" in entry:
         return "predicates" if built else ""
     if "plans" in entry:
@@ -114,17 +114,17 @@ def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
 
 
 def _by_place(entry: Mapping[str, Any], contents: Mapping[str, object]) -> dict[str, Any]:
-    """All that an entry says of what a DM is built with; names are places, and files their bytes.
+    """The parts of an entry with which a DM is built; names are places, and files their bytes.
 
     Names of topics, and so of commands, differ in a file that is imported.
     """
     rest, inputs = entry.get("rest") or {}, entry["inputs"]
-    told = {key: entry[key] for key in ("times", "tables", "wraps", "levels") if key in entry}
-    told |= rest
-    told["reads"] = {of["state"]: of["within"] for of in rest.get("reads", {}).values()}
-    told["ranges"] = [(i["kind"], i["low"], i["high"]) for i in inputs]
+    parts = {key: entry[key] for key in ("times", "tables", "wraps", "levels") if key in entry}
+    parts |= rest
+    parts["reads"] = {of["state"]: of["within"] for of in rest.get("reads", {}).values()}
+    parts["ranges"] = [(i["kind"], i["low"], i["high"]) for i in inputs]
     places = {kind: [i["name"] for i in inputs if i["kind"] == kind] for kind in NAMED}
-    return {key: _resolve_names(of, contents, places, key) for key, of in told.items()}
+    return {key: _resolve_names(of, contents, places, key) for key, of in parts.items()}
 
 
 def _resolve_names(
@@ -203,11 +203,11 @@ def how_to_deploy(here: System, cert: str) -> tuple[str, str]:
 
 def _check_all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
     """D019 where a plant reads a topic that is no external topic of the deployed system."""
-    said = {here.topics[e.topic].name for e in here.externals}
+    sensed = {here.topics[e.topic].name for e in here.externals}
     for c in there.components:
         for topic in c.plant.reads if c.plant is not None else ():
             name = there.topics[c.scope.topics[topic]].name
-            if name not in said and there.topics[c.scope.topics[topic]].driver != "input":
+            if name not in sensed and there.topics[c.scope.topics[topic]].driver != "input":
                 diagnostics.error(
                     "D019",
                     f"plant `{c.name}` reads `{name}`, and nobody takes it out of `{here.name}`",

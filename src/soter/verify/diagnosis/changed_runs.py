@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.diagnosis.model_runs import NS, PointModel, StepFaultError, run
+from soter.verify.diagnosis.model_runs import NS, PointModel, StepFaultError, run_of_sc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -121,24 +121,24 @@ def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Chang
     for k, (leaf, (low, high)) in enumerate(ends):
         yield [
             Change(
-                f"an SC whose `{leaf.name}` is {said}",
+                f"an SC whose `{leaf.name}` is {text}",
                 tuple(
                     (_ChangedModel(model, sends=partial(_mapped, k, by, 0.0, low, high)), _same)
                     for by in (times, times / MARGIN)
                 ),
             )
-            for times, said in STRONGER.items()
+            for times, text in STRONGER.items()
         ]
     for part, leaves in (("disturbances", q.disturbances), ("errors", q.errors)):
         for k, leaf in enumerate(leaves):
             yield [
                 Change(
-                    f"{OF[part]} `{leaf.name}` {said}",
+                    f"{OF[part]} `{leaf.name}` {text}",
                     tuple(
                         (model, partial(_narrowed, part, k, by)) for by in (times, times * MARGIN)
                     ),
                 )
-                for times, said in NARROWER.items()
+                for times, text in NARROWER.items()
             ]
 
 
@@ -197,7 +197,7 @@ def what_keeps(
     def stays(changed: PointModel, pattern: Pattern) -> bool:
         if not go_on():
             return False
-        trace = run(changed, left.states[0], pattern, until_s, go_on)
+        trace = run_of_sc(changed, left.states[0], pattern, until_s, go_on)
         return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
 
     calm, constant = not left.pattern.any, same_answer(model, left) is not None
@@ -222,5 +222,5 @@ def _what_helps(
 
 
 def _said(found: Iterator[str], tried: str) -> str:
-    told = "; or ".join(islice(found, MOST))
-    return f"{told} {tried}" if told else ""
+    text = "; or ".join(islice(found, MOST))
+    return f"{text} {tried}" if text else ""

@@ -22,7 +22,7 @@ from soter.verify.diagnosis.model_runs import (
     pattern_text,
     patterns,
     point_text,
-    run,
+    run_of_sc,
 )
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
     """The habit of SC from a state, (states,); None: the runs show none, or time ran out."""
     calm = next(patterns(model))
     until_s = HOLDS * model.inputs.period_ns * NS
-    first = run(model, start, calm, until_s, going, beyond=True)
+    first = run_of_sc(model, start, calm, until_s, going, beyond=True)
     if not comes_to_rest(model, first) or not going():
         return None
     rest = first.states[-1]
@@ -66,7 +66,7 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
         text = (
             f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
         )
-        left = run(model, start, calm, until_s, going)
+        left = run_of_sc(model, start, calm, until_s, going)
         return Habit(text, "an SC that comes to rest where `safe` holds", left)
     for axis in (i for i in range(len(rest)) if i not in model.turning):
         for side in (1.0, -1.0):
@@ -91,7 +91,7 @@ def _habit_beside_rest(
     inside = model.low[axis] <= begin[axis] <= model.high[axis]
     if not (inside and model.safe(begin) == TRUE and going()):
         return None
-    trace = run(model, begin, calm, until_s, going)
+    trace = run_of_sc(model, begin, calm, until_s, going)
     end = trace.states[-1]
     moved = (end[axis] - begin[axis]) / step
     if trace.left and moved > 0.0:
@@ -100,7 +100,7 @@ def _habit_beside_rest(
     if trace.left or abs(moved) > 0.5 or not comes_to_rest(model, trace):
         return None
     for pattern in patterns(model):
-        pushed = run(model, rest, pattern, until_s / 4, going)
+        pushed = run_of_sc(model, rest, pattern, until_s / 4, going)
         if not going():
             return None
         speed = (pushed.states[-1][axis] - rest[axis]) / max(pushed.times[-1], NS)
@@ -135,7 +135,7 @@ def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bo
 def goes_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
     """The habit of moving on for ever, evenly, from a state, (states,), to where `safe` ends."""
     until_s = HOLDS * model.inputs.period_ns * NS
-    trace = run(model, start, next(patterns(model)), until_s, going, beyond=True)
+    trace = run_of_sc(model, start, next(patterns(model)), until_s, going, beyond=True)
     times, states = np.array(trace.times), np.array(trace.states)
     since, half = (np.searchsorted(times, share * times[-1]) for share in (0.75, 0.875))
     if not since < half < len(times) - 1 or not going():

@@ -86,7 +86,7 @@ class PointModel:
         self._lib = library.lib
 
     def outside(self, x: Floats) -> Bools:
-        """Which states, (states,), are beyond an end of the grid that counts, as (states,)."""
+        """Truths, (states,): whether each state lies beyond an end of the grid that counts."""
         below, above = x < self.low, x > self.high
         below[[*self.turning, *self.below_ends]] = False  # at the other end it goes on, or it has
         above[[*self.turning, *self.above_ends]] = False  # no end, or no run is assumed there
@@ -222,7 +222,7 @@ class ModelTrace:
     safe: bool = False
 
 
-def run(
+def run_of_sc(
     model: PointModel,
     start: Floats,
     pattern: Pattern,
@@ -369,7 +369,7 @@ def soonest(
             if not going():
                 search.cut = True
                 return search
-            trace = run(model, start, pattern, best, going)
+            trace = run_of_sc(model, start, pattern, best, going)
             search.runs += 1
             search.longest_s = max(search.longest_s, trace.times[-1])
             reaches.append(_reach_of_run(trace))
@@ -433,15 +433,15 @@ def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
         ("error of ", q.errors, model.errors, pattern.errors),
         ("", q.others, model.others, pattern.others),
     )
-    for what, leaves, part, signs in parts:
+    for kind, leaves, part, signs in parts:
         ends = _scaled(model, part, signs), _scaled(model, part, -signs)
         for leaf, up, down, sign in zip(leaves, *ends, signs, strict=True):
             if sign == 0.0:
                 continue
-            said = f"{what}{leaf.name} = {up:.4g}"
+            text = f"{kind}{leaf.name} = {up:.4g}"
             if part is model.disturbances and pattern.follows is not None:
-                said += f" while {names[pattern.follows]} rises, {down:.4g} while it falls"
-            chosen.append(said)
+                text += f" while {names[pattern.follows]} rises, {down:.4g} while it falls"
+            chosen.append(text)
     if pattern.late:
         chosen.append("commands as late as declared")
     return tuple(chosen)

@@ -40,7 +40,7 @@ from soter.verify.diagnosis.model_runs import (
     pattern_text,
     patterns,
     point_text,
-    run,
+    run_of_sc,
     soonest,
     without_rounding,
 )
@@ -107,7 +107,7 @@ def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
     p2a, p2b, safer = (result.findings[claim] for claim in ("P2a", "P2b", "safer"))
     empty = next((c for c in done if c.failed("P2a")), None)
     if p2a.verdict in OPEN and empty is not None:
-        _why_empty(done, empty, p2a, go_on)
+        _explain_empty(done, empty, p2a, go_on)
     elif p2b.verdict in OPEN:
         for case in done:
             stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
@@ -130,7 +130,7 @@ def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
 # ---------------------------------------------------------------- K
 
 
-def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) -> None:
+def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) -> None:
     failure = case.failed("P2a")[0]
     if failure.text == NO_ENCLOSURE and (term := term_without_bound(case.problem)):
         finding.causes.append(Cause("no_enclosure", NOT_FINITE.format(*term)))
@@ -252,9 +252,9 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
 
 
 def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
-    """Where an undisturbed run from the declared start comes to rest, (states,); None: nowhere."""
+    """The states, (states,), in which an undisturbed run from the start rests; None: in none."""
     until_s = 3 * HOLDS * model.inputs.period_ns * NS
-    trace = run(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
+    trace = run_of_sc(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
     return trace.states[-1] if go_on() and comes_to_rest(model, trace) else None
 
 
@@ -435,7 +435,7 @@ class _WayBackSearch:
         self, model: PointModel, start: Floats, pattern: Pattern, go_on: GoOn
     ) -> _RunEnd | None:
         holds = WALK_HOLDS * self.model.inputs.period_ns / 1e9
-        trace = run(model, start, pattern, holds, go_on)
+        trace = run_of_sc(model, start, pattern, holds, go_on)
         if pattern.any and not go_on():
             return None
         pairs = zip(trace.times, trace.states, strict=True)

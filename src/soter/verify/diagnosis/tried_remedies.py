@@ -43,7 +43,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
 from soter.verify.diagnosis.changed_runs import NARROWER
-from soter.verify.diagnosis.model_runs import PointModel, patterns, run
+from soter.verify.diagnosis.model_runs import PointModel, patterns, run_of_sc
 from soter.verify.diagnosis.open_claims import HABIT, REST, explain
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.diagnosis.variations import CALMER, HALF, OTHERS, NotProved, remedies
@@ -258,7 +258,7 @@ class Trials:
         if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
-        trace = run(model, model.start, next(patterns(model)), until_s, self.go_on)
+        trace = run_of_sc(model, model.start, next(patterns(model)), until_s, self.go_on)
         return not trace.left and trace.times[-1] > leaving.time_s[-1]
 
     def go_on(self) -> bool:
@@ -347,12 +347,12 @@ class _KeptChanges:
 
     def enter(self, result: ModuleResult, failing: Sequence[str]) -> None:
         """Enters the advice at the first claim that is not proved."""
-        left, told = self.found.failing, "; ".join
+        left, joined = self.found.failing, "; ".join
         first = result.findings[failing[0]]
         if self.said:
             first.remedied = None if left else self.found.problem
             then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
-            first.tried.append(f"with {told(self.said)}: {then}")
+            first.tried.append(f"with {joined(self.said)}: {then}")
             untried = "" if "(tried" in first.hint else f" {NOT_TRIED}"
             otherwise = f"; or {first.hint}{untried}" if left and first.hint else ""
             first.hint = f"{'; and '.join(self.said)} (tried: {then}){otherwise}"
@@ -360,11 +360,11 @@ class _KeptChanges:
                 result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
         words = [w for w, of in WORDS.items() if any(r.startswith(of) for r in self.in_vain)]
         parts = [p for p in first.hint.split("; ") if self.said or not p.startswith(tuple(words))]
-        first.hint = told(parts) or OTHERS_FOUND
+        first.hint = joined(parts) or OTHERS_FOUND
         if self.in_vain:
-            first.tried.append(f"in vain: {told(self.in_vain)}")
+            first.tried.append(f"in vain: {joined(self.in_vain)}")
         if self.untried and left:
-            first.tried.append(f"not, for want of time: {told(self.untried)}")
+            first.tried.append(f"not, for want of time: {joined(self.untried)}")
         p3 = result.findings["P3"]
         same = (f.hint for c in failing if (f := result.findings[c]).text == p3.text)
         p3.hint = next(same, p3.hint)

@@ -174,9 +174,9 @@ def _why_no_control(case: Case, predicate: str, *, empty: bool, of: str = "every
 def _rarity_text(predicate: str, share: float) -> str:
     """Words on what hardly ever happens; a share of 0 among drawn states does not prove "never"."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
-    what = "keeps" if predicate == "ttf" else "gets"
+    verb = "keeps" if predicate == "ttf" else "gets"
     says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"
-    return f"AC hardly ever {what} control ({says} on {much} of K)"
+    return f"AC hardly ever {verb} control ({says} on {much} of K)"
 
 
 def _least_free(case: Case) -> float:

@@ -104,9 +104,9 @@ def remedies(found: NotProved) -> Iterator[Remedy]:
         if found.of_sc and row.cost != OTHERS:
             continue
         if row.without_core if found.loses_core else row.with_core:
-            for problem, said in row.changes(found):
+            for problem, text in row.changes(found):
                 if problem is not None:
-                    yield Remedy(row.said.format(said), problem, row.cost)
+                    yield Remedy(row.said.format(text), problem, row.cost)
 
 
 # ---------------------------------------------------------------- the changes
@@ -186,7 +186,7 @@ def _open_axis(found: NotProved) -> Iterator[Change]:
     """The change to `open` of the axis by whose end a run leaves; a trial shows if it is read."""
     left = found.leaving
     if left is not None and not left.safe:
-        opened = without_ends(found.problem, left.names.index(left.axis))
+        opened = with_open_axis(found.problem, left.names.index(left.axis))
         yield opened, "" if opened is None else lines_of(opened)
 
 
@@ -228,14 +228,14 @@ def _change_start(found: NotProved) -> Iterator[Change]:
     """The change to the nearest start from which SC is in time."""
     if "start" not in found.failing:
         return
-    initial, said = list(found.problem.initial), []
+    initial, texts = list(found.problem.initial), []
     for grid, case in _declared_grids(found.done):
         for state, value in _nearest_starts(case, grid):
             initial[state] = Interval(value, value)
             name = case.problem.quantities.states[state].name.rpartition(".")[2]
-            said.append(f"`state {name}: float = {value:.6g};` in the plant")
-    if said:
-        yield replace(found.problem, initial=tuple(initial)), " and ".join(dict.fromkeys(said))
+            texts.append(f"`state {name}: float = {value:.6g};` in the plant")
+    if texts:
+        yield replace(found.problem, initial=tuple(initial)), " and ".join(dict.fromkeys(texts))
 
 
 def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
@@ -274,12 +274,12 @@ def _narrow_disturbances(found: NotProved) -> Iterator[Change]:
             Interval(near * i.low + far * i.high, far * i.low + near * i.high) for i in ranges
         )
 
-    for by, said in NARROWER.items() if not p.influences else ():
+    for by, text in NARROWER.items() if not p.influences else ():
         changed = replace(
             p, disturbances=narrowed(p.disturbances, by), errors=narrowed(p.errors, by)
         )
         if (changed.disturbances, changed.errors) != (p.disturbances, p.errors):
-            yield changed, said
+            yield changed, text
 
 
 def _exchange_controllers(found: NotProved) -> Iterator[Change]:
@@ -340,7 +340,7 @@ def predicates_left_out(problem: Problem) -> Problem | None:
 
 def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
     """The problem with the least `max_age` of what SC and DM read of plants, and what to write."""
-    told, changed = [], []
+    texts, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
     for index, topic in enumerate(problem.system.topics):
@@ -349,12 +349,12 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
             continue
         if topic.max_age_ns > least:
             changed.append(replace(topic, max_age_ns=least))
-            told.append(f"`max_age {show_ns(least).replace(' ', '')}` of `{topic.name}`")
-    if not told:
+            texts.append(f"`max_age {show_ns(least).replace(' ', '')}` of `{topic.name}`")
+    if not texts:
         return None
     system = derived_systems.with_changed_topics(problem.system, changed)
     again = _extract_again(problem, system, problem.module)
-    return None if again is None else (again, tuple(told))
+    return None if again is None else (again, tuple(texts))
 
 
 def younger_reads_of_sc(problem: Problem) -> tuple[Problem, str] | None:
@@ -370,11 +370,11 @@ def younger_reads_of_sc(problem: Problem) -> tuple[Problem, str] | None:
     age = Literal(DURATION, verify.span or problem.module.symbol.span, least)
     symbol = replace(problem.module.symbol, verify=replace(verify, age=age))
     again = _extract_again(problem, problem.system, replace(problem.module, symbol=symbol))
-    told = f"`verify {{ age {show_ns(least).replace(' ', '')}; }}`"
-    return None if again is None else (again, told)
+    text = f"`verify {{ age {show_ns(least).replace(' ', '')}; }}`"
+    return None if again is None else (again, text)
 
 
-def without_ends(problem: Problem, state: int) -> Problem | None:
+def with_open_axis(problem: Problem, state: int) -> Problem | None:
     """The problem with the axis of a state `open`; trying it shows whether something reads it."""
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
@@ -469,10 +469,10 @@ def _axis_in_words(axis: Axis) -> str:
     edges = axis.edges[1:-1] if axis.unbounded else axis.edges
     edges = edges[:-1] if axis.open else edges
     low, high = map(axis.end, (edges[0], edges[-1]))
-    said = f"{axis.name} in [{low}, {high}] / {len(edges) - 1}"
+    text = f"{axis.name} in [{low}, {high}] / {len(edges) - 1}"
     if axis.open:
-        return f"{said} open to {axis.end(axis.edges[-1])}"
-    return f"{said} open" if axis.unbounded else said
+        return f"{text} open to {axis.end(axis.edges[-1])}"
+    return f"{text} open" if axis.unbounded else text
 
 
 def at_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:

@@ -106,7 +106,7 @@ def generate_enclosures(
     unit = _UnitWriter(system, core, module, quantities)
     unit.run(back)
     if apart:
-        unit.derivatives()
+        unit.emit_derivatives()
     prelude, boundless = tuple(sorted(unit.prelude)), frozenset(unit.boundless)
     names, of_turns = tuple(unit.names), frozenset(unit.of_turns)
     return EnclosureUnit(unit.text(), prelude, names, unit.reads, boundless, of_turns)
@@ -138,18 +138,18 @@ class _UnitWriter:
             self._emit_law()
         if any(p.integrate for p in self.core.plants.values()):
             flow = Enclosed.is_flow(self.core)
-            what = "derivative of every state" if flow else "every state one period later"
+            text = "derivative of every state" if flow else "every state one period later"
             name = "derivative" if flow else "next"
-            self._emit_numbers(name, what, lambda e: e.derivative() if flow else e.next())
+            self._emit_numbers(name, text, lambda e: e.derivative() if flow else e.next())
         self._emit_numbers("drives", "leaves of the topics that plants drive", lambda e: e.drives())
         self._emit_predicate("safe", symbol.safe, estimated=False)
         self._emit_constraint(symbol.safe)
         if hint is not None:
             self._emit_truth("core", lambda e: e.predicate(hint, more, estimated=False))
         ttf = ttf_of_states(symbol.ttf)
-        for name, said in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
-            if said is not None:
-                self._emit_predicate(name, said, estimated=True)
+        for name, expr in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
+            if expr is not None:
+                self._emit_predicate(name, expr, estimated=True)
         if symbol.verify.enters is not None:
             with suppress(EnclosureError):  # what rests on it is not shown then
                 self._emit_expression("enters", symbol.verify.enters, estimated=True)
@@ -163,7 +163,7 @@ class _UnitWriter:
         predicate = lower_predicate(functions, self.system, self.module.scope, e, e.span)
         return predicate, dict(functions.by_name)
 
-    def derivatives(self) -> None:
+    def emit_derivatives(self) -> None:
         """Emits the derivative of each state as a function of its own."""
         for k, leaf in enumerate(self.quantities.states):
             enclosed = self._enclosed()
@@ -200,15 +200,15 @@ class _UnitWriter:
                 doc = f"{self.quantities.controls[k].name} alone; faults elsewhere are not seen"
                 self._add_function(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
 
-    def _emit_predicate(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
+    def _emit_predicate(self, name: str, predicate: TypedExpr, *, estimated: bool) -> None:
         """A predicate, and its parts where it has several."""
-        self._emit_expression(name, said, estimated=estimated)
-        parts = conjuncts(said)
+        self._emit_expression(name, predicate, estimated=estimated)
+        parts = conjuncts(predicate)
         for k, part in enumerate(parts if len(parts) > 1 else []):
             self._emit_expression(f"{name}_{k}", part, estimated=estimated)
 
-    def _emit_expression(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
-        self._emit_truth(name, lambda e: e.expression(said, estimated=estimated))
+    def _emit_expression(self, name: str, expr: TypedExpr, *, estimated: bool) -> None:
+        self._emit_truth(name, lambda e: e.expression(expr, estimated=estimated))
 
     # ------------------------------------------------------------ one function
 

@@ -205,7 +205,7 @@ class EnclosureBody(Execution[Item]):
         raise EnclosureError(msg)
 
     def _guard(self, condition: Item) -> None:
-        self.ops.guard(condition)
+        self.ops.note_fault_unless(condition)
 
     def call(self, f: core.Function, arguments: tuple[Item, ...]) -> Item:
         """The result of a call, written out; `EnclosureError` where the function is extern."""
@@ -229,7 +229,7 @@ class EnclosureBody(Execution[Item]):
         whole = self._parts(old)
         assert isinstance(whole, Sequence)
         room = self.ops.compare("<", whole.length, KnownInt(len(whole.items)))
-        self.ops.guard(room)
+        self.ops.note_fault_unless(room)
         items = tuple(
             self.ops.select(self.ops.compare("==", whole.length, KnownInt(k)), value, x)
             for k, x in enumerate(whole.items)

@@ -270,11 +270,11 @@ class EnclosureOperations:
 
     # ------------------------------------------------------------ ints
 
-    def fault(self) -> None:
+    def note_possible_fault(self) -> None:
         """Notes that a fault is possible here."""
-        self.guard(KnownTruth(False))
+        self.note_fault_unless(KnownTruth(False))
 
-    def guard(self, condition: Item) -> None:
+    def note_fault_unless(self, condition: Item) -> None:
         """Notes that a fault is possible unless the condition surely holds."""
         if condition != KnownTruth(True):
             self.emitter.emit("", "soter_possible", self.truth(condition), FAULT, kept=True)
@@ -287,7 +287,7 @@ class EnclosureOperations:
                     INT_OPS[op](*(o.value for o in operands if isinstance(o, KnownInt)))
                 )
             except arithmetic.StepFault:
-                self.fault()
+                self.note_possible_fault()
                 return KnownInt(0)
         arguments = tuple(self.ints(o) for o in operands)
         name = self.emitter.emit("ints", f"soter_ints_{op}", *arguments, FAULT, kept=True)
@@ -297,7 +297,7 @@ class EnclosureOperations:
         """An int that is assigned to a place with a range; notes a fault if it may lie outside."""
         if isinstance(v, KnownInt):
             if not low <= v.value <= high:
-                self.fault()
+                self.note_possible_fault()
             return KnownInt(min(max(v.value, low), high))
         ends = (whole_literal(low), whole_literal(high))
         return EmittedInts(
@@ -308,7 +308,7 @@ class EnclosureOperations:
         """An index cut to [0, limit); notes a fault if it may lie outside."""
         if isinstance(v, KnownInt) and isinstance(limit, KnownInt):
             if not 0 <= v.value < limit.value:
-                self.fault()
+                self.note_possible_fault()
             return KnownInt(min(max(v.value, 0), max(capacity - 1, 0)))
         most = whole_literal(capacity)
         return EmittedInts(
@@ -328,7 +328,8 @@ class EnclosureOperations:
     def number(self, v: Item) -> Item:
         """A float that is compared; notes a fault if it may be NaN."""
         if not isinstance(v, FloatRange):
-            self.guard(EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form(v))))
+            is_number = EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form(v)))
+            self.note_fault_unless(is_number)
         return v
 
     def to_float(self, v: Item) -> Item:
@@ -474,7 +475,7 @@ def placed(kind: str, name: str) -> Form | EmittedInts | EmittedTruth:
 
 
 def kind_of(v: Item) -> str:
-    """Which C type a scalar has."""
+    """The kind of C type of a scalar: `ints`, `truth` or `form`."""
     if isinstance(v, (EmittedInts, KnownInt)):
         return "ints"
     return "truth" if isinstance(v, (EmittedTruth, KnownTruth)) else "form"

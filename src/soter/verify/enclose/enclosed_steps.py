@@ -350,8 +350,8 @@ class Enclosed:
 
     def constraint(self, safe: TypedExpr) -> c.CExpr:
         """C: `safe` on true states, and that plants can publish what they then drive."""
-        said = self._expression_value(safe, estimated=False)
-        return self.ops.truth(reduce(self.ops.both, self.published(), said))
+        holds = self._expression_value(safe, estimated=False)
+        return self.ops.truth(reduce(self.ops.both, self.published(), holds))
 
 
 def room_of(bound: Bound | None, error: float) -> tuple[float, float]:

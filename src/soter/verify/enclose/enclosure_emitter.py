@@ -280,8 +280,8 @@ def framed(
     prologue.append(c.Declare("int", f"read[{max(1, len(taken))}]", numbers, const=True))
     prologue.append(c.Declare("int", SIZE.text, c.CallExpr("soter_symbols", arguments), const=True))
     for k, name in taken.items():
-        given = address(c.IndexExpr(c.Name("in"), c.Number(str(k))))
-        take = c.CallExpr("soter_n_take", (SIZE, address(name), given, c.Name("symbols")))
+        argument = address(c.IndexExpr(c.Name("in"), c.Number(str(k))))
+        take = c.CallExpr("soter_n_take", (SIZE, address(name), argument, c.Name("symbols")))
         prologue += [c.Declare("soter_form", name.text, None), c.Do(take)]
     unused = [c.Unused(n) for n in (SIZE.text, "in", "param", "out")]
     return (*prologue, *inner, *results, *unused, c.Return(c.Name("fault")))

@@ -184,7 +184,7 @@ def scheme_solution(
 
 
 def _too_fast_in_words(names: Sequence[str], z: Floats, step: float) -> str:
-    """Which states are too fast for a step, in words."""
+    """Names the states that are too fast for a step, in words."""
     every = range(len(z))
     alone = [k for k in every if z[k, k] >= SIZES[-1]] or [*every]
     size = float(np.abs(np.linalg.eigvals(z)).max())
@@ -214,10 +214,10 @@ def _linear_model(
 
     All controls are commands in it.
     """
-    given = flow.rates(low, high)
-    if given is None:
+    bounds = flow.rates(low, high)
+    if bounds is None:
         return None
-    rates, radius = given
+    rates, radius = bounds
     n = len(flow.names)
     moving = n + flow.controls
     size = np.abs(rates[:, 2]) + np.abs(rates[:, FORM:]).sum(axis=1)

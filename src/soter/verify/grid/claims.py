@@ -123,7 +123,7 @@ class GridProof:
     def take_constraint(self, case: Case, part: CellsPart) -> None:
         """Takes C_g, this group's part of C; the proof starts anew where it is another one."""
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
-            case.again(self)
+            case.make_fresh(self)
         if self.fresh:
             self.found.allowed = part.cells
 
@@ -156,7 +156,7 @@ class GridProof:
         horizon = case.problem.in_horizon(case.problem.times.horizon_ns)
         self.found.free = self.engine.safe_for(horizon, self.found.core > 0)
 
-    def inclusion(self, case: Case, predicate: str) -> None:
+    def check_inclusion(self, case: Case, predicate: str) -> None:
         """Enters a failure where a predicate lets AC have control outside R(H), on any estimate."""
         part = self.found
         if part.possible is None:
@@ -182,7 +182,7 @@ class GridProof:
         names = ", ".join(a.name for a in self.group.axes)
         return f"it may hold on {wrong:,} cells of {names} outside R(H)" if wrong else ""
 
-    def levels(self, case: Case) -> None:
+    def find_levels(self, case: Case) -> None:
         """Computes S_0, S_1, ..., the sets of estimates by which the DM decides."""
         estimate_sets.find_levels(case, self, self.engine, self.found)
 

@@ -281,7 +281,7 @@ class GridModel:
         }
 
     def _narrow_law(self) -> None:
-        """Where one control moves the group, lets the engine compute only that output of SC.
+        """Lets the engine compute only one output of SC if only that control moves the group.
 
         A fault elsewhere in SC would then go unseen, so all of SC must be free of faults over the
         whole domain. The states that SC reads in a run that counts lie in the grid, hence in it.

@@ -52,7 +52,7 @@ class RecoveryRanks:
 
     @property
     def cells(self) -> Bools:
-        """Which cells are in W, in the grid's shape."""
+        """Truths in the grid's shape: whether each cell is in W."""
         return np.asarray(self.rank != 0)
 
     @property

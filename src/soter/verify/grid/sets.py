@@ -69,7 +69,7 @@ class Core:
 
     @property
     def cells(self) -> Bools:
-        """Which cells are in K, in the grid's shape."""
+        """Truths in the grid's shape: whether each cell is in K."""
         return np.asarray(self.witness != 0)
 
 

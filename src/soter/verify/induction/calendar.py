@@ -89,7 +89,7 @@ def steps_of(
     for clock in clocks:
         own = [_step(terms, clock, r) for r in releases(clock, end, first=first)]
         for a, b in pairwise(own):
-            terms.state(before(terms, a.effect, b.start))
+            terms.state(is_before(terms, a.effect, b.start))
         steps += own
     for group in clusters(steps):
         points = [p for s in group for p in {s.start: 0, s.effect: 0}]
@@ -109,7 +109,7 @@ def _step(terms: SolverTerms, clock: ComponentCalendar, release: int) -> Calenda
         return CalendarStep(clock.component, release, start, start)
     effect = _point(terms, release, last)
     terms.state(effect.at <= start.at + clock.response)
-    terms.state(before(terms, start, effect))
+    terms.state(is_before(terms, start, effect))
     return CalendarStep(clock.component, release, start, effect)
 
 
@@ -122,7 +122,7 @@ def _point(terms: SolverTerms, earliest: int, latest: int) -> Point:
     return Point(earliest, latest, at, place)
 
 
-def before(terms: SolverTerms, a: Point, b: Point) -> Term:
+def is_before(terms: SolverTerms, a: Point, b: Point) -> Term:
     """The condition that `a` comes before `b`."""
     if a is b or a.earliest > b.latest:
         return False

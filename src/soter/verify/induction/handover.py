@@ -200,10 +200,10 @@ def _why_not_shown(
             ("the first step", _step_transition(terms, flat, program, c, start), first),
             ("a step", _step_transition(terms, flat, program, c, before.locals), before),
         ]
-        for what, step, last in cases:
+        for text, step, last in cases:
             if _may_jump(terms, step, last, topic.type, changed):
                 return (
-                    f"{what} of {c.name} may change it where `enters` does not hold, or without "
+                    f"{text} of {c.name} may change it where `enters` does not hold, or without "
                     "showing it to DM and SC"
                 )
     except TooManyStatementsError:

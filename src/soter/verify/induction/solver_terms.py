@@ -135,7 +135,7 @@ def is_tuple(t: Type) -> bool:
     return isinstance(t, RecordType) or (isinstance(t, ArrayType) and t.size <= ARRAY_MAX)
 
 
-def parts(t: Type) -> list[Type]:
+def part_types(t: Type) -> list[Type]:
     """The types of the parts of a record or short array."""
     if isinstance(t, RecordType):
         return [f for _, f in t.fields]
@@ -208,42 +208,42 @@ class SolverTerms:
 
     # ------------------------------------------------------------ new values
 
-    def name(self, what: str) -> str:
-        """A new name that begins with `what`."""
+    def name(self, start: str) -> str:
+        """A new name that begins with `start`."""
         self._count += 1
-        return f"{what}!{self._count}"
+        return f"{start}!{self._count}"
 
-    def fresh(self, t: Type, what: str, bounds: Bounds | None = None) -> Term:
+    def fresh(self, t: Type, name: str, bounds: Bounds | None = None) -> Term:
         """An unknown value of a type; with `bounds` (one a leaf) one that its topic may hold."""
         if is_tuple(t):
             return tuple(
-                self.fresh(part, f"{what}.{k}", own)
+                self.fresh(part, f"{name}.{k}", own)
                 for k, (part, own) in enumerate(_divided(t, bounds))
             )
         if isinstance(t, BoolType):
-            return self.z3.Bool(self.name(what))
+            return self.z3.Bool(self.name(name))
         if is_whole(t):
-            term = self.z3.Int(self.name(what))
+            term = self.z3.Int(self.name(name))
             low, high = range_of(t, bounds)
             self.state(self.z3.And(low <= term, term <= high))
             return term
-        term = self.z3.Const(self.name(what), self.sort)
+        term = self.z3.Const(self.name(name), self.sort)
         if bounds is not None:
             self.state(self._predicate(t, bounds)(term))
         return term
 
-    def whole(self, what: str) -> Term:
+    def whole(self, name: str) -> Term:
         """An unknown integer."""
-        return self.z3.Int(self.name(what))
+        return self.z3.Int(self.name(name))
 
-    def truth(self, what: str) -> Term:
+    def truth(self, name: str) -> Term:
         """An unknown bool."""
-        return self.z3.Bool(self.name(what))
+        return self.z3.Bool(self.name(name))
 
     def constant(self, t: Type, value: Value) -> Term:
         """The term of a constant."""
         if is_tuple(t):
-            return tuple(self.constant(p, v) for p, v in zip(parts(t), value, strict=True))
+            return tuple(self.constant(p, v) for p, v in zip(part_types(t), value, strict=True))
         if isinstance(t, (ListType, ArrayType)):
             return self.lifted(t, value)
         return value
@@ -310,8 +310,8 @@ class SolverTerms:
         """The term of a list or long array with these elements."""
         if not elements:
             return self.lifted(t, ())
-        given = [x for v, p in elements for x in self.flat(v, p)]
-        list_term = self.apply(f"made {structure(t)} {len(elements)}", given, t)
+        parts = [x for v, p in elements for x in self.flat(v, p)]
+        list_term = self.apply(f"made {structure(t)} {len(elements)}", parts, t)
         self._made.append((t, list_term, elements))
         for (of, _), (bounds, predicate) in list(self._inside.items()):
             if of == t:
@@ -339,7 +339,7 @@ class SolverTerms:
     def flat(self, value: Term, t: Type) -> list[Term]:
         """The leaves of a value, as arguments of a function of the solver."""
         if is_tuple(t):
-            pairs = zip(value, parts(t), strict=True)
+            pairs = zip(value, part_types(t), strict=True)
             return [x for v, p in pairs for x in self.flat(v, p)]
         if isinstance(t, BoolType):
             return [self.z3.BoolVal(value) if isinstance(value, bool) else value]
@@ -351,7 +351,7 @@ class SolverTerms:
         """An uninterpreted function of some leaves; the range of its type becomes a fact."""
         if is_tuple(t):
             return tuple(
-                self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(parts(t))
+                self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(part_types(t))
             )
         sorts = [a.sort() for a in arguments]
         if isinstance(t, BoolType):
@@ -390,7 +390,7 @@ class SolverTerms:
         if isinstance(condition, bool):
             return then if condition else otherwise
         if is_tuple(t):
-            triples = zip(then, otherwise, parts(t), strict=True)
+            triples = zip(then, otherwise, part_types(t), strict=True)
             return tuple(self.chosen(condition, a, b, p) for a, b, p in triples)
         if then is otherwise or (is_known(then) and is_known(otherwise) and _same(then, otherwise)):
             return then
@@ -399,22 +399,22 @@ class SolverTerms:
         (a,), (b,) = self.flat(then, t), self.flat(otherwise, t)
         return self.z3.If(condition, a, b)
 
-    def defined(self, value: Term, t: Type, what: str) -> Term:
+    def defined(self, value: Term, t: Type, name: str) -> Term:
         """A value whose terms are names for those of `value`, so that terms stay small."""
         if is_tuple(t):
-            pairs = enumerate(zip(value, parts(t), strict=True))
-            return tuple(self.defined(v, p, f"{what}.{k}") for k, (v, p) in pairs)
+            pairs = enumerate(zip(value, part_types(t), strict=True))
+            return tuple(self.defined(v, p, f"{name}.{k}") for k, (v, p) in pairs)
         if is_known(value):
             return value
         if isinstance(value, Age):
-            return Age(self.named(value.ns, what))
-        return self.named(value, what)
+            return Age(self.named(value.ns, name))
+        return self.named(value, name)
 
-    def named(self, term: Term, what: str) -> Term:
+    def named(self, term: Term, name: str) -> Term:
         """A new constant of the solver that equals a scalar term."""
         if is_known(term) or self.z3.is_const(term):
             return term
-        constant = self.z3.Const(self.name(what), term.sort())
+        constant = self.z3.Const(self.name(name), term.sort())
         self.facts.append(constant == term)
         return constant
 
@@ -459,7 +459,7 @@ def _divided(t: Type, bounds: Bounds | None) -> list[tuple[Type, Bounds | None]]
     """The parts of a type, each with the bounds of its leaves."""
     bounded_parts: list[tuple[Type, Bounds | None]] = []
     at = 0
-    for part in parts(t):
+    for part in part_types(t):
         count = sum(1 for _ in leaves(part))
         bounded_parts.append((part, None if bounds is None else bounds[at : at + count]))
         at += count

@@ -27,7 +27,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whole, parts
+from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whole, part_types
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -73,9 +73,9 @@ class Evaluation(Execution["Term"]):
     # ------------------------------------------------------------ statements
 
     def _guard(self, condition: Term) -> None:
-        self._faults(self.terms.negated(condition))
+        self._add_fault(self.terms.negated(condition))
 
-    def _faults(self, condition: Term) -> None:
+    def _add_fault(self, condition: Term) -> None:
         fault = self.terms.all_of(self.where, condition)
         if self.terms.is_opaque(condition):
             self.doubt = self.terms.any_of(self.doubt, fault)
@@ -118,7 +118,7 @@ class Evaluation(Execution["Term"]):
 
     def _checked(self, s: core.Checked, operands: list[Term], limit: Term) -> Term:
         value, fault = self._fallible(s, operands, limit)
-        self._faults(fault)
+        self._add_fault(fault)
         return value
 
     def _fallible(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
@@ -130,8 +130,8 @@ class Evaluation(Execution["Term"]):
             assert isinstance(s.type, IntType)
             return v[0], terms.negated(terms.all_of(s.type.low <= v[0], v[0] <= s.type.high))
         if s.op == "to_int":
-            given = [terms.lifted(FLOAT, v[0])]
-            return terms.apply("to_int", given, INT), terms.apply("to_int faults", given, BOOL)
+            args = [terms.lifted(FLOAT, v[0])]
+            return terms.apply("to_int", args, INT), terms.apply("to_int faults", args, BOOL)
         if s.op == "number":
             return v[0], self._is_nan(v[0])
         if s.op in ("div", "mod"):
@@ -162,9 +162,9 @@ class Evaluation(Execution["Term"]):
         terms, z3 = self.terms, self.terms.z3
         a, b = v
         if not is_known(b):
-            given = [x for y in v for x in terms.flat(y, INT)]
+            operands = [x for y in v for x in terms.flat(y, INT)]
             over = terms.all_of(a == INT_MIN, b == -1)
-            return terms.apply(op, given, INT), terms.any_of(b == 0, over)
+            return terms.apply(op, operands, INT), terms.any_of(b == 0, over)
         if b == 0:
             return 0, True
         if is_known(a):
@@ -185,12 +185,12 @@ class Evaluation(Execution["Term"]):
             self.doubt = terms.any_of(doubt, terms.all_of(where, self.doubt))
         else:
             pairs = zip(arguments, f.parameters, strict=True)
-            given = [x for a, p in pairs for x in terms.flat(a, p.type)]
+            operands = [x for a, p in pairs for x in terms.flat(a, p.type)]
             name = f"fun {f.name}"
-            value = terms.apply(f"fun {f.meaning or f.name}", given, f.result_type)
-            inner = terms.apply(f"{name} faults", given, BOOL) if f.can_fault else False
+            value = terms.apply(f"fun {f.meaning or f.name}", operands, f.result_type)
+            inner = terms.apply(f"{name} faults", operands, BOOL) if f.can_fault else False
             self.uninterpreted[f.source_name] = None
-        self._faults(inner)
+        self._add_fault(inner)
         return value
 
     def _changed(self, s: core.Set | core.Push, old: Term, path: list[Term], value: Term) -> Term:
@@ -202,9 +202,9 @@ class Evaluation(Execution["Term"]):
     def _pushed(self, s: core.Push, old: Term, t: Type, value: Term) -> tuple[Term, Type]:
         terms = self.terms
         assert isinstance(t, ListType)
-        self._faults(terms.length(terms.lifted(t, old)) >= t.capacity)
-        given = [terms.lifted(t, old), *terms.flat(value, s.value.type)]
-        return terms.apply("push", given, t), t
+        self._add_fault(terms.length(terms.lifted(t, old)) >= t.capacity)
+        operands = [terms.lifted(t, old), *terms.flat(value, s.value.type)]
+        return terms.apply("push", operands, t), t
 
     # ------------------------------------------------------------ parts of values
 
@@ -220,8 +220,8 @@ class Evaluation(Execution["Term"]):
             return value[index], t.fields[index][1]
         assert isinstance(t, (ArrayType, ListType))
         if not is_tuple(t):
-            given = [terms.lifted(t, value), *terms.flat(index, INT)]
-            return terms.apply("element", given, t.element), t.element
+            operands = [terms.lifted(t, value), *terms.flat(index, INT)]
+            return terms.apply("element", operands, t.element), t.element
         if isinstance(index, int):
             return value[min(max(index, 0), len(value) - 1)], t.element
         element = value[-1]
@@ -235,11 +235,11 @@ class Evaluation(Execution["Term"]):
             return new
         terms, (index, *rest) = self.terms, steps
         if not is_tuple(t):
-            given = [terms.lifted(t, old), *terms.flat(new, of)]
+            operands = [terms.lifted(t, old), *terms.flat(new, of)]
             where = [x for s in steps for x in terms.flat(s, INT)]
-            return terms.apply("replaced", [*given, *where], t)
+            return terms.apply("replaced", [*operands, *where], t)
         changed = []
-        for k, (value, part) in enumerate(zip(old, parts(t), strict=True)):
+        for k, (value, part) in enumerate(zip(old, part_types(t), strict=True)):
             if isinstance(index, int) and index != k:
                 changed.append(value)
                 continue
@@ -291,8 +291,8 @@ class Evaluation(Execution["Term"]):
         if is_whole(e.type) or (isinstance(a, float) and isinstance(b, float)):
             second = b < a if e.op == "min" else b > a
             return self.terms.chosen(second, b, a, e.type)
-        given = [*self.terms.flat(a, e.left.type), *self.terms.flat(b, e.right.type)]
-        return self.terms.apply(e.op, given, e.type)
+        operands = [*self.terms.flat(a, e.left.type), *self.terms.flat(b, e.right.type)]
+        return self.terms.apply(e.op, operands, e.type)
 
     def _binary(self, e: core.Binary, a: Term, b: Term) -> Term:
         terms = self.terms
@@ -314,8 +314,8 @@ class Evaluation(Execution["Term"]):
                 return a / b
             if op != "/":
                 return a + b if op == "+" else a - b if op == "-" else a * b
-        given = [self.terms.lifted(FLOAT, a), self.terms.lifted(FLOAT, b)]
-        return self.terms.apply(f"float {op}", given, FLOAT)
+        operands = [self.terms.lifted(FLOAT, a), self.terms.lifted(FLOAT, b)]
+        return self.terms.apply(f"float {op}", operands, FLOAT)
 
     def _floats_compared(self, op: str, a: Term, b: Term) -> Term:
         terms = self.terms
@@ -329,8 +329,8 @@ class Evaluation(Execution["Term"]):
             return terms.negated(self._floats_compared("==", a, b))
         if op in (">", ">="):
             a, b, op = b, a, SWAPPED[op]
-        given = [terms.lifted(FLOAT, a), terms.lifted(FLOAT, b)]
-        return terms.apply(f"float {op}", given, BOOL)
+        operands = [terms.lifted(FLOAT, a), terms.lifted(FLOAT, b)]
+        return terms.apply(f"float {op}", operands, BOOL)
 
 
 def _compared(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:

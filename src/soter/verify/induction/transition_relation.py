@@ -16,7 +16,7 @@ from soter.core import core
 from soter.core.core_walks import walk
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, MODE
-from soter.verify.induction.calendar import before, clusters, steps_of
+from soter.verify.induction.calendar import clusters, is_before, steps_of
 from soter.verify.induction.step_terms import (
     AC,
     NEVER,
@@ -203,7 +203,7 @@ class Cluster:
         value, stamp = old
         for place, counts, new in publications:
             later = [
-                terms.all_of(other_counts, before(terms, place, other))
+                terms.all_of(other_counts, is_before(terms, place, other))
                 for other, other_counts, _ in publications
                 if other is not place
             ]
@@ -227,7 +227,7 @@ class Cluster:
         """The condition that a step's effect is seen at a point; its own step sees it at once."""
         if point is None or effect.step is own:
             return True
-        return before(self.terms, effect.step.effect, point)
+        return is_before(self.terms, effect.step.effect, point)
 
     # ------------------------------------------------------------ what a step does
 
@@ -257,7 +257,7 @@ class Cluster:
         elif component.role == "dm":
             self._decide(effect)
         elif component.role == "ac":
-            self._gate(effect, dict.fromkeys(effect.published, True))
+            self._state_gate(effect, dict.fromkeys(effect.published, True))
         else:
             self._compute(effect)
 
@@ -315,14 +315,14 @@ class Cluster:
         effect.fault, effect.doubt = terms.named(fault, "fault"), terms.named(doubt, "doubt")
         runs = self._latch(component, effect) if span.latching else True
         for index, (value, t, passed) in values.items():
-            self._equal(effect.published[index][1], value, t, terms.all_of(passed, runs))
+            self._assert_equal(effect.published[index][1], value, t, terms.all_of(passed, runs))
         self._store_locals(component, code, evaluation, runs)
         if code.takeover:
             had_control = terms.chosen(runs, enabled, self.had_control[component.index], BOOL)
             self.had_control[component.index] = terms.named(had_control, "had control")
         if runs is not True:
             wanted = self._failsafe(component, effect, runs, wanted)
-        self._gate(effect, wanted)
+        self._state_gate(effect, wanted)
 
     def _evaluated(
         self, component: Component, code: core.NodeStep, view: ClusterView
@@ -360,18 +360,18 @@ class Cluster:
     def _failsafe(
         self, component: Component, effect: StepEffect, runs: Term, wanted: Mapping[int, Term]
     ) -> dict[int, Term]:
-        """Which topics a step wants to publish; where its node is latched, its fail-safe values."""
+        """States the fail-safe values of a latched node; gives when a step publishes each topic."""
         terms, condition_by_topic = self.terms, {}
         for index, is_wanted in wanted.items():
             falls_back = index in component.failsafe
             if falls_back:
                 t = self.span.problem.system.topics[index].type
                 value = terms.constant(t, component.failsafe[index])
-                self._equal(effect.published[index][1], value, t, terms.negated(runs))
+                self._assert_equal(effect.published[index][1], value, t, terms.negated(runs))
             condition_by_topic[index] = terms.chosen(runs, is_wanted, falls_back, BOOL)
         return condition_by_topic
 
-    def _gate(self, effect: StepEffect, wanted: Mapping[int, Term]) -> None:
+    def _state_gate(self, effect: StepEffect, wanted: Mapping[int, Term]) -> None:
         """States which of the `wanted` publications pass the gate.
 
         They do if the component is in control from start to effect, and may if it is at one of
@@ -398,7 +398,7 @@ class Cluster:
         wanted = AC if component.role == "ac" else SC
         return ClusterView(self.span, self, point.at, point).mode() == wanted
 
-    def _equal(self, name: Term, value: Term, t: Type, where: Term) -> None:
+    def _assert_equal(self, name: Term, value: Term, t: Type, where: Term) -> None:
         """States that `name` has this value where the condition `where` holds."""
         terms = self.terms
         for a, b in zip(terms.flat(name, t), terms.flat(value, t), strict=True):
@@ -431,7 +431,7 @@ class Cluster:
             place = effect.step.effect
             is_last = [
                 self.terms.negated(
-                    self.terms.all_of(p.at == place.at, before(self.terms, place, p))
+                    self.terms.all_of(p.at == place.at, is_before(self.terms, place, p))
                 )
                 for p in points
                 if p is not place and p.earliest <= place.latest and place.earliest <= p.latest
@@ -471,7 +471,7 @@ class Cluster:
         span, terms, at = self.span, self.terms, effect.step.effect
         now = terms.whole("now")
         still = [
-            terms.any_of(before(terms, e.step.effect, at), e.step.effect.at > now)
+            terms.any_of(is_before(terms, e.step.effect, at), e.step.effect.at > now)
             for e in self.effects
             if e is not effect and point is not None
         ]

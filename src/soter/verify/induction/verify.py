@@ -51,8 +51,8 @@ def covers(
 ) -> tuple[list[str], list[str]]:
     """The inputs that the proof covers, and what it assumes of the deployed loop, in words."""
     del there, diagnostics
-    said = [here.topics[e.topic].name for e in from_outside(here)]
-    free = [f"{n}: any value of its set, of any age" for n in said if n in problem.any_value]
+    names = [here.topics[e.topic].name for e in from_outside(here)]
+    free = [f"{n}: any value of its set, of any age" for n in names if n in problem.any_value]
     judged = {here.components[i].name for i in allowed_lateness(here)}
     nodes = [c.name for c in problem.system.components if c.role == "node"]
     untold = ", ".join(n for n in nodes if n not in judged)
@@ -230,10 +230,10 @@ def _return_finding(problem: InductionProblem, induction: Induction) -> Finding:
         finding.text += ", if it is acknowledged" if symbol.acknowledgements else ""
         if granted := [*_return_conditions(problem, induction)]:
             text = f"{finding.text} while {_listing(granted, 'and')}: not proved"
-            finding.rest_on(ASSUMED, text)
+            finding.weaken_to(ASSUMED, text)
         if problem.modes is not None and problem.modes.never:
             hint = "let one of them give control back whatever the other one does"
-            finding.rest_on(UNDECIDED, problem.modes.never, hint)
+            finding.weaken_to(UNDECIDED, problem.modes.never, hint)
     elif induction.contradicted:
         grounds = "what the DM reads is fresh" + ", and `progress` holds" * bool(problem.progress)
         finding.text = f"what it takes for granted holds in no run for so long: {grounds}"
@@ -293,7 +293,7 @@ def _refute(
         if run is None:
             finding.hint += " (no run of the program was found that shows it)"
             continue
-        finding.rest_on(REFUTED, f"a run violates {induction.what} at {show_ns(run.time_ns)}")
+        finding.weaken_to(REFUTED, f"a run violates {induction.what} at {show_ns(run.time_ns)}")
         finding.method = "a run, replayed in the interpreter"
         finding.counterexample = run
     findings["P2a"].seconds += time.perf_counter() - began

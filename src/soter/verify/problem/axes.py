@@ -227,8 +227,8 @@ class Axes:
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
                 if topic is item.topic:
-                    told = " ".join(value.span.text.split())
-                    return (f"plant `{c.name}` drives `{topic.name}` as `{told}`",)
+                    text = " ".join(value.span.text.split())
+                    return (f"plant `{c.name}` drives `{topic.name}` as `{text}`",)
         return ()
 
     def _topic_index(self, symbol: typed.TopicSymbol) -> int | None:
@@ -262,8 +262,8 @@ class Axes:
     def _is_unseen(self, state: int) -> bool:
         """Whether a state never changes and no topic shows it, so that cells would be useless."""
         plants = [c.plant for c in self.place.plants if c.plant is not None]
-        told = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
-        names = {n.variable.name for n in told if isinstance(n, typed.VarRead)}
+        parts = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
+        names = {n.variable.name for n in parts if isinstance(n, typed.VarRead)}
         return state in self.inputs.still and self.inputs.states[state].member not in names
 
     def _refuse_unbounded(self, names: list[str], span: Span) -> None:

@@ -2,8 +2,8 @@
 
 Purpose: `chains_of` finds, for a topic of the verification system, every path from a sensor to its
 publishers, node by node, and, where the plants of the proof are abstractions, the nodes that a
-module's commands pass on their way (docs/proof.md, "The model of time"). `must_publish` checks that
-a node publishes a topic at every step, which the times of such paths require.
+module's commands pass on their way (docs/proof.md, "The model of time").
+`require_publishes_in_every_step` checks what the times of such paths require.
 Non-goals: what the nodes compute (that they show the state is an assumption, `assumptions.py`), the
 times that follow (`schedule.py`); that no node faults is assumed.
 
@@ -53,7 +53,7 @@ def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSy
     return False
 
 
-def must_publish(node: Component, index: int) -> None:
+def require_publishes_in_every_step(node: Component, index: int) -> None:
     """`UnfollowedError` where a step of the node may leave out the topic of that index."""
     assert node.node is not None
     if node.node.extern:
@@ -141,7 +141,7 @@ def _check_passes_on(place: VerificationSystem, node: Component, after: Componen
     for topic in node.node.publishes:
         published = node.scope.topics[topic]
         if after is None or published in _topics_read(place, after):
-            must_publish(node, published)
+            require_publishes_in_every_step(node, published)
 
 
 def _is_prompt(place: VerificationSystem, node: Component) -> bool:
@@ -152,7 +152,7 @@ def _is_prompt(place: VerificationSystem, node: Component) -> bool:
 
 
 def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
-    """Whether all that a node publishes is read by the maps of `abstracts`."""
+    """Whether the maps of `abstracts` read every topic that a node publishes."""
     assert node.node is not None
     shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
     return set(node.node.publishes) <= shown.keys()
@@ -279,7 +279,7 @@ def side_inputs(place: VerificationSystem) -> dict[str, str]:
         if own in place.driven or [c.role for c in nodes] != ["node"]:
             continue
         try:
-            must_publish(nodes[0], index)
+            require_publishes_in_every_step(nodes[0], index)
         except UnfollowedError:
             continue
         publisher_by_topic[place.system.topics[own].name] = nodes[0].name
@@ -385,7 +385,7 @@ def _prefixes_through(
             raise UnfollowedError(c, "the AC of another module may publish anything there")
         yield _ChainPrefix(None, (c,), Releases(1), beside=c)
         return
-    must_publish(c, index)
+    require_publishes_in_every_step(c, index)
     ways = 0
     for s in c.node.subscribes:
         read = c.scope.topics[s.topic]

@@ -252,10 +252,10 @@ def _check_shield(
         and _ac_runs_between_steps(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
     }
-    for what in (what for what, there in wrong.items() if there):
+    for reason in (reason for reason, there in wrong.items() if there):
         diagnostics.error(
             "R007",
-            f"a shield beside {what}",
+            f"a shield beside {reason}",
             symbol.shield.span,
             "is not proved",
             helps=("leave `shield` out: `ttf` looks at the state alone",),
@@ -288,12 +288,12 @@ def _refuse_unbounded(
         "a plant that moves in steps (`next`)": kind != "flow",
         "`enters`": symbol.verify.enters is not None,
     }
-    for what in (what for what, there in wrong.items() if there):
+    for reason in (reason for reason, there in wrong.items() if there):
         for group in groups:
             for axis in (a for a in group.axes if a.unbounded):
                 diagnostics.error(
                     "R007",
-                    f"`{axis.name}` is `open`, which a proof does not follow with {what}",
+                    f"`{axis.name}` is `open`, which a proof does not follow with {reason}",
                     group.span or symbol.span,
                     helps=(f"`{axis.name} in [l, u] / n`, with an end on either side",),
                 )

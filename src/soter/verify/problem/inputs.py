@@ -194,10 +194,10 @@ def _add_disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) ->
             inputs.disturbance_ranges.append(Interval(d.low, d.high))
 
 
-def _refuse_non_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnostics) -> None:
+def _refuse_non_float(kind: str, name: str, t: Type, span: Span, diagnostics: Diagnostics) -> None:
     diagnostics.error(
         "R014",
-        f"the {what} `{name}` is no `float`",
+        f"the {kind} `{name}` is no `float`",
         span,
         f"its type is `{t}`",
         notes=("sets are computed over floats",),
@@ -209,13 +209,13 @@ def _refuse_non_float(what: str, name: str, t: Type, span: Span, diagnostics: Di
 
 
 def _topic_leaves(
-    place: VerificationSystem, index: int, what: str, diagnostics: Diagnostics
+    place: VerificationSystem, index: int, kind: str, diagnostics: Diagnostics
 ) -> Iterator[tuple[Leaf, Interval | None]]:
     topic = place.system.topics[index]
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
         name = leaf_name(topic.name, path)
         if not isinstance(t, FloatType) or any(part in ("[]", "[*]") for part in path):
-            _refuse_non_float(what, name, topic.type, topic.symbol.span, diagnostics)
+            _refuse_non_float(kind, name, topic.type, topic.symbol.span, diagnostics)
             return
         interval = Interval(bound.low, bound.high) if bound is not None else None
         yield Leaf(index, "", path, name, t.unit), interval

@@ -71,9 +71,9 @@ def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
     name, _, number = reader.rpartition("_")
     if name == MOVING:
         return f"the rate of `{quantities.states[int(number)].name}`"
-    what = name if number.isdigit() else reader
+    text = name if number.isdigit() else reader
     return {"law": "SC", "constraint": "what plants publish, which has to fit"}.get(
-        what, f"`{what}`"
+        text, f"`{text}`"
     )
 
 

@@ -219,8 +219,8 @@ def _check_other_processes(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> None:
     """R033 where a node in another process declares longer times than the proof counts with."""
-    said = {n: flat.component(n) for n in assumed.elsewhere}
-    pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in said.items()}
+    parts = {n: flat.component(n) for n in assumed.elsewhere}
+    pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in parts.items()}
     if wrong := list(_exceeded_times(pairs, {})):
         diagnostics.error(
             "R033",
@@ -253,13 +253,13 @@ def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]
     home = holder_of(module)
     lines = []
     for k, word in enumerate(("late", "response")):
-        said = [
+        texts = [
             f"{n.removeprefix(f'{home}.')} {write_ns(max(a[k], b[k]))}"
             for n, (a, b) in pairs.items()
             if max(a[k], b[k])
             and not (word == "response" and n not in ("dm", "sc") and flat.component(n).takes_ns)
         ]
-        lines += [f"{word} {', '.join(said)};"] if said else []
+        lines += [f"{word} {', '.join(texts)};"] if texts else []
     return lines
 
 

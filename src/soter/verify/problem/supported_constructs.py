@@ -320,29 +320,29 @@ def _check_predicates(place: VerificationSystem, diagnostics: Diagnostics) -> No
     symbol = place.module.symbol
     maps = set(maps_of(place).values())
     check_maps(place, diagnostics)
-    for what, e in (("safe", symbol.safe), ("core", symbol.verify.core)):
+    for name, e in (("safe", symbol.safe), ("core", symbol.verify.core)):
         if e is None:
             continue
-        _refuse_unknown_facts([e], f"`{what}`", diagnostics)
+        _refuse_unknown_facts([e], f"`{name}`", diagnostics)
         for topic, read in topic_reads(e).items():
             index = place.module.scope.topics[topic]
-            if index not in place.driven and not (what == "safe" and index in maps):
+            if index not in place.driven and not (name == "safe" and index in maps):
                 driven = "put the plant that drives it beside the module, or use `abstracts`"
-                followed = what == "safe" and symbol.rest is not None
+                followed = name == "safe" and symbol.rest is not None
                 a_map = (
                     "`static` at its end, if what it calls free stays free (`soter explain static`)"
                 )
                 diagnostics.error(
                     "R001",
-                    f"`{what}` reads `{topic.name}`, which no verification plant drives",
+                    f"`{name}` reads `{topic.name}`, which no verification plant drives",
                     read.span,
                     also=((topic.span, "declared here"),),
                     notes=("it is proved on the plant's true state",),
                     helps=(a_map, driven) if followed else (driven,),
                 )
-    for what, e in (("ttf", ttf_of_states(symbol.ttf)), ("safer", symbol.safer)):
+    for name, e in (("ttf", ttf_of_states(symbol.ttf)), ("safer", symbol.safer)):
         if e is not None:
-            _refuse_unknown_facts([e], f"`{what}`", diagnostics)
+            _refuse_unknown_facts([e], f"`{name}`", diagnostics)
 
 
 def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -> None:

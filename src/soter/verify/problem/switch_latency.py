@@ -65,12 +65,12 @@ class SwitchLatency:
         """The result in words."""
         if self.slack is None or self.horizon is None or self.needed is None:
             return f"P1c {self.verdict}: {self.why}"
-        what = "spare" if self.slack >= 0 else "missing"
+        word = "spare" if self.slack >= 0 else "missing"
         name, ns = self.largest or ("", 0)
         why = f"{self.why}; " if self.why else ""
         return (
             f"P1c {self.verdict}: {why}H = {show_ns(self.horizon)}, needed {show_ns(self.needed)} "
-            f"({show_ns(abs(self.slack))} {what}; largest: {name}, {show_ns(ns)})"
+            f"({show_ns(abs(self.slack))} {word}; largest: {name}, {show_ns(ns)})"
         )
 
 
@@ -94,9 +94,9 @@ def switch_of(flat: System, module: Module) -> SwitchLatency:
     return replace(switch, module=module.name, diagnostics=tuple(diagnostics))
 
 
-def _latency_unknown(module: Module, said: tuple[Diagnostic, ...]) -> SwitchLatency:
-    of_this = tuple(d for d in said if d.code in CODES_OF_DEPLOYED_TIMES)
-    why = f"[{said[0].code}] {said[0].message}" if said else "`soter verify` says why"
+def _latency_unknown(module: Module, refusals: tuple[Diagnostic, ...]) -> SwitchLatency:
+    of_this = tuple(d for d in refusals if d.code in CODES_OF_DEPLOYED_TIMES)
+    why = f"[{refusals[0].code}] {refusals[0].message}" if refusals else "`soter verify` says why"
     return SwitchLatency(module.name, UNKNOWN, why=why, diagnostics=of_this)
 
 
@@ -119,7 +119,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
     if diagnostics.has_errors:
         return _latency_unknown(module, diagnostics.items)
     times, chains = times_of(at, kind, diagnostics)
-    said = tuple(d for d in diagnostics.items if d.code in CODES_OF_DEPLOYED_TIMES)
+    refusals = tuple(d for d in diagnostics.items if d.code in CODES_OF_DEPLOYED_TIMES)
     if any(d.code not in CODES_OF_DEPLOYED_TIMES for d in diagnostics.items):
         return _latency_unknown(module, diagnostics.items)
     assumed = assumed_of(times.schedule, chains)
@@ -130,7 +130,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
     assert deployment is not None
     if deployment.timing.verdict != "fits":
         return SwitchLatency(
-            module.name, UNKNOWN, why="the calendar is not known to be kept", diagnostics=said
+            module.name, UNKNOWN, why="the calendar is not known to be kept", diagnostics=refusals
         )
     thread_times = Times(
         _with_thread_times(times.schedule, chains, deployment), horizon=times.horizon_ns
@@ -140,7 +140,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
         thread_times.schedule, None if kind == "map" else deployment.handed_over
     )
     verdict = HOLDS if needed <= times.horizon_ns else FAILS
-    why = "" if verdict == FAILS else _why_not_proved(times, said)
+    why = "" if verdict == FAILS else _why_not_proved(times, refusals)
     return SwitchLatency(
         module=module.name,
         verdict=UNKNOWN if why else verdict,
@@ -148,13 +148,13 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
         horizon=times.horizon_ns,
         needed=needed,
         largest=max(summands_of_h_star(thread_times).items(), key=lambda item: item[1]),
-        diagnostics=said,
+        diagnostics=refusals,
     )
 
 
-def _why_not_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
+def _why_not_proved(times: Times, refusals: tuple[Diagnostic, ...]) -> str:
     """Why `soter verify` does not prove P1c though it holds as deployed; "": it may prove it."""
-    if any(d.code == "R033" for d in said):
+    if any(d.code == "R033" for d in refusals):
         return "the proof counts with other times (R033)"
     if times.h_star <= times.horizon_ns:
         return ""

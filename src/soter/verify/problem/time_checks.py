@@ -102,12 +102,12 @@ def _parts_of_delay(times: Times) -> str:
     """Words for the parts of j, whose sum a message tells (docs/proof.md, The model of time)."""
     parts = [*_parts_before_output(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
-    said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
+    parts_in_words = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
     if rest > 0:
-        said.append(f"{show_ns(rest)} on the way through nodes behind SC")
+        parts_in_words.append(f"{show_ns(rest)} on the way through nodes behind SC")
     elif rest < 0:
-        said.append(f"less the {show_ns(-rest)} that a command takes in any case")
-    return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
+        parts_in_words.append(f"less the {show_ns(-rest)} that a command takes in any case")
+    return f"{show_ns(times.jitter_sc)} = {' + '.join(parts_in_words).replace('+ less', '- less')}"
 
 
 def _parts_before_output(times: Times) -> list[tuple[int, str]]:
@@ -144,10 +144,10 @@ def _period_in_time(schedule: Schedule, *, in_order: bool) -> str:
         return ""
     if any(slower.stamp_age_sc(p) > p.max_age for p in slower.read_by_sc if p.max_age is not None):
         return ""
-    said = show_ns(slower.sc.period)
+    longest = show_ns(slower.sc.period)
     if slower.dm.period == schedule.dm.period:
-        return f", or a period of SC of {said}"
-    return f", or a period of {said} of both SC and the module (P1a: SC may not be the slower)"
+        return f", or a period of SC of {longest}"
+    return f", or a period of {longest} of both SC and the module (P1a: SC may not be the slower)"
 
 
 def _check_known_nodes(
@@ -311,11 +311,11 @@ def _check_map_times(
         "the sum of `late`, `response` and `acts`": acts,
         "`dropout`": often if times.schedule.dropout else 0,
     }
-    for what, ns in late.items():
+    for delay, ns in late.items():
         if ns >= often:
             diagnostics.error(
                 "R012",
-                f"{what} of {show_ns(ns)} is no less than the plant's period, {show_ns(often)}",
+                f"{delay} of {show_ns(ns)} is no less than the plant's period, {show_ns(often)}",
                 symbol.span,
                 notes=("with `next`, what is read and what acts must be of the same instant",),
                 helps=(f"make it shorter than {show_ns(often)}",),

@@ -75,15 +75,15 @@ class VerificationSystem:
                 return scope.topics[topic]
         return -1
 
-    def declared(self, c: Component, what: str) -> typed.TypedExpr | None:
+    def declared(self, c: Component, kind: str) -> typed.TypedExpr | None:
         """The declared `late` or `response` of a node of the flying system; None: not declared.
 
         The module names nodes as its own system does, without that system's name. A node that
         declares how long its steps take has that as its response.
         """
-        if what == "response" and c.takes_ns is not None:
+        if kind == "response" and c.takes_ns is not None:
             return typed.Literal(DURATION, c.span, c.takes_ns[1])
-        times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, f"{what}_of")
+        times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, f"{kind}_of")
         return times.get(c.name.removeprefix(self.around))
 
     def shown_by(self, index: int) -> str:
@@ -344,8 +344,8 @@ def _other_modules_read(module: Module, sc: Component) -> list[Read]:
 def _modes_read_in(module: Module, *predicates: str) -> list[int]:
     """The other modules whose modes these predicates of a module read."""
     symbol = module.symbol if module.whole is None else module.whole
-    said = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
-    read = [n.module for n in nodes(said) if isinstance(n, typed.ModeRead)]
+    declared = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
+    read = [n.module for n in nodes(declared) if isinstance(n, typed.ModeRead)]
     indices = [module.scope.modules.get(s, module.index) for s in read]
     return [i for i in dict.fromkeys(indices) if i != module.index]
 

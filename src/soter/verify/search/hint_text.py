@@ -65,15 +65,15 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
             continue
         edits += [_removal(text, tokens.starts[a], tokens.ends[b]) for a, b in gone]
     closed = tokens.starts[_end_of(tokens, opened)]
-    said = [f"  {hint}{comment}\n" for hint in hints.clauses]
+    lines = [f"  {hint}{comment}\n" for hint in hints.clauses]
     if hints.items and block is not None:
         at, inner = tokens.ends[block], "".join(f"\n    {hint}" for hint in hints.items)
         edits.append((at, at, f"{comment}{inner}\n   "))
     elif hints.items:
-        said.append(
+        lines.append(
             "".join(("  verify {", comment, *(f"\n    {i}" for i in hints.items), "\n  }\n"))
         )
-    edits.append((closed, closed, "".join(said)))
+    edits.append((closed, closed, "".join(lines)))
     ends_of_lines = "\r\n" if text.partition("\n")[0].endswith("\r") else "\n"
     for start, end, new in sorted(edits, reverse=True):
         text = text[:start] + new.replace("\n", ends_of_lines) + text[end:]

@@ -1,4 +1,4 @@
-"""Which states matter to a module, how far they get, and who moves with whom: by runs of the model.
+"""States that matter to a module, how far they get, which move together: by runs of the model.
 
 Purpose: `ModelStates` simulates the module's plants under SC and under commands at their ends, from
 the declared start, and tells ranges of states from which SC stays in `safe`, the ends that `safe`
@@ -19,7 +19,7 @@ import numpy as np
 
 from soter.language.model.types import leaf_name, leaves
 from soter.verify.claims.case import Case
-from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns, run
+from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns, run_of_sc
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.problem.extract import cases
 from soter.verify.problem.inputs import errors_of
@@ -91,7 +91,7 @@ class ModelStates:
     def runs(self, starts: Sequence[Floats], holds: int) -> list[ModelTrace]:
         """Runs under SC from each start, (states,), and under each pattern, those that ended."""
         made = (
-            run(self.model, x, p, holds * self.period_s, lambda: True, beyond=True)
+            run_of_sc(self.model, x, p, holds * self.period_s, lambda: True, beyond=True)
             for x in starts
             for p in self.patterns
         )
@@ -146,7 +146,7 @@ class ModelStates:
         pushed = [self._pushed(self.model.start, u, w)[:8][-1] for u, w in self._pushes()]
         needed = LEAST_HOLDS
         for x in pushed[:: max(1, len(pushed) // 3)]:
-            trace = run(
+            trace = run_of_sc(
                 self.model, x, self.patterns[0], HOLDS * self.period_s, lambda: True, beyond=True
             )
             states = np.array(trace.states)
@@ -205,7 +205,7 @@ class ModelStates:
         """The runs from a state under SC; None where one of them leaves `safe`."""
         traces = []
         for pattern in self.patterns:
-            trace = run(self.model, x, pattern, self.holds * self.period_s, lambda: True)
+            trace = run_of_sc(self.model, x, pattern, self.holds * self.period_s, lambda: True)
             self.steps_done += len(trace.times)
             if (trace.left and trace.safe) or not np.isfinite(trace.states[-1]).all():
                 return None

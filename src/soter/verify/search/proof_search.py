@@ -119,9 +119,9 @@ def find_hints(
 def _named(found: ModelStates, module: Module) -> set[int]:
     """The states of which `grid` lines of the program have an axis."""
     axes = [a for g in module.symbol.verify.groups for a in g.axes]
-    said = {leaf_name(a.instance if a.topic is None else a.topic.name, a.path) for a in axes}
+    leaves = {leaf_name(a.instance if a.topic is None else a.topic.name, a.path) for a in axes}
     own = (leaf.name for leaf in found.problem.quantities.states)
-    return {s for s, names in enumerate(zip(found.names, own, strict=True)) if said & {*names}}
+    return {s for s, names in enumerate(zip(found.names, own, strict=True)) if leaves & {*names}}
 
 
 def _in_order(

@@ -139,8 +139,8 @@ def _hints(
     farther: Hints | None = None
     for factor in reversed(FARTHER):
         moves = ", ".join(_moved(found, entered, s, factor) for s in moving)
-        said = f"rest {conditions}{' moves ' * bool(moves)}{moves} within"
-        first, longer = (f"{said} {duration(x)};" for x in _times(found, entered))
+        clause = f"rest {conditions}{' moves ' * bool(moves)}{moves} within"
+        first, longer = (f"{clause} {duration(x)};" for x in _times(found, entered))
         farther = Hints(clauses=(first,), longer=longer, farther=farther if moves else None)
     if farther is not None:
         yield farther

@@ -43,21 +43,21 @@ NO_TIME = (
 
 
 def with_found_hints(
-    checked: CheckResult, what: Mapping[str, Any], budget_s: float, refused: SoterError
+    checked: CheckResult, pick: Mapping[str, Any], budget_s: float, refused: SoterError
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
     """The program with hints that were found where it bounds no states.
 
-    `what`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them.
+    `pick`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them.
     Where nothing that was tried of one could be asked, that of it and of those after it is raised.
     """
     searches: list[ProofSearch] = []
     places = {
-        name: _place_of(module_named(checked, name, what)[1]) for name in _names(checked, what)
+        name: _place_of(module_named(checked, name, pick)[1]) for name in _names(checked, pick)
     }
     for name, place in places.items():
-        if not _is_refused(*module_named(checked, name, what)):
+        if not _is_refused(*module_named(checked, name, pick)):
             continue
-        made = _searched(checked, name, what, budget_s, own=False)
+        made = _searched(checked, name, pick, budget_s, own=False)
         if made is None or made.checked is None:
             found = {places[s.module] for s in searches}
             raise SoterError(
@@ -73,7 +73,7 @@ def with_found_hints(
 
 
 def searched_anew(
-    checked: CheckResult, what: Mapping[str, Any], results: Sequence[ModuleResult], budget_s: float
+    checked: CheckResult, pick: Mapping[str, Any], results: Sequence[ModuleResult], budget_s: float
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
     """The program with other hints of modules that its own leave undecided, where these prove."""
     searches = []
@@ -82,7 +82,7 @@ def searched_anew(
         if result.verdict != UNDECIDED or symbol.ttf or result.problem.kind == "nodes":
             continue
         surely = result.findings["P2a"].holds
-        made = _searched(checked, result.name, what, budget_s, own=True, surely=surely)
+        made = _searched(checked, result.name, pick, budget_s, own=True, surely=surely)
         if made is not None:
             searches.append(made)
             checked = made.checked if made.proved and made.checked is not None else checked
@@ -90,12 +90,12 @@ def searched_anew(
 
 
 def rests_of(
-    checked: CheckResult, what: Mapping[str, Any], budget_s: float
+    checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[ProofSearch, ...]:
     """What was tried to find a clause `rest` of each module of which hints are looked for."""
     made = (
-        _searched(checked, n, what, budget_s, own=False, rests_alone=True)
-        for n in _names(checked, what)
+        _searched(checked, n, pick, budget_s, own=False, rests_alone=True)
+        for n in _names(checked, pick)
     )
     return tuple(m for m in made if m is not None)
 
@@ -103,7 +103,7 @@ def rests_of(
 def _searched(
     checked: CheckResult,
     name: str,
-    what: Mapping[str, Any],
+    pick: Mapping[str, Any],
     budget_s: float,
     *,
     own: bool,
@@ -114,10 +114,10 @@ def _searched(
 
     def choose(other: CheckResult) -> tuple[System, Module, Problem]:
         assert other.program is not None
-        flat, m = module_named(other, name, what)
+        flat, m = module_named(other, name, pick)
         return flat, m, without_faults(other.program, flat, extract(flat, m))
 
-    flat, module = module_named(checked, name, what)
+    flat, module = module_named(checked, name, pick)
     if not may_be_found(checked, module):
         return None
     return find_hints(
@@ -134,8 +134,8 @@ def _is_refused(flat: System, module: Module) -> bool:
     return False
 
 
-def _names(checked: CheckResult, what: Mapping[str, Any]) -> list[str]:
-    return [m.name for _, m in modules_of(checked, **what)]
+def _names(checked: CheckResult, pick: Mapping[str, Any]) -> list[str]:
+    return [m.name for _, m in modules_of(checked, **pick)]
 
 
 def _place_of(module: Module) -> tuple[str, int]:

@@ -91,8 +91,8 @@ def function(
     `inputs`: the text of each input, by its kind and number. `of`: `FORMS` or `RANGES`.
     """
     body, names = _statements_for_nodes(roots, inputs, of)
-    given = ", ".join(names[x] for x in roots)
-    return f"fun {name}({parameters}): {result} {{\n{body}  return [{given}];\n}}\n"
+    results = ", ".join(names[x] for x in roots)
+    return f"fun {name}({parameters}): {result} {{\n{body}  return [{results}];\n}}\n"
 
 
 def certain(
@@ -109,11 +109,11 @@ def certain(
     `first`: statements that the function begins with.
     """
     body, names = _statements_for_nodes([condition], inputs, FORMS)
-    said = _surely_true if truth else _surely_false
+    text_of = _surely_true if truth else _surely_false
     for c, name_of in _shared_conditions(condition).items():
-        body += f"  let {name_of} = {said(c, names)};\n"
+        body += f"  let {name_of} = {text_of(c, names)};\n"
         names[c] = name_of
-    every = [said(c, names) for c in _joined_parts(condition, "and" if truth else "or", names)]
+    every = [text_of(c, names) for c in _joined_parts(condition, "and" if truth else "or", names)]
     lines = "".join(f"  if !({c}) {{ return false; }}\n" for c in every)
     return f"fun {name}({parameters}): bool {{\n{first}{body}{lines}  return true;\n}}\n"
 
@@ -121,9 +121,9 @@ def certain(
 def decided(name: str, parameters: str, conditions: Sequence[Node], inputs: Inputs) -> str:
     """The text of a function of ranges: whether each condition certainly holds, or does not."""
     body, names = _statements_for_nodes(conditions, inputs, RANGES)
-    said = [of(c, names) for c in conditions for of in (_surely_true, _surely_false)]
+    bits = [of(c, names) for c in conditions for of in (_surely_true, _surely_false)]
     return (
-        f"fun {name}({parameters}): bool[{len(said)}] {{\n{body}  return {array_text(said)};\n}}\n"
+        f"fun {name}({parameters}): bool[{len(bits)}] {{\n{body}  return {array_text(bits)};\n}}\n"
     )
 
 

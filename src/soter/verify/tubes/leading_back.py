@@ -216,13 +216,13 @@ class _SimulatedRuns:
         step = check.times.period * 1e-9 / self.steps
         read = {("y", s): x[k] for k, s in enumerate(check.states)}
         read |= {("l", k): np.full(runs, middle(r)) for k, r in enumerate(check.kept)}
-        given = {("u", k): u for k, u in enumerate(_values_of_nodes(check.law, read, runs))}
-        given |= {("w", k): wind for k, wind in enumerate(w)}
+        inputs = {("u", k): u for k, u in enumerate(_values_of_nodes(check.law, read, runs))}
+        inputs |= {("w", k): wind for k, wind in enumerate(w)}
         rates = [check.rates[s] for s in check.states]
 
         def rate(at: Values) -> Values:
             states = {("x", s): at[k] for k, s in enumerate(check.states)}
-            return np.array(_values_of_nodes(rates, {**given, **states}, runs))
+            return np.array(_values_of_nodes(rates, {**inputs, **states}, runs))
 
         for _ in range(self.steps):
             a = rate(x)
@@ -423,13 +423,13 @@ class _LeadBackSearch:
         self, part: Box, into: str, shown: float, tried: int, reached: Box
     ) -> str:
         own = {s: part[s] for s in self._cut}
-        what = f"SC does not certainly lead back into {into}"
+        text = f"SC does not certainly lead back into {into}"
         if not own:
-            return what
+            return text
         where = f"not from {box_in_words(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
         where += f"; on the way there is {self._caller.fault}" if self._caller.fault else ""
         where += self._widest_in_words({s: part[s] for s in self._own})
-        return f"{what}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
+        return f"{text}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
 
     def _widest_in_words(self, own: Box) -> str:
         """Words about the state that the tube leaves farthest, counted in widths of its `rest`."""

@@ -158,7 +158,7 @@ class ExpressionReading(Execution["Value"]):
         k, *rest = path
         return (*old[:k], self._changed(s, old[k], rest, value), *old[k + 1 :])
 
-    def _number(self, e: Node) -> Node:
+    def _note_computed(self, e: Node) -> Node:
         """Notes `e` in `computed` and returns it."""
         self.computed[e] = None
         return e
@@ -167,14 +167,14 @@ class ExpressionReading(Execution["Value"]):
         """The result of a function; `NoExpressionError` where it is extern, or has no form."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
             real = "real_" if self.real and f.source_name in ("sin", "cos") else ""
-            return self._number(self.make.function(real + f.source_name, *arguments))
+            return self._note_computed(self.make.function(real + f.source_name, *arguments))
         if is_prelude(f) and f.source_name == "clamp":
-            return self._number(self.make.clamp(*arguments))
+            return self._note_computed(self.make.clamp(*arguments))
         if is_prelude(f) and f.source_name == "hypot":
             x, y = (self.make.mul(a, a) for a in arguments)
-            return self._number(self.make.function("sqrt", self.make.add(x, y)))
+            return self._note_computed(self.make.function("sqrt", self.make.add(x, y)))
         if is_prelude(f) and f.source_name == "pow":
-            return self._number(self.make.power(*arguments))
+            return self._note_computed(self.make.power(*arguments))
         if f.result is None:
             raise NoExpressionError(f"`{f.source_name}` is extern")
         return super().call(f, arguments)
@@ -242,7 +242,7 @@ class ExpressionReading(Execution["Value"]):
         if op == "abs":
             return make.number(abs(a.of[0])) if a.op == "number" else make.function("abs", a)
         if op == "sqrt":
-            return self._number(make.function("sqrt", a))
+            return self._note_computed(make.function("sqrt", a))
         raise NoExpressionError(f"`{op}`, which jumps")
 
     def _binary(self, op: str, a: Node, b: Node) -> Node:
@@ -258,7 +258,7 @@ class ExpressionReading(Execution["Value"]):
                 same = make.join("and", make.compare("<=", a, b), make.compare(">=", a, b))
             return same if op == "==" else make.not_(same)
         by = {"+": make.add, "-": make.sub, "*": make.mul, "/": make.div}
-        return self._number(by[op](a, b))
+        return self._note_computed(by[op](a, b))
 
 
 class ModuleExpressions:

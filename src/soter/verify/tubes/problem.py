@@ -140,11 +140,11 @@ def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) 
     read, by_sc = read_by(problem), read_by_sc(problem)
     leaves_of = sorted(problem.state_of_leaf, key=lambda at: (at[0] in read) + (at[0] in by_sc))
     shown = {problem.state_of_leaf[at]: at for at in leaves_of}  # the last one counts: SC's
-    given = vars(problem) | {"kind": TUBES, "topic_leaf_of_state": shown}
+    fields = vars(problem) | {"kind": TUBES, "topic_leaf_of_state": shown}
     maps = map_topics(problem.system, problem.module).values()
     numbers = [(t, k) for t in maps for k, _ in enumerate(leaves(problem.system.topics[t].type))]
     return TubeProblem(
-        **given,
+        **fields,
         rest=rest.condition,
         within_ns=within,
         drifts=drifts,
@@ -215,10 +215,10 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
         "modes of other modules": problem.modes is not None,
         f"a state that no topic shows: {', '.join(unseen)}": bool(unseen),
     }
-    for what in (what for what, there in wrong.items() if there):
+    for reason in (reason for reason, there in wrong.items() if there):
         diagnostics.error(
             "R007",
-            f"`rest` beside {what}",
+            f"`rest` beside {reason}",
             rest.span,
             "is not followed",
             helps=("`ttf` and `safer`, or a `grid`, in the place of `rest`",),

@@ -90,14 +90,14 @@ def _moves_in_words(check: TubeCheck, state: int) -> str:
     movers = {e.of for e in in_order([check.rates[s] for s in found]) if e.op == "input"}
     winds = check.problem.quantities.disturbances
     ranges = check.problem.disturbances
-    said = [
+    causes = [
         f"{winds[k].name} in [{ranges[k].low:.4g}, {ranges[k].high:.4g}]"
         for kind, k in sorted(movers)
         if kind == "w" and ranges[k].low != ranges[k].high
     ]
     if check.read_by_law and "u" in dict(movers):
-        said.append("SC, by what it reads")
-    return f" (moved by {', '.join(said)})" if said else ""
+        causes.append("SC, by what it reads")
+    return f" (moved by {', '.join(causes)})" if causes else ""
 
 
 def _why_it_may_drift(
@@ -225,11 +225,11 @@ class RestClaims:
     @classmethod
     def read(cls, path: Path) -> RestClaims:
         """Reads what `write` wrote."""
-        told = json.loads(path.read_text(encoding="utf-8"))
+        stored = json.loads(path.read_text(encoding="utf-8"))
         for name in ("box", "ways"):
-            told[name] = {int(s): Interval(**r) for s, r in told[name].items()}
-        told["kink"] = told["kink"] and Kink(**told["kink"])
-        return cls(**told)
+            stored[name] = {int(s): Interval(**r) for s, r in stored[name].items()}
+        stored["kink"] = stored["kink"] and Kink(**stored["kink"])
+        return cls(**stored)
 
 
 def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
@@ -431,7 +431,7 @@ def _around_rest(
 
 
 def _holds_somewhere(
-    check: TubeCheck, caller: Caller, box: Mapping[int, Interval], what: str
+    check: TubeCheck, caller: Caller, box: Mapping[int, Interval], predicate: str
 ) -> bool:
     """Whether a condition certainly holds in a state of the box: of none all would be true."""
     draw, ends = random.Random(0), [(r.low, r.high) for r in box.values()]  # noqa: S311 - no secret
@@ -439,7 +439,7 @@ def _holds_somewhere(
     states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
     every = (dict(zip(box, x, strict=True)) for x in ([u[0] for u in usual], *states))
     tried = ({s: Interval(v, v) for s, v in x.items()} for x in every)
-    return any(caller.holds(what, region_of(check, at)) for at in tried)
+    return any(caller.holds(predicate, region_of(check, at)) for at in tried)
 
 
 def _narrow_by_powers(

@@ -75,7 +75,7 @@ class ScStep:
         return self._make.compare(">", self._input(-1.0, 1.0), self._make.number(0.0))
 
     def _choices(self, name: str, t: types.Type, first: Any) -> Sequence[Value]:  # noqa: ANN401
-        """All that a leaf of a variable may be."""
+        """The values that a leaf of a variable may have."""
         if isinstance(t, types.FloatType):
             self.floats[name] = len(self.ranges)
             return [self._input(first, first)]
@@ -140,12 +140,12 @@ class ScStep:
         if any(e.op == "input" and e.of[0] not in "ly" for e in in_order(roots)):
             raise NoExpressionError("what SC keeps hangs on a time, an age or a mode")
         steps = Enclosures([roots], shared=True)
-        given = {("y", s): cut_to_farthest(r) for s, r in reads.items()}
+        read_ranges = {("y", s): cut_to_farthest(r) for s, r in reads.items()}
         for k in self.floats.values():
             self.ranges[k] = Interval(-FAR, FAR)
         for _ in range(NARROWED):
             after, inputs = list(first), {("l", k): r for k, r in enumerate(self.ranges)}
-            for (k, _), r in zip(self._assigned, steps.of(0, given | inputs), strict=True):
+            for (k, _), r in zip(self._assigned, steps.of(0, read_ranges | inputs), strict=True):
                 after[k] = Interval(min(after[k].low, r.low), max(after[k].high, r.high))
             narrow = list(map(_narrowed, self.ranges, after))
             if narrow == self.ranges:

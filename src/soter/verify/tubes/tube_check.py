@@ -238,8 +238,8 @@ class TubeCheck:
         if not self._branches:
             text = re.sub(r"  let on = .*\n", "", text).replace(ON, "").replace(", on)", ")")
         if not first:
-            for given in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
-                text = text.replace(given, "")
+            for map_text in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
+                text = text.replace(map_text, "")
             return text
         lines = [
             f"const MAPS: int = {len(first)};",

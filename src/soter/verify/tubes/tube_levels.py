@@ -64,8 +64,8 @@ class TubeLevels(LevelTable):
     def function(self, w: Writer, name: str) -> FunSymbol:
         """`fun level(x0: float, ...): int`."""
         good = self.functions["good"]
-        given = (("x", len(self.states)), ("m", self.maps))
-        inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in given]
+        pairs = (("x", len(self.states)), ("m", self.maps))
+        inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in pairs]
         found = w.call(good, *(w.floats([w.read(x) for x in of]) for of in inputs if of))
         answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
         return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
@@ -94,8 +94,8 @@ class TubeLevels(LevelTable):
     def _asked(self, w: ShieldWriter, name: str, commands: t.TypedExpr) -> t.TypedExpr:
         """A call of the check about commands, with what is read and what may still act."""
         at, maps = w.floats(estimate(w, w.problem, self)), self.more(w, w.problem)
-        given = [w.floats(maps)] if maps else []
-        return w.call(self.functions[name], at, commands, w.times(), w.since(), *given)
+        arguments = [w.floats(maps)] if maps else []
+        return w.call(self.functions[name], at, commands, w.times(), w.since(), *arguments)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """Its constants; the check itself is made from the program."""

@@ -16,7 +16,7 @@ from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import texts
 from soter.language.elaborate.lints.rest_lints import rest_doubt
 from soter.language.model.types import show_ns
-from soter.verify.claims.claims import static_claims
+from soter.verify.claims.claims import enter_static_claims
 from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
     ASSUMED,
@@ -47,9 +47,9 @@ if TYPE_CHECKING:
 def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -> dict[str, object]:
     """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
-    said = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
-    said.pop("failsafe", None)  # none is declared: there is nothing to be claimed
-    head = {"system": system, "module": result.problem.name, "claims": said, "recover_ns": None}
+    verdicts = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
+    verdicts.pop("failsafe", None)  # none is declared: there is nothing to be claimed
+    head = {"system": system, "module": result.problem.name, "claims": verdicts, "recover_ns": None}
     if not result.plans:
         return head | _own_entry(result)
     return head | {"plans": {r.problem.plan: _own_entry(r) for r in result.plans}}
@@ -115,8 +115,8 @@ class TubeResult(ModuleResult):
     @property
     def verdict(self) -> str:
         """Never `proved`: the DM decides in flight, by a check that is tested."""
-        said = super().verdict
-        return ASSUMED if said == PROVED else said
+        inner = super().verdict
+        return ASSUMED if inner == PROVED else inner
 
     @property
     def whilst(self) -> str:
@@ -149,7 +149,7 @@ def verify_by_tubes(
         problem, {}, [], added=(SOUND, *_far_assumptions(check), *_turns_assumptions(check))
     )
     result.check, result.claims = check, claims
-    static_claims(problem, result)
+    enter_static_claims(problem, result)
     cpu = time.perf_counter() - began
     why = claims.kept or claims.moves
     rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept_text(check, claims))
@@ -191,8 +191,8 @@ def _joined_results(problem: TubeProblem, results: Sequence[TubeResult]) -> Tube
     result = TubeResult(problem, {}, [], added=tuple(added))
     result.check, result.claims, result.plans = results[0].check, results[0].claims, tuple(results)
     result.findings = {p: _joined_finding(results, p) for p in PROPERTIES}
-    given = [r for r in results if not r.at_the_start]
-    result.at_the_start = "" if given else results[0].at_the_start
+    from_start = [r for r in results if not r.at_the_start]
+    result.at_the_start = "" if from_start else results[0].at_the_start
     result.vacuity = vacuity_of_rest(problem, result.at_the_start)
     result.seconds = sum(r.seconds for r in results)
     return result

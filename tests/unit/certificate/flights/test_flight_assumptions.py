@@ -75,10 +75,10 @@ class Log:
         for time_ns in sorted(every):
             for name, of in self.messages.items():
                 if time_ns in of:
-                    assumed.message(time_ns, name, of[time_ns])
+                    assumed.note_message(time_ns, name, of[time_ns])
             if time_ns in self.verdicts:
-                assumed.verdict(time_ns, module, is_ac=self.verdicts[time_ns])
-            assumed.instant_ends(time_ns)
+                assumed.note_verdict(time_ns, module, is_ac=self.verdicts[time_ns])
+            assumed.end_instant(time_ns)
         assumed.end(self.last_ns)
         return [(d.time_ns // MS, d.reason) for d in assumed.doubts]
 
@@ -244,9 +244,9 @@ def test_a_sensor_that_errs_more_than_it_may_is_doubted(
     (plant,) = [c for c in flat.components if c.plant is not None]
     assumed = LoggedAssumptions(flat, list(flat.modules))
     for name, value in published.items():
-        assumed.message(0, name, value)
-    assumed.truth(0, plant, (2.0, 1.0))
-    assumed.truth(10 * MS, plant, (50.0, 50.0))  # nothing was published then
+        assumed.note_message(0, name, value)
+    assumed.note_truth(0, plant, (2.0, 1.0))
+    assumed.note_truth(10 * MS, plant, (50.0, 50.0))  # nothing was published then
     assert [d.reason for d in assumed.doubts] == said
 
 
@@ -254,6 +254,6 @@ def test_a_plant_publishes_once_at_a_release() -> None:
     flat = flat_of("S")
     assumed = LoggedAssumptions(flat, list(flat.modules))
     for _ in range(2):
-        assumed.message(0, "pos", 1.0)
+        assumed.note_message(0, "pos", 1.0)
     twice = "pos was published otherwise than once at a release of its plant"
     assert [d.reason for d in assumed.doubts] == [twice]

@@ -82,7 +82,7 @@ STAGES = {
     "check_supported": ("soter.certificate.rechecker", "a grid"),
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
     "free_phase": ("soter.certificate.grid.group_claims", "computed"),
-    "rates_are_defined": ("soter.certificate.case_check", "a grid"),
+    "require_all_rates": ("soter.certificate.case_check", "a grid"),
     "axes_seen_by_dm": ("soter.certificate.extras.estimates_and_shield", "computed"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
     "_check_times": ("soter.certificate.induction.induction_problem", "an induction"),

@@ -42,7 +42,7 @@ def test_a_problem_that_is_verified_twice_rests_on_the_same(name: str) -> None:
 @all_rows("second", WORSE)
 def test_a_verdict_is_the_worst_of_what_it_rests_on(first: str, second: str) -> None:
     finding = Finding(first, text="why", hint="mend it")
-    finding.rest_on(second, "another reason")
+    finding.weaken_to(second, "another reason")
     assert finding.verdict == max(first, second, key=WORSE.index)
     worse = WORSE.index(second) >= WORSE.index(first)
     assert finding.text == ("another reason" if worse else "why")

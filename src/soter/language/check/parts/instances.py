@@ -203,7 +203,7 @@ class Unroller:
         numbers = [self._int(i, values, subject) for i in name.indices]
         text = name.text + "".join(f"[{n}]" for n in numbers)
         if any(n < 0 for n in numbers):
-            self._no_element(text, name.span, (), name.indices, values)
+            self._report_no_element(text, name.span, (), name.indices, values)
         return tree.Name(text, name.span)
 
     def _path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
@@ -217,7 +217,7 @@ class Unroller:
                 inside = self._inside(names)
                 if inside is not None and name.text not in inside:
                     known = _elements(inside, part.text)
-                    self._no_element(name.text, name.span, known, part.indices, values)
+                    self._report_no_element(name.text, name.span, known, part.indices, values)
             names.append(name)
         return tree.DottedPath(tuple(names), path.span)
 
@@ -240,7 +240,7 @@ class Unroller:
         text = names[-1].text + "".join(f"[{n}]" for n in numbers[:count])
         if text not in inside:
             known = _elements(inside, names[-1].text)
-            self._no_element(text, node.span, known, indices[::-1], values)
+            self._report_no_element(text, node.span, known, indices[::-1], values)
         name = tree.Name(text, node.span)
         result: tree.SyntaxExpr = (
             tree.FieldExpr(node.span, base.target, name)
@@ -270,7 +270,7 @@ class Unroller:
             }
         return known.get(array, 0)
 
-    def _no_element(
+    def _report_no_element(
         self,
         text: str,
         span: Span,

@@ -87,7 +87,7 @@ def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[
     return (module.symbol, *module.scope.params.items(), *wires, *of_topics)
 
 
-def doubt_predicates(
+def warn_of_contradictions(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
     """Warns W013 of a module for which the program writes both; returns whether it warned."""
@@ -132,7 +132,7 @@ def _exchanged(trials: Sequence[Trial]) -> bool:
 
 
 def _which_is_turned(trials: Sequence[Trial]) -> tuple[str, bool] | None:
-    """Which predicate is negated by mistake, and whether its opposite would fit; None: neither."""
+    """The predicate that is negated by mistake, and whether its opposite fits; None: neither."""
     lost = [t for t in trials if not t[2]]
     if len(lost) < LOST_MIN:
         return None

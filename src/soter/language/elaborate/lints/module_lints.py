@@ -4,9 +4,8 @@ Purpose: W012 (AC and SC look exchanged), W018 (`safe` reads an output of its mo
 commands move one group of a shield), W036 (a plant or node reads what it publishes), W028 (a topic
 is older than its `max_age` before it is published again, or is never published), W034 (a measured
 topic may have any age), W035 (an age is compared with a time that it never reaches), W026 (a
-property speaks of a time at which the system has ended). `doubt` also runs the other files here.
-Non-goals: P1, P2, P3: these warnings are no proof, and none needs them; what late steps do
-(`timing/`).
+property speaks of a time at which the system has ended). `warn_of_doubtful_parts` runs them all.
+Non-goals: proofs of P1, P2 or P3, which need no warning; what late steps do (`timing/`).
 """
 
 from __future__ import annotations
@@ -16,17 +15,17 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import exchange, replace
 from soter.language.elaborate.composition_check import added
-from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
+from soter.language.elaborate.lints.contradictory_predicates import tried, warn_of_contradictions
 from soter.language.elaborate.lints.refuted_at_once import (
-    doubt_constants,
-    doubt_exactness,
-    doubt_properties,
-    doubt_readers,
-    doubt_start,
-    doubt_trials,
+    check_readers,
+    warn_of_constant_predicates,
+    warn_of_inexact_topics,
+    warn_of_predicates_outside_safe,
+    warn_of_properties_at_start,
+    warn_of_unsafe_start,
 )
-from soter.language.elaborate.lints.rest_lints import doubt_rest
-from soter.language.elaborate.lints.step_lints import doubt_plant, doubt_publications, doubt_steps
+from soter.language.elaborate.lints.rest_lints import warn_of_rest
+from soter.language.elaborate.lints.step_lints import warn_of_faults, warn_of_plant, warn_of_silence
 from soter.language.elaborate.step_times import is_measured, least_age_ns
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
@@ -63,7 +62,7 @@ WHOLE = RecordType, ArrayType
 """Types whose parts are followed one by one."""
 
 
-def doubt_shield(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_shield_groups(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W033 of each declared group of a module's shield that several commands move."""
     symbol = module.symbol
     if symbol.shield is None:
@@ -155,40 +154,40 @@ SLOWER = 5
 """An SC with this many times AC's period is hardly the controller that acts at once."""
 
 
-def doubt(system: System, diagnostics: Diagnostics) -> None:
+def warn_of_doubtful_parts(system: System, diagnostics: Diagnostics) -> None:
     """Warns of what is doubtful in each plant, and in each module that was not replaced."""
     for component in system.components:
-        doubt_plant(system, component, diagnostics)
-        _hears_itself(component, diagnostics)
-    doubt_steps(system, diagnostics)
-    doubt_properties(system, diagnostics)
-    doubt_property_times(system, diagnostics)
+        warn_of_plant(system, component, diagnostics)
+        _warn_of_reading_own_output(component, diagnostics)
+    warn_of_faults(system, diagnostics)
+    warn_of_properties_at_start(system, diagnostics)
+    warn_of_property_times(system, diagnostics)
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]
         if sc.node is not symbol.sc or ac.node is not symbol.ac:
             continue  # replaced in this system
-        _exchanged(system, module, diagnostics)
-        _speaks_of_outputs(module, diagnostics)
-        doubt_publications(system, module, diagnostics)
-        doubt_readers(system, module, diagnostics)
-        doubt_ages(system, module, diagnostics)
-        doubt_ageless(system, module, diagnostics)
-        doubt_age_units(system, module, diagnostics)
-        doubt_shield(system, module, diagnostics)
-        doubt_exactness(system, module, diagnostics)
+        _warn_of_exchange(system, module, diagnostics)
+        _warn_of_outputs_in_safe(module, diagnostics)
+        warn_of_silence(system, module, diagnostics)
+        check_readers(system, module, diagnostics)
+        warn_of_old_topics(system, module, diagnostics)
+        warn_of_ageless_topics(system, module, diagnostics)
+        warn_of_age_units(system, module, diagnostics)
+        warn_of_shield_groups(system, module, diagnostics)
+        warn_of_inexact_topics(system, module, diagnostics)
         if number < TRIED_MAX:
-            doubt_rest(system, module, diagnostics)
-            doubt_start(system, module, diagnostics)
+            warn_of_rest(system, module, diagnostics)
+            warn_of_unsafe_start(system, module, diagnostics)
             trials = tried(system, module)
             if not (
-                doubt_constants(system, module, trials, diagnostics)
-                or doubt_predicates(system, module, trials, diagnostics)
+                warn_of_constant_predicates(system, module, trials, diagnostics)
+                or warn_of_contradictions(system, module, trials, diagnostics)
             ):
-                doubt_trials(system, module, trials, diagnostics)
+                warn_of_predicates_outside_safe(system, module, trials, diagnostics)
 
 
-def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def _warn_of_exchange(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W012 if AC is written in Soter, and SC is an extern or much slower.
 
     For a module with `rest` the period does not count: its DM follows each hold of SC, so a slow
@@ -217,7 +216,7 @@ def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None
     )
 
 
-def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
+def _warn_of_reading_own_output(component: Component, diagnostics: Diagnostics) -> None:
     """Warns W036 of a component of which an input and an output are wired to one topic."""
     topics, plant, node = component.scope.topics, component.plant, component.node
     reads: list[TopicSymbol] = []
@@ -241,7 +240,7 @@ def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
         )
 
 
-def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:
+def _warn_of_outputs_in_safe(module: Module, diagnostics: Diagnostics) -> None:
     """Warns W018 if `safe` reads an output: AC may publish any value of its set at any time."""
     symbol = module.symbol
     outputs = {t for n in (symbol.ac, symbol.sc) for t in n.publishes}
@@ -274,7 +273,7 @@ MUCH_OLDER = 100
 AGES = ("a module that reads what is too old takes AC off",)
 
 
-def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_old_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W028 of a topic that gets too old before it is published again, or never is."""
     drivers = {
         c.scope.topics[topic]: c
@@ -289,13 +288,13 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
         if topic.max_age_ns is None or index in outside:
             continue
         if index in drivers:
-            _published_rarely(topic, module, drivers[index], topic.max_age_ns, diagnostics)
+            _warn_of_rare_publication(topic, module, drivers[index], topic.max_age_ns, diagnostics)
         elif topic.symbol.input and _runs_alone(system):
             every_ns = drawn_every.get(index)
             _warn_of_rarely_drawn_inputs(system, topic, module, every_ns, diagnostics)
 
 
-def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W034 of a measured topic that the DM reads at any age; once, at its first module."""
     if not _runs_alone(system):
         return
@@ -327,7 +326,7 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
         )
 
 
-def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W035 if `ttf` or `safer` compares an age with far more than it can be."""
     for n in _comparisons(_predicates(module)):
         usual_by_topic = {
@@ -373,7 +372,7 @@ def _predicates(module: Module) -> list[typed.TypedExpr]:
     return [e for e in (symbol.ttf, symbol.safer) if e is not None]
 
 
-def _published_rarely(
+def _warn_of_rare_publication(
     topic: Topic, module: Module, driver: Component, max_age_ns: int, diagnostics: Diagnostics
 ) -> None:
     if driver.period_ns <= max_age_ns:
@@ -442,21 +441,21 @@ def _warn_of_rarely_drawn_inputs(
     )
 
 
-def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:
+def warn_of_property_times(system: System, diagnostics: Diagnostics) -> None:
     """Warns W026 of a comparison with `time` that does not hold before the system ends."""
     if system.until_ns is None:
         return
     for p in system.properties[:PROPERTIES_MAX]:
         for n in nodes([p.condition]) if p.component is None else ():
             if isinstance(n, typed.TypedBinary) and n.op in COMPARISONS and _speaks_of_time(n):
-                _doubt_time(system, p, n, diagnostics)
+                _warn_of_time(system, p, n, diagnostics)
 
 
 def _speaks_of_time(e: typed.TypedExpr) -> bool:
     return any(isinstance(n, typed.TimeRead) for n in nodes([e]))
 
 
-def _doubt_time(
+def _warn_of_time(
     system: System, p: Property, comparison: typed.TypedBinary, diagnostics: Diagnostics
 ) -> None:
     assert system.until_ns is not None

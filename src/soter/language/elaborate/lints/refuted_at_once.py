@@ -55,7 +55,7 @@ PAIRS, HALVINGS = 24, 40
 """How many pairs of values are joined by a search between them, and its halvings."""
 
 
-def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_unsafe_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W021 if `safe` is false at the start, at the low or the high end of all states."""
     safe = module.symbol.safe
     if not of_topics_alone([safe]):
@@ -86,14 +86,14 @@ def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> Non
             return
 
 
-def doubt_properties(system: System, diagnostics: Diagnostics) -> None:
+def warn_of_properties_at_start(system: System, diagnostics: Diagnostics) -> None:
     """Warns W027 of an `always` or `never` that is violated at the start."""
     for p in system.properties[:PROPERTIES_MAX]:
         if p.component is None and p.kind in {"always", "never"}:
-            _doubt_property(system, p, diagnostics)
+            _warn_of_property_at_start(system, p, diagnostics)
 
 
-def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> None:
+def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnostics) -> None:
     if not of_topics_alone([p.condition]):
         return
     indices = [p.scope.topics.get(t, -1) for t in topic_reads(p.condition)]
@@ -174,7 +174,7 @@ def _is_of_its_set(system: System, index: int, value: Value) -> bool:
     )
 
 
-def doubt_constants(
+def warn_of_constant_predicates(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
     """Warns W022 of predicates that are the same everywhere; returns whether it warned."""
@@ -196,7 +196,7 @@ def doubt_constants(
         message, at, label = f"`safer` {name} never holds", safer, "AC never has control"
     else:
         return False
-    _decides_nothing(module, message, at, label, diagnostics)
+    _warn_of_predicate(module, message, at, label, diagnostics)
     return True
 
 
@@ -217,7 +217,7 @@ def _constant_truths(
     ]
 
 
-def doubt_trials(
+def warn_of_predicates_outside_safe(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> None:
     """Warns W022 of predicates that seem to hold only where `safe` does not."""
@@ -227,13 +227,13 @@ def doubt_trials(
     lost = f"of module `{symbol.name}` seems to hold only where `safe` is lost"
     if _exclude(system, module, trials, 0):
         label = "AC would be taken off when it is too late"
-        _decides_nothing(module, f"`ttf` {lost}", symbol.ttf, label, diagnostics, symbol.safe)
+        _warn_of_predicate(module, f"`ttf` {lost}", symbol.ttf, label, diagnostics, symbol.safe)
     elif _exclude(system, module, trials, 1):
         label = "AC would get control where it must not be"
-        _decides_nothing(module, f"`safer` {lost}", symbol.safer, label, diagnostics, symbol.safe)
+        _warn_of_predicate(module, f"`safer` {lost}", symbol.safer, label, diagnostics, symbol.safe)
 
 
-def _decides_nothing(
+def _warn_of_predicate(
     module: Module,
     message: str,
     at: typed.TypedExpr,
@@ -324,7 +324,7 @@ def _midpoint(a: Value, b: Value) -> Value:
     return (a + b) // 2 if isinstance(a, int) else a / 2 + b / 2
 
 
-def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def check_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W023 if nothing reads the module's outputs, W024 if its DM is too slow for a plant.
 
     Only plants that drive a topic of `safe` count.
@@ -384,7 +384,7 @@ def _warn_of_rare_looks(
     )
 
 
-def doubt_exactness(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_inexact_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns D019 of a topic that the plant which flies publishes with more error than is proved."""
     verify, symbol = module.symbol.verify, module.symbol
     links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]

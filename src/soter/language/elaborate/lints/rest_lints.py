@@ -79,7 +79,7 @@ class _Run:
         self.followed, self.lost, self.after = False, False, ""
         with suppress(StepFault, ArithmeticError, BudgetExceeded, LookupError):
             if begins:
-                self._command(begins)
+                self._move_by_commands(begins)
             while len(self.seen) < HOLDS and not self._ended():
                 self._see()
             whole = len(self.seen[-1]) == len(self.bounds)  # no lists
@@ -105,7 +105,7 @@ class _Run:
             abs(x[-1] - x[-LATELY]) <= SETTLED * (max(x) - min(x)) for x in ways
         )
 
-    def _command(self, end: str) -> None:
+    def _move_by_commands(self, end: str) -> None:
         """Each command at an end of its set moves the plants for a period of the DM."""
         for i in self.module.outputs:
             if None in (bounds := self.system.topics[i].bounds):
@@ -156,8 +156,8 @@ class _Run:
 
     # ------------------------------------------------------------ what is doubtful
 
-    def doubt(self, *, unproved: bool) -> Doubt:
-        """The first that is doubtful; where AC acted before, of SC that keeps `safe` from there."""
+    def first_doubt(self, *, unproved: bool) -> Doubt:
+        """The first doubtful claim; where AC acted before, of SC that keeps `safe` from there."""
         claims = [self._elsewhere, self._moved, self._late]
         if self.after:
             claims += [self._unmoved] * unproved
@@ -285,7 +285,7 @@ class _Run:
         return None
 
     def _goes_on(self, k: int) -> str:
-        """Which way number `k` still moves at the end of the run; "": it hardly does."""
+        """The way in which number `k` moves at the end of the run; "": it hardly does."""
         way = [x[k] for x in self.seen]
         last = way[-1] - way[-LATELY]
         if abs(last) <= GOES_ON * (max(way) - min(way)):
@@ -299,7 +299,7 @@ class _Run:
         return [w for w, of in ends if not any(self._holds(safe, k, x) for x in of)]
 
     def _moved_by(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
-        """Which way number `k` moves further than `moves` says; what it should say. "": nothing."""
+        """The way in which number `k` moves more than `moves` says; what to say. "": nothing."""
         ways = [0.0] if self.first is None else [x[k] for x in self.seen[self.first :]]
         drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
         lost = self._lost(k)
@@ -332,7 +332,7 @@ def rest_doubt(system: System, module: Module, *, unproved: bool = False) -> Dou
     rest = module.symbol.rest
     if rest is None or not _is_followed(system, module, rest):
         return None
-    runs = (_Run(system, module, rest, begins).doubt(unproved=unproved) for begins in BEGINS)
+    runs = (_Run(system, module, rest, begins).first_doubt(unproved=unproved) for begins in BEGINS)
     return next((found for found in runs if found is not None), None)
 
 
@@ -356,7 +356,7 @@ def _is_followed(system: System, module: Module, rest: typed.RestSymbol) -> bool
     return always_by_parts(rest.condition, system, module.scope) is not False
 
 
-def doubt_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W022 of what is doubtful about `rest`."""
     if (found := rest_doubt(system, module)) is not None:
         at, what, label, help_ = found

@@ -1,10 +1,10 @@
 """Warns of what a step certainly does wrong or leaves out, whatever it reads.
 
-Purpose: `doubt_steps` warns W015 (a value lies outside of its topic's set) and W025 (an index, an
-int or the bounds of a `clamp` fault whenever they are reached): it evaluates each expression once,
-over the declared ranges. `doubt_publications` warns W016 (an SC does not publish on every path),
-`doubt_plant` W014 (a state that nothing moves), W032 (a derivative times `dt`) and W019 (a scheme
-diverges though the plant does not).
+Purpose: `warn_of_faults` warns W015 (a value lies outside of its topic's set) and W025 (an
+index, an int or the bounds of a `clamp` fault whenever they are reached): it evaluates each
+expression once, over the declared ranges. `warn_of_silence` warns W016 (an SC does not publish
+on every path), `warn_of_plant` W014 (a state that nothing moves), W032 (a derivative times `dt`)
+and W019 (a scheme diverges though the plant does not).
 Non-goals: what may happen and need not: a search and a proof answer that; other step faults, which
 the first run tells; branches that are never taken (`soter test`).
 """
@@ -57,7 +57,7 @@ LEAVES_MAX = 64
 """Most leaves of a publication that are compared with the topic's set one by one."""
 
 
-def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
+def warn_of_faults(system: System, diagnostics: Diagnostics) -> None:
     """Warns of certain faults in steps of nodes and plants, once for each declaration."""
     for c in system.components:
         symbol = c.node if c.plant is None and c.role != "dm" else c.plant
@@ -123,7 +123,7 @@ class _StepRanges(RangeEvaluator):
             self._publish(s.topic, s.value)
             return True
         if isinstance(s, (t.TypedAssign, t.TypedPush)):
-            self._assigned_place(s.place)
+            self._check_assigned_place(s.place)
         return super()._plain(s)
 
     def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
@@ -190,10 +190,10 @@ class _StepRanges(RangeEvaluator):
         for known, bound in zip(flat, bounds, strict=True):
             outside = bound is not None and (known.high < bound.low or known.low > bound.high)
             if bound is not None and outside and not known.nan:
-                self._outside(symbol, value, known, bound)
+                self._warn_of_value_outside(symbol, value, known, bound)
                 return
 
-    def _outside(
+    def _warn_of_value_outside(
         self, topic: t.TopicSymbol, value: t.TypedExpr, known: Range, bound: Bound
     ) -> None:
         what = repr(known.low) if known.single else f"all of [{known.low!r}, {known.high!r}]"
@@ -224,14 +224,14 @@ class _StepRanges(RangeEvaluator):
         if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
             return anything(e.type)
         if e.fun.prelude and not self.silent:
-            self._reversed(*e.arguments[1:])
+            self._check_clamp_bounds(*e.arguments[1:])
         self.silent += e.fun.prelude
         try:
             return super()._call(e)
         finally:
             self.silent -= e.fun.prelude
 
-    def _reversed(self, low: t.TypedExpr, high: t.TypedExpr) -> None:
+    def _check_clamp_bounds(self, low: t.TypedExpr, high: t.TypedExpr) -> None:
         a, b = self.number(low), self.number(high)
         if a.nan or b.nan or a.low <= b.high:
             return
@@ -244,19 +244,19 @@ class _StepRanges(RangeEvaluator):
         )
 
     def _index(self, e: t.Index) -> Known:
-        self._inside(e.target.type, e.index)
+        self._check_index(e.target.type, e.index)
         return super()._index(e)
 
-    def _assigned_place(self, place: t.Place) -> None:
+    def _check_assigned_place(self, place: t.Place) -> None:
         of: Type = place.variable.type
         for step in place.path:
             if isinstance(step, int):
                 of = of.fields[step][1] if isinstance(of, RecordType) else of
                 continue
-            self._inside(of, step)
+            self._check_index(of, step)
             of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
-    def _inside(self, of: Type, index: t.TypedExpr) -> None:
+    def _check_index(self, of: Type, index: t.TypedExpr) -> None:
         """Warns W025 of an index that is outside whenever it is reached, at least in this round."""
         if not isinstance(of, (ArrayType, ListType)) or self.silent:
             return
@@ -337,7 +337,7 @@ def _counted_from_zero(loop: t.ForRange, size: int) -> Help:
     return replace(whole, f"0..{size} ", title)
 
 
-def doubt_publications(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def warn_of_silence(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W016 of a safe controller that does not publish on every path of its step."""
     sc = system.components[module.sc]
     if sc.node is None or sc.extern:
@@ -378,13 +378,13 @@ ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
 """Order of a scheme -> the largest decay rate times step at which it does not diverge."""
 
 
-def doubt_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
+def warn_of_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
     """W014, W032, and W019 for states that its scheme moves away from their solution."""
     plant = component.plant
     if plant is None:
         return
     _warn_unmoved(plant, diagnostics)
-    _times_dt(plant, diagnostics)
+    _warn_of_times_dt(plant, diagnostics)
     for d in diverging(system, component):
         names = ", ".join(f"`{n}`" for n in d.names)
         end = ENDS[SCHEMES[plant.method].order]
@@ -427,7 +427,7 @@ def _warn_unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
         )
 
 
-def _times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+def _warn_of_times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
     """Warns W032 of `der x = v * dt`: the scheme multiplies by the step already."""
     for state, slope in plant.der.items():
         factors = [slope]
