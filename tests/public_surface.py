@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import soter
 from soter.cli.main import COMMANDS, parser_of
-from soter.cli.terminal import command_line
+from soter.cli.terminal import command_outcome
 from soter.language.syntax.parser import EDITION
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ FORMATS = {
     "trace": "soter.explore.trace.SCHEMA",
     "campaign.json": "soter.campaign.store.SCHEMA",
     "channels.json": "soter.remote.topics.SCHEMA",
-    "JSON documents": "soter.cli.terminal.command_line.SCHEMA",
+    "JSON documents": "soter.cli.terminal.command_outcome.SCHEMA",
 }
 MAPPING = "soter.mapping"
 KEYS = {
@@ -148,7 +148,7 @@ def commands() -> Iterator[str]:
 def exits() -> Iterator[str]:
     """Exit codes, by what they are called."""
     for name in EXITS:
-        yield f"{getattr(command_line, name)} {name}"
+        yield f"{getattr(command_outcome, name)} {name}"
 
 
 # ---------------------------------------------------------------- documents, grammar, files

@@ -20,7 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Severity, applied
+from soter.diagnostics.diagnostic import Severity
+from soter.diagnostics.fixes import applied
 from soter.diagnostics.render import render
 from soter.language.front_end import check_file
 

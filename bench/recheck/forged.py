@@ -53,7 +53,7 @@ from bench.recheck.late_forgeries import fits, surely_out  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED  # noqa: E402
 from soter.cli.main import main as main_of_soter  # noqa: E402
-from soter.cli.terminal.command_line import FINE, UNDECIDED  # noqa: E402
+from soter.cli.terminal.command_outcome import FINE, UNDECIDED  # noqa: E402
 
 if TYPE_CHECKING:
     from bench.recheck.forgeries import Base, Claim

@@ -22,7 +22,7 @@ import numpy as np
 
 import soter
 from soter.native.bindings import bind
-from soter.native.shared_library import RunStatus
+from soter.native.loaded_program import RunStatus
 from soter.report.tables import table
 from soter.simulate.externs.callables import callables
 from soter.simulate.externs.python_answers import ExternAnswers

@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 from bench.tubes.jsbsim_f16 import DIVE_S, Jet, Pilot  # noqa: E402
 
 from soter.gym import Protected  # noqa: E402
-from soter.gym.off_model import SafetyWarning  # noqa: E402
+from soter.gym.safety_warnings import SafetyWarning  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.editor import hover
+from soter.editor import language_words
 from soter.language.syntax import schemes, tokens
 from soter.language.syntax.parsing.literals_and_operators import PRECEDENCE
 
@@ -127,14 +127,16 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 def place_table(place: str, words: set[str], programs: str) -> str:
     """The items of a place, each with an example and its meaning."""
-    items = [w for w in hover.PLACES[place] if w.split()[0] in words]
-    rows = [(f"`{example(place, w, programs)}`", hover.WORDS[w.split()[0]]) for w in items]
+    items = [w for w in language_words.PLACES[place] if w.split()[0] in words]
+    rows = [(f"`{example(place, w, programs)}`", language_words.WORDS[w.split()[0]]) for w in items]
     return table(("item", "meaning"), rows)
 
 
 def added() -> str:
     """Words that stand behind an item of another word."""
-    rows = [(f"`{form}`", f"`{word}`: {hover.WORDS[word]}") for word, form in BEHIND.items()]
+    rows = [
+        (f"`{form}`", f"`{word}`: {language_words.WORDS[word]}") for word, form in BEHIND.items()
+    ]
     return table(("item", "what a word behind it means"), rows)
 
 
@@ -155,7 +157,7 @@ def operators() -> str:
 
 def built_in() -> list[tuple[str, str]]:
     """Functions and values that are there without a declaration, with their types."""
-    said = (*hover.BUILTINS.values(), *hover.SPECIALS.values())
+    said = (*language_words.BUILTINS.values(), *language_words.SPECIALS.values())
     parts = [re.fullmatch(r"(\w+(?:\(.*?\))?(?:: \w+(?=\.))?)[.:] (.*)", text) for text in said]
     return [(f"`{m[1]}`", str(m[2])) for m in parts if m]
 
@@ -164,7 +166,9 @@ def evidence(words: set[str]) -> str:
     """The words of the second circle that begin something, by place."""
     rows = []
     for place, name in OF_EVIDENCE.items():
-        items = [w for w in hover.PLACES[place] if w.split()[0] not in words or place == "test"]
+        items = [
+            w for w in language_words.PLACES[place] if w.split()[0] not in words or place == "test"
+        ]
         rows.append((name, ", ".join(f"`{w}`" for w in items)))
     return table(("in", "evidence clauses"), rows)
 

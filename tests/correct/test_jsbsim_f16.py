@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT))
 from bench.tubes import dives  # noqa: E402
 from bench.tubes.jsbsim_f16 import Jet, Pilot  # noqa: E402
 
-from soter.gym.off_model import SafetyWarning  # noqa: E402
+from soter.gym.safety_warnings import SafetyWarning  # noqa: E402
 
 pytestmark = pytest.mark.long
 

@@ -18,7 +18,7 @@ from generators.c_packages import CART, make
 from generators.channel_programs import Words, going, library, number_of
 from generators.posix_packages import owned, report
 from soter.report.mcap_reading import messages
-from soter.simulate.real_time import END_BYTES
+from soter.simulate.flight_recording import END_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,13 +18,12 @@ from soter.core.layout import StateLayout, state_dtype, state_layout
 from soter.language.front_end import check_file, system_of
 from soter.native.cache import SOTER, cached, digest
 from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import (
     CHECK_FAILED,
     KERNEL,
     LIBRARY,
     RUNTIME,
-    Library,
-    RunStatus,
     include_flags,
     objects,
     texts,

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.file_listing import files_in
-from soter.diagnostics.diagnostic import Diagnostics, Severity, Source, applied
+from soter.diagnostics.diagnostic import Diagnostics, Severity, Source
+from soter.diagnostics.fixes import applied
 from soter.language.front_end import CheckResult, check_file
 from soter.language.syntax.parser import parse
 from tables import all_rows

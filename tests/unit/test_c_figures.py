@@ -167,6 +167,13 @@ def test_no_two_c_files_have_one_name() -> None:
     assert len(names) == len(set(names)), "needs() knows files by their names"
 
 
+def test_the_guard_of_a_header_is_its_name() -> None:
+    headers = {p.name: p.read_text(encoding="utf-8") for p in files_below(SOTER, "*.h")}
+    guards = {name: name.upper().replace(".", "_") for name in headers}
+    wrong = [n for n, g in guards.items() if f"#ifndef {g}\n#define {g}\n" not in headers[n]]
+    assert wrong == []
+
+
 def test_c_files_do_not_need_each_other_in_circles() -> None:
     assert circles(needs(sources())) == []
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake, utf8_text
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake
+from soter.diagnostics.system_texts import utf8_text
 from soter.language.load.loader import read_text as read_source
 from soter.language.model.types import WrongTextError, duration_ns
 from soter.language.model.values import ValueShapeError, from_json, to_json

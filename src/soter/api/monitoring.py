@@ -17,7 +17,8 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.step_times import is_measured
 from soter.language.evaluate.arithmetic import StepFault
 from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
-from soter.monitor.decidable_modules import decidable, doubts
+from soter.monitor.decidable_modules import decidable
+from soter.monitor.doubtful_topics import doubts
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay

@@ -199,7 +199,8 @@ def simulate(
 
 def _bound_engine(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
     """Seed, name and function of the engine for a recorded flight or for real time."""
-    from soter.simulate.real_time import FlightRecording, run_real_time, run_recorded  # noqa: PLC0415 - only here
+    from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
+    from soter.simulate.real_time import run_real_time, run_recorded  # noqa: PLC0415 - only here
 
     def in_real_time(until_ns: int, seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
         """The engine for real time, which needs no pacer and shows its own progress."""

@@ -25,6 +25,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
 from soter.language.load.named_files import POLICIES
+from soter.native.c_interface import address, declarations, interface, opened
 from soter.native.cache import cached, digest
 from soter.native.compiler import FAST, compile_with, find, vector_flags
 from soter.native.extern_memory import unknown_of
@@ -34,13 +35,9 @@ from soter.native.shared_library import (
     LIBRARY,
     REPORT,
     RUNTIME,
-    address,
-    declarations,
     include_flags,
-    interface,
     library,
     library_flags,
-    opened,
     texts,
 )
 

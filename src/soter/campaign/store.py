@@ -21,7 +21,8 @@ from importlib.util import find_spec
 from typing import IO, TYPE_CHECKING
 from zlib import crc32
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes
 from soter.report.atomic_write import require_no_links
 from soter.version import other_format, pip_install

@@ -13,17 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import (
-    MODULE,
-    SET,
-    CommandOutcome,
-    Pairs,
-    UsageError,
-    file_option,
-    loaded,
-)
+from soter.cli.terminal.command_line import Pairs, UsageError
+from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import loaded
 from soter.cli.terminal.proof_hints import SEARCHES, print_tries
+from soter.cli.terminal.shared_options import MODULE, SET, file_option
 from soter.cli.terminal.stored_outcome import Printout
 from soter.diagnostics.command_records import SWITCH, JsonObject, option
 from soter.language.model.types import show_ns

@@ -10,22 +10,23 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import (
-    CAMPAIGN_FOLDER,
-    CERTIFICATE_FOLDER,
+from soter.cli.terminal.command_line import Pairs, given
+from soter.cli.terminal.command_outcome import (
     FINE,
     NOT_RECHECKED,
-    SET,
-    SYSTEM,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    Pairs,
-    file_option,
-    given,
-    loaded,
 )
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.shared_options import (
+    CAMPAIGN_FOLDER,
+    CERTIFICATE_FOLDER,
+    SET,
+    SYSTEM,
+    file_option,
+)
 from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.report.wording import visible
 

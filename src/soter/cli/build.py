@@ -11,17 +11,10 @@ from typing import TYPE_CHECKING
 
 from soter.api.deploying import image_of, stack_bound
 from soter.cli.terminal.child_process import fork_into_child
-from soter.cli.terminal.command_line import (
-    CERTIFICATE_FOLDER,
-    SET,
-    SYSTEM,
-    CommandOutcome,
-    Pairs,
-    file_option,
-    loaded,
-    warned_of_files,
-)
+from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import loaded, warned_of_files
+from soter.cli.terminal.shared_options import CERTIFICATE_FOLDER, SET, SYSTEM, file_option
 from soter.diagnostics.command_records import option
 from soter.native.stack_bound import OPTIMISE, StackBound
 from soter.targets.package import TARGETS, Package
@@ -29,6 +22,7 @@ from soter.targets.package import TARGETS, Package
 if TYPE_CHECKING:
     import argparse
 
+    from soter.cli.terminal.command_line import Pairs
     from soter.targets.cortex_m_package import Image
 
 PAGES = ", ".join(dict.fromkeys(t.page for t in TARGETS.values() if t.page))

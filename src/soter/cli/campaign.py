@@ -12,19 +12,11 @@ from math import isfinite
 from typing import TYPE_CHECKING, TypeAlias
 
 from soter.cli.terminal.child_process import fork_into_child
-from soter.cli.terminal.command_line import (
-    CAMPAIGN_FOLDER,
-    FINE,
-    SET,
-    SYSTEM,
-    VIOLATED,
-    CommandOutcome,
-    Pairs,
-    at_least_one,
-    file_option,
-    loaded,
-)
+from soter.cli.terminal.command_line import Pairs, at_least_one
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.shared_options import CAMPAIGN_FOLDER, SET, SYSTEM, file_option
 from soter.diagnostics.command_records import (
     SWITCH,
     JsonObject,

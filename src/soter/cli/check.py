@@ -12,22 +12,11 @@ from typing import TYPE_CHECKING
 
 from soter.api import CheckReport, ModuleReport, StepReport, SystemReport, load
 from soter.api.check_report import SwitchReport, ThreadRow, TimingReport
-from soter.cli.terminal.command_line import (
-    DIAGNOSTICS,
-    FINE,
-    FORMAT,
-    SET,
-    STDIN,
-    CommandOutcome,
-    Pairs,
-    UsageError,
-    bound,
-    exit_of,
-    failed,
-    file_option,
-    standard_input,
-)
+from soter.cli.terminal.command_line import Pairs, UsageError
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, FINE, CommandOutcome, exit_of, failed
 from soter.cli.terminal.console import Console, LineOfProgress
+from soter.cli.terminal.program_loading import STDIN, bound, standard_input
+from soter.cli.terminal.shared_options import FORMAT, SET, file_option
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import show_ns

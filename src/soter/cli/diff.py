@@ -11,14 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api.comparing import AGAIN, GONE, NEW, OPEN, RULE, STANDS, compare
-from soter.cli.terminal.command_line import (
-    FINE,
-    UNDECIDED,
-    CommandOutcome,
-    file_option,
-    report_option,
-    report_path,
-)
+from soter.cli.terminal.command_outcome import FINE, UNDECIDED, CommandOutcome
+from soter.cli.terminal.shared_options import file_option, report_option, report_path
 from soter.diagnostics.command_records import JsonObject, option
 
 if TYPE_CHECKING:

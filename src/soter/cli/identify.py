@@ -11,19 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import (
-    FINE,
-    MODULE,
-    SET,
-    SYSTEM,
-    VIOLATED,
-    CommandOutcome,
-    Pairs,
-    loaded,
-    report_option,
-    report_path,
-)
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome
 from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.shared_options import MODULE, SET, SYSTEM, report_option, report_path
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, option
 from soter.diagnostics.render import safe
 
@@ -31,6 +22,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
 
 EXAMPLES = """\

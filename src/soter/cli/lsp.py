@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, UsageError
+from soter.cli.terminal.command_line import UsageError
+from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.diagnostics.diagnostic import mistake
 from soter.version import pip_install

@@ -17,24 +17,22 @@ from typing import TYPE_CHECKING, cast
 
 from soter import __version__
 from soter.addons import by_name
-from soter.cli.terminal.command_line import (
+from soter.cli.terminal.command_line import Command, CommandParser, HelpWantedError, UsageError
+from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
     FINE,
     INTERNAL,
     INTERRUPTED,
     USAGE,
-    Command,
     CommandOutcome,
-    CommandParser,
-    HelpWantedError,
-    UsageError,
     failed,
-    format_of,
 )
 from soter.cli.terminal.console import ChildResult, Console
+from soter.cli.terminal.shared_options import format_of
 from soter.diagnostics.command_records import unused
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason, utf8_text
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
+from soter.diagnostics.system_texts import reason, utf8_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

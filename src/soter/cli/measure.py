@@ -12,14 +12,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.cli.terminal.child_process import fork_into_child
-from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, Pairs, file_option, loaded
+from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.shared_options import SET, SYSTEM, file_option
 from soter.diagnostics.command_records import Kind, option, read_by
 from soter.language.model.types import show_ns
 from soter.measure import MARGIN, SAMPLES
 
 if TYPE_CHECKING:
     from soter.api.measuring import Measured
+    from soter.cli.terminal.command_line import Pairs
 
 EXAMPLES = """\
   soter measure cart.soter                 writes .soter/cart-times.json

@@ -17,26 +17,14 @@ from typing import TYPE_CHECKING
 
 from soter.api.arguments import write_sections
 from soter.cli.terminal.child_process import fork_into_child
-from soter.cli.terminal.command_line import (
+from soter.cli.terminal.ci_findings import CiFinding, Kind
+from soter.cli.terminal.command_line import Pairs, seed
+from soter.cli.terminal.command_outcome import (
     FINE,
-    FORMAT,
-    MODULE,
-    SET,
-    SYSTEM,
     UNDECIDED,
     VIOLATED,
-    CiFinding,
     CommandOutcome,
-    Kind,
-    Pairs,
-    bound,
     exit_of_kinds,
-    file_option,
-    loaded,
-    opened,
-    report_option,
-    report_path,
-    seed,
 )
 from soter.cli.terminal.console import Console, ProgressBar
 from soter.cli.terminal.log_judgement import (
@@ -50,6 +38,16 @@ from soter.cli.terminal.log_judgement import (
     undecided,
     unheard,
     verdict_of,
+)
+from soter.cli.terminal.program_loading import bound, loaded, opened
+from soter.cli.terminal.shared_options import (
+    FORMAT,
+    MODULE,
+    SET,
+    SYSTEM,
+    file_option,
+    report_option,
+    report_path,
 )
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
 from soter.diagnostics.diagnostic import mistake

@@ -21,12 +21,14 @@ from typing import TYPE_CHECKING, Any
 from soter.addons import by_name
 from soter.api import load
 from soter.api.arguments import require_utf8
-from soter.cli.terminal.command_line import CommandOutcome, file_option
+from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.shared_options import file_option
 from soter.cli.tool.robot_kinds import texts_of_kind
 from soter.codegen.c_names import program_prefix
 from soter.diagnostics.command_records import SEVERAL, SWITCH, option
-from soter.diagnostics.diagnostic import Severity, mistake, reason
+from soter.diagnostics.diagnostic import Severity, mistake
 from soter.diagnostics.render import safe
+from soter.diagnostics.system_texts import reason
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -115,11 +117,11 @@ def _require_sound(program: str, texts: Mapping[str, str]) -> None:
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     """File name -> text of a mapping and the head of a program; SoterError D016, D007."""
-    survey, found = by_name("soter.monitor.log_survey"), _survey(args)
+    drafts, found = by_name("soter.monitor.survey_drafts"), _survey(args)
     log = ", ".join(Path(log).name for log in args.logs)
     return {
-        f"{name}.soter": survey.program_head(found, log, name),
-        f"{name}.toml": survey.mapping_of_log(found, log),
+        f"{name}.soter": drafts.program_head(found, log, name),
+        f"{name}.toml": drafts.mapping_of_log(found, log),
     }
 
 

@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, load
-from soter.cli.terminal.command_line import CommandOutcome, UsageError, file_option
+from soter.cli.terminal.command_line import UsageError
+from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.shared_options import file_option
 from soter.diagnostics.command_records import option, read_by
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.report.atomic_write import atomic_write

@@ -24,19 +24,21 @@ from soter.certificate.report import (
     RecheckedModule,
     Report,
 )
-from soter.cli.terminal.command_line import (
-    CERTIFICATE_FOLDER,
+from soter.cli.terminal.command_outcome import (
     FINE,
     INTERRUPTED,
     NOT_RECHECKED,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
+)
+from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.shared_options import (
+    CERTIFICATE_FOLDER,
     file_option,
     report_option,
     report_path,
 )
-from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
 from soter.diagnostics.diagnostic import mistake
 from soter.report.templates import PageSection

@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING
 
 from soter.api import ReplayReport, replay
 from soter.api.rechecking import table_of
-from soter.cli.terminal.command_line import (
-    FINE,
-    VIOLATED,
-    CommandOutcome,
-    exit_of,
-    file_option,
-    report_option,
-    report_path,
-)
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.shared_options import file_option, report_option, report_path
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 

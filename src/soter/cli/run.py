@@ -19,20 +19,18 @@ from soter import __version__
 from soter.addons import by_name
 from soter.api import Program, require_writers
 from soter.cli.terminal.child_process import fork_into_child
-from soter.cli.terminal.command_line import (
-    CAMPAIGN_FOLDER,
+from soter.cli.terminal.command_line import given
+from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
     FINE,
     INTERRUPTED,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    bound,
-    file_option,
-    given,
-    opened,
 )
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import bound, opened
+from soter.cli.terminal.shared_options import CAMPAIGN_FOLDER, file_option
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.simulate.run_options import RunOptions
 

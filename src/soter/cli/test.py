@@ -13,19 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.cli.terminal.ci_findings import CiFinding, Kind
 from soter.cli.terminal.ci_formats import document_of_problems, document_of_tests
-from soter.cli.terminal.command_line import (
-    FORMAT,
-    INTERRUPTED,
-    CiFinding,
-    CommandOutcome,
-    Kind,
-    exit_of_kinds,
-    file_option,
-    given,
-    loaded,
-)
+from soter.cli.terminal.command_line import given
+from soter.cli.terminal.command_outcome import INTERRUPTED, CommandOutcome, exit_of_kinds
 from soter.cli.terminal.console import Console, LineOfProgress, rounded, size
+from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.shared_options import FORMAT, file_option
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore.engine.coverage import Coverage, CoverageKind

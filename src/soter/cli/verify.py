@@ -11,30 +11,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api import load
-from soter.cli.terminal.command_line import (
-    CERTIFICATE_FOLDER,
-    FORMAT,
-    MODULE,
-    SET,
-    TIMES,
-    CiFinding,
-    CommandOutcome,
-    Kind,
-    Pairs,
-    exit_of_kinds,
-    file_option,
-    loaded,
-    report_option,
-    report_path,
-    warned_of_files,
-)
+from soter.cli.terminal.ci_findings import CiFinding, Kind
+from soter.cli.terminal.command_line import TIMES, Pairs
+from soter.cli.terminal.command_outcome import CommandOutcome, exit_of_kinds
 from soter.cli.terminal.console import Console, ProgressBar
+from soter.cli.terminal.program_loading import loaded, warned_of_files
 from soter.cli.terminal.proof_hints import (
     SEARCHES,
     print_search,
     require_writable,
     seconds_text,
     write_hints,
+)
+from soter.cli.terminal.shared_options import (
+    CERTIFICATE_FOLDER,
+    FORMAT,
+    MODULE,
+    SET,
+    file_option,
+    report_option,
+    report_path,
 )
 from soter.cli.terminal.stored_outcome import (
     Printout,

@@ -1,12 +1,11 @@
-"""A diagnostic as data: code, labelled spans of a source file, notes, helps, edits; system errors.
+"""A diagnostic as data, of which labelled spans of a source file are part.
 
 Purpose: every room reports problems with these types, and nothing prints. `Source` turns character
 offsets into lines and columns for people; `Span` is the one immutable type for positions, which
 tokens, trees, Core and diagnostics share. A `Fix` says what to write where, for an editor to offer
-and a test to try. `reason` puts the system's refusal of a file or process into words, for all who
-report one.
-Non-goals: reading files (`language/load/loader.py`), rendering (`render.py`), the texts of the
-explain pages (`pages/`); which fix a problem has, and which file it was, whoever reports it says.
+and a test to try.
+Non-goals: making fixes (`fixes.py`), reading files (`language/load/loader.py`), rendering
+(`render.py`), the texts of the explain pages (`pages/`).
 """
 
 from __future__ import annotations
@@ -104,63 +103,6 @@ Help = str | Fix
 """What stands behind `help:`: a sentence, or an edit whose title is the sentence."""
 
 
-def replace(span: Span, text: str, title: str | None = None) -> Fix:
-    """Write `text` instead of what `span` covers; the title says so unless another one is given."""
-    return Fix(title or f"write `{' '.join(text.split())}`", (Edit(span, text),))
-
-
-def insert(span: Span, text: str, title: str | None = None) -> Fix:
-    """Write `text` in front of what `span` covers."""
-    return replace(Span(span.source, span.start, span.start), text, title)
-
-
-def append(span: Span, text: str, title: str | None = None) -> Fix:
-    """Write `text` right behind what `span` covers."""
-    return replace(Span(span.source, span.end, span.end), text, title)
-
-
-def remove(span: Span, title: str) -> Fix:
-    """Leave out what `span` covers, and its line with it where nothing else stands there."""
-    return Fix(title, (Edit(whole_lines(span), ""),))
-
-
-def out_of_list(span: Span, title: str) -> Fix:
-    """Leave one name out of a list between commas, the whole item where it is the only one."""
-    text, start, end = span.source.text, span.start, span.end
-    before, after = text[:start].rstrip(), text[end:].lstrip()
-    if before.endswith(","):
-        return Fix(title, (Edit(Span(span.source, len(before) - 1, end), ""),))
-    if after.startswith(","):
-        rest = after[1:].lstrip(" \t")
-        return Fix(title, (Edit(Span(span.source, start, len(text) - len(rest)), ""),))
-    word = len(before) - len(before.split()[-1]) if before.split() else start
-    stop = len(text) - len(after) + 1 if after.startswith(";") else end
-    return remove(Span(span.source, word, stop), title)
-
-
-def whole_lines(span: Span) -> Span:
-    """The span with the blanks around it and its line break, where it is all its lines hold."""
-    text = span.source.text
-    start, end = span.start, span.end
-    while start and text[start - 1] in " \t":
-        start -= 1
-    while end < len(text) and text[end] in " \t\r":
-        end += 1
-    if (start and text[start - 1] != "\n") or (end < len(text) and text[end] != "\n"):
-        return span
-    return Span(span.source, start, min(end + 1, len(text)))
-
-
-def exchange(one: Span, other: Span, title: str) -> Fix:
-    """Exchange the texts of two spans."""
-    return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
-
-
-def the_other_way(low: Span, high: Span) -> Fix:
-    """Exchange the bounds of an interval, which stand the wrong way round."""
-    return exchange(low, high, f"write `[{high.text}, {low.text}]`")
-
-
 def texts(helps: Iterable[Help]) -> tuple[str, ...]:
     """The help lines as texts: an edit is shown as its title."""
     return tuple(h.title if isinstance(h, Fix) else h for h in helps)
@@ -169,28 +111,6 @@ def texts(helps: Iterable[Help]) -> tuple[str, ...]:
 def fixes(helps: Iterable[Help]) -> tuple[Fix, ...]:
     """The edits among the help lines."""
     return tuple(h for h in helps if isinstance(h, Fix))
-
-
-def applied(fix: Fix) -> dict[Source, str]:
-    """The texts of the files a fix touches, after it; nothing is written.
-
-    ValueError where two of its edits overlap.
-    """
-    by_source: dict[Source, list[Edit]] = {}
-    for edit in fix.edits:
-        by_source.setdefault(edit.span.source, []).append(edit)
-    return {source: _edited(source.text, edits) for source, edits in by_source.items()}
-
-
-def _edited(text: str, edits: list[Edit]) -> str:
-    parts: list[str] = []
-    at = 0
-    for edit in sorted(edits, key=lambda e: (e.span.start, e.span.end)):
-        if edit.span.start < at:
-            raise ValueError("two edits of a fix overlap")
-        parts += [text[at : edit.span.start], edit.text]
-        at = edit.span.end
-    return "".join([*parts, text[at:]])
 
 
 KEPT_MAX = 500
@@ -319,7 +239,7 @@ class Diagnostics:
         if near is None:
             return ()
         title = f"did you mean `{near}`?"
-        return (title,) if span is None else (replace(span, near, title),)
+        return (title,) if span is None else (Fix(title, (Edit(span, near),)),)
 
     def error(
         self,
@@ -415,32 +335,3 @@ class SoterError(Exception):
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
     """An error of one diagnostic that stands in no program; empty `helps` are left out."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))
-
-
-def reason(error: OSError) -> str:
-    """Why the system refused, in lower case, without error number and path."""
-    text = error.strerror or str(error)
-    return text[:1].lower() + text[1:]
-
-
-CONTROLS = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff]")
-COLOURS = re.compile("(\x1b\\[(?:0|1|2|34|1;3[1-4])m)")
-
-
-def legible(text: str, *, color: bool = False, words: Iterable[str] = ()) -> str:
-    """What leaves, whoever wrote a name in it: nothing acts upon a terminal, or commands GitHub.
-
-    `color`: but for our own colours; `words`: of the command line, of which no line may be made.
-    """
-    for part in {w[max(0, i - 4) : i + 5] for w in words for i, c in enumerate(w) if c == "\n"}:
-        text = text.replace(part, part.replace("\n", "\r")) if len(part.strip()) > 1 else text
-    text = re.sub(r"(?m)^(\s*):(?=:)|##(?=\[)", "\\1: ", text)
-    parts = COLOURS.split(text) if color else [text]
-    return "".join(p if k % 2 else CONTROLS.sub("\ufffd", p) for k, p in enumerate(parts))
-
-
-def utf8_text(name: str) -> str:
-    r"""A file name of the system as UTF-8 text: bytes that are none as `\xe9`."""
-    if name.isascii():
-        return name
-    return "".join(c if not "\ud800" <= c <= "\udfff" else f"\\x{ord(c) & 0xFF:02x}" for c in name)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Source
-from soter.editor import hover
+from soter.editor import language_words
 from soter.editor.hover import head, type_text
 from soter.language.syntax import tree
 from soter.language.syntax.tokens import NAME, lex
@@ -194,17 +194,17 @@ def _items(
     names = _names(cursor, offset, file, index, good)
     wanted = _wanted(cursor) if cursor.item else None
     if not cursor.item:
-        yield from (_word(w, cursor.body) for w in hover.PLACES.get(cursor.body, ()))
+        yield from (_word(w, cursor.body) for w in language_words.PLACES.get(cursor.body, ()))
         kinds = {"variable", "state"} if cursor.body == "block" else set()
         yield from _of_kinds(names, kinds, "0")
     elif cursor.item[-1] == ".":
         yield from _behind_dots(cursor, names, index)
     elif wanted == {"a type"}:
-        yield from (_word(w, "type") for w in hover.TYPES)
+        yield from (_word(w, "type") for w in language_words.TYPES)
         yield from _of_kinds(names, {"type", "import"}, "1")
     elif wanted is None:
         yield from (_named(d, _sort_key(d, file)) for d in names.values() if _is_value(d))
-        words = (*hover.BUILTINS, *hover.SPECIALS, *hover.VALUES)
+        words = (*language_words.BUILTINS, *language_words.SPECIALS, *language_words.VALUES)
         yield from (_word(word, "value") for word in words)
     elif wanted != {"new"}:
         yield from _of_kinds(names, {*wanted, "import"}, "0")
@@ -322,11 +322,11 @@ def _wanted_behind(cursor: CursorContext) -> set[str] | None:
 def _word(word: str, body: str) -> lsp.CompletionItem:
     parts = word.split()
     first = parts[-1] if parts[0] in {"on", "order"} else parts[0]
-    builtin = word in hover.BUILTINS
+    builtin = word in language_words.BUILTINS
     return lsp.CompletionItem(
         word,
         kind=KIND.Function if builtin else KIND.Keyword,
-        detail=hover.meaning(first),
+        detail=language_words.meaning(first),
         sort_text=f"{'0' if body not in {'value', 'type'} else '3'}{word}",
     )
 

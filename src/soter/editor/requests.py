@@ -20,7 +20,8 @@ from pygls.exceptions import JsonRpcInvalidRequest
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
 from soter.editor import symbols
 from soter.editor.completion import completed
-from soter.editor.hover import described, meaning
+from soter.editor.hover import described
+from soter.editor.language_words import meaning
 from soter.editor.protocol_conversions import AGAIN, Lines, by_file, path_of_span, range_of
 from soter.language.load.loader import LoadedFile
 from soter.language.model.types import show_ns

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
 
-from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, Source, Span, applied
+from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, Source, Span
+from soter.diagnostics.fixes import applied
 from soter.editor.name_resolution import index_of
 from soter.editor.protocol_conversions import Lines, path_of_span
 from soter.language.check.scope import KINDS

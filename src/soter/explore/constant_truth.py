@@ -25,7 +25,7 @@ from soter.language.evaluate.ranges import Range
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, nodes, returned
 from soter.language.model.types import INT_MAX, INT_MIN, FloatType, IntType
-from soter.workers.solvers import ask_solver
+from soter.workers.interruptible_solver import ask_solver
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.load.named_files import parse_json, read_bytes

@@ -16,9 +16,9 @@ try:
 except ImportError as error:
     raise ImportError(f"soter.gym needs gymnasium: {pip_install('learn')}") from error
 
-from soter.gym.off_model import SafetyWarning
 from soter.gym.plant_conformance import Conformance, conformance
 from soter.gym.protected import Protected, SafetyWrapper, make_protected, make_sb3_vec
+from soter.gym.safety_warnings import SafetyWarning
 from soter.gym.vector import ProtectedVector, make_vec
 
 __all__ = [

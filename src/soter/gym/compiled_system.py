@@ -22,17 +22,11 @@ from soter.gym.outside_roles import LeafBuffer, is_flat, places
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
 from soter.native.bindings import Bindings, bind
+from soter.native.c_interface import address, declarations, interface, opened
 from soter.native.compiler import FAST, vector_flags
 from soter.native.extern_memory import kept_by
-from soter.native.shared_library import (
-    RUNTIME,
-    Library,
-    address,
-    declarations,
-    interface,
-    library,
-    opened,
-)
+from soter.native.loaded_program import Library
+from soter.native.shared_library import RUNTIME, library
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
 from soter.simulate.externs.callables import callables
 from soter.simulate.interrupt import StopRequest

@@ -19,19 +19,16 @@ from gymnasium.utils import seeding
 
 import soter.api
 from soter.gym import array_mapping
-from soter.gym.off_model import (
-    SessionPlant,
-    make_model,
-    tolerances,
+from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
+from soter.gym.plant_model import SessionPlant, make_model, tolerances, why_not
+from soter.gym.safety_warnings import (
     warn_of_narrow_space,
     warn_of_no_control,
     warn_of_start,
     warn_of_unseen,
     warn_of_wrappers,
     warn_off_model,
-    why_not,
 )
-from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
 from soter.gym.session import NO_NUMBERS, Session, numbers, prepare_system
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.values import ValueShapeError, ValueStructureError, to_python

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.gym.off_model import warn_of_sc_alone
 from soter.gym.outside_roles import wrong_choice
+from soter.gym.safety_warnings import warn_of_sc_alone
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import numpy.typing as npt
 
-    from soter.gym.off_model import SessionPlant
+    from soter.gym.plant_model import SessionPlant
     from soter.gym.protected import Protected, SafetyWrapper
     from soter.gym.session import Session
 

@@ -33,7 +33,7 @@ from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
 from soter.native.bindings import bind_again
-from soter.native.shared_library import RunStatus
+from soter.native.loaded_program import RunStatus
 from soter.semantics.externs import reset
 from soter.simulate.externs.callables import callables
 from soter.simulate.externs.python_answers import ExternAnswers
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     import soter.api
     from soter.core.layout import Bytes
-    from soter.gym.off_model import SessionPlant
+    from soter.gym.plant_model import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value
 

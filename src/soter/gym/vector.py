@@ -26,8 +26,8 @@ from soter.gym.compiled_system import (
     compiled,
     remove_idle_check,
 )
-from soter.gym.off_model import warn_of_no_control
 from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
+from soter.gym.safety_warnings import warn_of_no_control
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.simulate.run_options import seed_value
 

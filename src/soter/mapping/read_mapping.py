@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import reason
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import parse_json, read_bytes, read_json_text
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink_dialects import MavlinkMessage, is_mavlink, read_link

@@ -33,7 +33,8 @@ from soter.language.model.types import (
     leaves,
     write_ns,
 )
-from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
+from soter.native.c_interface import address, declarations, interface, opened
+from soter.native.shared_library import RUNTIME, library
 from soter.simulate.externs.c_extern import linked_symbols
 
 if TYPE_CHECKING:

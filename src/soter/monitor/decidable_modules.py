@@ -1,36 +1,22 @@
-"""The modules that a log can decide, and its topics that fell silent or are in doubt.
+"""Finds the modules that a log can decide.
 
 Purpose: `decidable` finds the nodes of the program that can be run on the topics of a log, the
 modules that then have all that their decision modules read, and what the others miss and why.
-`TopicsHeard` says whether a read is young enough to be judged (`max_age`; without one some periods
-of what is measured), of what a DM reads and of what nodes read that ran for it. `doubts` names
-measured topics that repeat one value to their end, and samples at a pace so unlike the program's
-that the unit of their time is in doubt; neither is an error.
-Non-goals: running anything (`log_replay.py`); what a DM decides on old reads
-(`semantics/rules.py`); stamps against the log's clock (`typed_samples.py`).
+Non-goals: running anything (`log_replay.py`); whether a read is young enough (`topics_heard.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import pairwise
-from math import inf
-from statistics import median
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.step_times import PUBLICATIONS, is_measured, least_age_ns
-from soter.language.model.tree_walk import calls_in, mode_reads, nodes, topic_reads
-from soter.language.model.typed import AgeRead
-from soter.language.model.types import show_ns
-from soter.monitor.model_membership import SILENT
+from soter.language.model.tree_walk import calls_in, mode_reads, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import FunSymbol
-    from soter.monitor.typed_samples import TopicSamples
-    from soter.semantics.configuration import Configuration
 
 
 @dataclass(frozen=True)
@@ -246,132 +232,3 @@ def _externs(code: object) -> list[str]:
             names[fun.name] = None
         todo += [c.fun for c in calls_in(fun.body or ())]
     return list(names)
-
-
-@dataclass
-class RestsOn:
-    """The topics of the log and the nodes on which a step rests."""
-
-    topics: set[int]
-    nodes: set[int]
-
-
-@dataclass
-class TopicsHeard:
-    """Until when topics of the log were heard, and whether nodes had read what was young enough.
-
-    `most_ns`: by topic of the log the age up to which a read counts as judged; `silent_ns`: the age
-    from which on it is called silent. `sound`: by node, whether at its last step all was young
-    enough that it reads of the log itself.
-    """
-
-    system: System
-    plan: Decidable
-    most_ns: dict[int, float] = field(default_factory=dict)
-    silent_ns: dict[int, float] = field(default_factory=dict)
-    sound: dict[int, bool] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> TopicsHeard:
-        """A record of a log of which nothing was heard yet."""
-        made = cls(system, plan)
-        looked_at = _ages_read(system)
-        alone_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
-        for s in samples:
-            if s.always:
-                continue
-            topic, gaps = s.topic, [b - a for a, b in pairwise(s.times_ns) if b > a]
-            measured = is_measured(system, topic.index) and topic.index not in looked_at
-            silent_ns = SILENT * (median(gaps) if gaps else alone_ns if measured else inf)
-            age_ns = topic.max_age_ns
-            made.silent_ns[topic.index] = max(silent_ns, age_ns or 0)
-            made.most_ns[topic.index] = silent_ns if measured else inf
-            if age_ns is not None:
-                made.most_ns[topic.index] = age_ns
-        return made
-
-    def rest_of(self, topics: Iterable[int]) -> RestsOn:
-        """The logged topics and the run nodes on which these reads of a DM or `safe` rest."""
-        topics = set(topics)
-        behind = topics_behind(self.system, self.plan.nodes, topics)
-        ran = {n for n in self.plan.nodes if written_by_node(self.system.components[n]) & behind}
-        return RestsOn(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
-
-    def note_node(self, c: Configuration, node: int) -> None:
-        """Notes a step of a node, before it publishes."""
-        reads = reads_of_node(self.system, self.system.components[node])
-        self.sound[node] = self._young(c, reads & self.most_ns.keys())
-
-    def rests(self, c: Configuration, on: RestsOn) -> bool:
-        """Whether a step rests on young enough topics only; nodes count by what they last read."""
-        return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
-
-    def fell_silent(self, c: Configuration, on: RestsOn) -> dict[str, int]:
-        """Topic behind a step that is silent now -> its last stamp in ns."""
-        read = on.topics.union(*(self._reads(n) for n in on.nodes))
-        return {
-            self.system.topics[i].name: c.stamps[i]
-            for i in sorted(read)
-            if c.ct - c.stamps[i] > self.silent_ns[i]
-        }
-
-    def _reads(self, node: int) -> set[int]:
-        reads = reads_of_node(self.system, self.system.components[node])
-        return set(reads & self.silent_ns.keys())
-
-    def _young(self, c: Configuration, topics: Iterable[int]) -> bool:
-        return all(c.ct - c.stamps[i] <= self.most_ns[i] for i in topics)
-
-
-def _ages_read(system: System) -> set[int]:
-    """The topics whose ages predicates read themselves."""
-    return {
-        m.scope.topics[n.topic]
-        for m in system.modules
-        for n in nodes([e for e in m.symbol.predicates if e is not None])
-        if isinstance(n, AgeRead) and n.topic in m.scope.topics
-    }
-
-
-STUCK, STUCK_SHARE = 20, 0.1
-"""So many last samples, and such a share of all, have to be one value before a doubt is told."""
-ANOTHER_PACE = 300.0
-"""A pace that differs so many times: units of time differ 1,000 times, rates of logs do not."""
-
-
-def doubts(system: System, samples: Iterable[TopicSamples]) -> list[str]:
-    """Notes for people on topics that are in doubt, a sentence each."""
-    texts = []
-    for s in samples:
-        if not s.always and is_measured(system, s.topic.index):
-            texts += [text for text in (_stuck(s), _pace(system, s)) if text]
-    return texts
-
-
-def _stuck(s: TopicSamples) -> str:
-    count, last = 0, s.values[-1]
-    for value in reversed(s.values):
-        if value != last:
-            break
-        count += 1
-    if count < max(STUCK, STUCK_SHARE * len(s.values)):
-        return ""
-    first_s = s.times_ns[-count] / 1e9
-    return (
-        f"the last {count:,} of {len(s.values):,} samples of `{s.topic.name}` are one value, from "
-        f"{first_s:.3f} s on: it stood still, or what measured it was stuck"
-    )
-
-
-def _pace(system: System, s: TopicSamples) -> str:
-    gaps = [b - a for a, b in pairwise(s.times_ns) if b > a]
-    least_ns = least_age_ns(system, s.topic.index)
-    if not gaps or least_ns is None:
-        return ""
-    here, announced = median(gaps), least_ns / PUBLICATIONS
-    if 1.0 / ANOTHER_PACE < here / announced < ANOTHER_PACE:
-        return ""
-    return (
-        f"samples of `{s.topic.name}` come every {show_ns(round(here))}, those of the program "
-        f"every {show_ns(round(announced))}: is `unit` of `time` right?"
-    )

@@ -30,8 +30,8 @@ from soter.diagnostics.diagnostic import (
     SoterError,
     Source,
     Span,
-    reason,
 )
+from soter.diagnostics.system_texts import reason
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import leaf_name, show_ns
 from soter.language.syntax.printer import format_source

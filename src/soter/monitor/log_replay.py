@@ -22,16 +22,12 @@ from typing import TYPE_CHECKING, Any
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
-from soter.monitor.decidable_modules import (
-    TopicsHeard,
-    doubts,
-    topics_behind,
-    topics_of_safe,
-    written_by_node,
-)
+from soter.monitor.decidable_modules import topics_behind, topics_of_safe, written_by_node
+from soter.monitor.doubtful_topics import doubts
 from soter.monitor.log_files.log_columns import unusable
 from soter.monitor.log_judgement import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
 from soter.monitor.predicate_margins import PredicateMargins, PredicatePosition
+from soter.monitor.topics_heard import TopicsHeard
 from soter.report.judged_curves import JudgedTimes
 from soter.semantics.configuration import AC, NEVER, DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
@@ -203,8 +199,10 @@ class _LogState:
         self.of_safe = {m.index: topics_of_safe(m) & written for m in system.modules}
         self.hearing = TopicsHeard.of(system, samples, plan)
         modules = [system.modules[i] for i in plan.modules]
-        self.dm_rests = {m.index: self.hearing.rest_of(m.inputs) for m in modules}
-        self.safe_rests = {m.index: self.hearing.rest_of(self.of_safe[m.index]) for m in modules}
+        self.dm_rests = {m.index: self.hearing.sources_behind(m.inputs) for m in modules}
+        self.safe_rests = {
+            m.index: self.hearing.sources_behind(self.of_safe[m.index]) for m in modules
+        }
         self.watches: dict[int, _Watch] = {}
         self.unread: set[tuple[int, int]] = set()
         """Modules, and topics of their `safe` that no step has read since they were published."""

@@ -1,14 +1,13 @@
-"""Surveys a log: its channels, how often they speak, how old they get, and what stands in them.
+"""Surveys the channels of a log.
 
 Purpose: for `soter new --from`, `surveyed` reads every number of every channel in one pass, with
-little memory; `program_head` and `mapping_of_log` make a program's head and a mapping of that.
-Non-goals: what a topic is called in somebody's program, units; a judgement: what is said of rates
-and ages is of this log and no promise of the robot's.
+little memory: how often they speak, how old they get, and what stands in them.
+Non-goals: drafts made of that (`survey_drafts.py`); a judgement: what is said of rates and ages is
+of this log and no promise of the robot's.
 """
 
 from __future__ import annotations
 
-import json
 import re
 from array import array
 from dataclasses import dataclass, field
@@ -18,9 +17,6 @@ from math import ceil, floor, inf, isfinite, log10
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.render import safe
-from soter.language.model.types import write_ns
-from soter.language.syntax.tokens import RESERVED
 from soter.mapping.message_types import EMPTY_MEMBER
 from soter.monitor.log_files.csv_log import csv_head, csv_rows, head_helps, is_table
 from soter.monitor.log_files.log_columns import (
@@ -29,7 +25,6 @@ from soter.monitor.log_files.log_columns import (
     is_plain,
     no_time,
     parse_decimal,
-    seconds_text,
     unusable,
 )
 from soter.monitor.log_files.read_columns import (
@@ -55,16 +50,11 @@ INT_END = 2**63
 """Whole numbers of Soter end there."""
 INT_DIGITS, FLOAT_END = 19, 2**53
 COUNTED = re.compile(r"(?i)(?<![a-z])(id|count|seq|index|mode|state|status|flag)s?$")
-ANGLE = re.compile(r"(?i)(?<![a-z])(yaw|heading|hdg|course|bearing|azimuth|roll|pitch|theta|psi)")
 LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
 STAMP = "header.stamp"
-NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
 TIME_COLUMN = re.compile(
     r"#? ?(time|timestamp|stamp|ts|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
-)
-COMMAND_NAME = re.compile(
-    r"(?:^|[^a-z])(?:cmd|command|sp|set|setpoint|duty|pwm|throttle|u)(?:[^a-z]|$)", re.IGNORECASE
 )
 TIME_NAMED = (
     "its first line names its columns, and that of the time `t`, `ts`, `time`, `stamp` or "
@@ -209,7 +199,7 @@ class Channel:
         ages, gaps = self.ages_ns(), self.gaps_ns()
         if not gaps or median(gaps) <= 0:
             return 0
-        return _up(max(2 * round(median(gaps)), ages[ceil(0.99 * len(ages)) - 1]))
+        return rounded_up(max(2 * round(median(gaps)), ages[ceil(0.99 * len(ages)) - 1]))
 
 
 @dataclass
@@ -319,164 +309,7 @@ def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - th
     return None
 
 
-# ---------------------------------------------------------------- as texts
-
-
-def program_head(survey: LogSurvey, log: str, name: str) -> str:
-    """The head of a program: a type and a topic for each channel, and what the log says of it."""
-    lines = [
-        "soter 1;",
-        "",
-        f"// What {_number_text(log)} holds, to begin a program with: keep what your",
-    ]
-    lines += [f"// modules read. Figures are of this log, and `{name}.toml` is its mapping:"]
-    lines += [f"// `soter monitor {name}.soter LOG --map {name}.toml`, once a module is written."]
-    lines += ["// A topic is an `input` until a plant, whose proof is about it, drives it."]
-    if _csv_with_command(survey) is not None:
-        lines += [
-            "// A command that a node publishes is a topic of its own, here and in the mapping:"
-        ]
-        lines += [f"// `{name}.toml` ends with an example. `--estimates` finds it nowhere else."]
-    lines += [f"// {_number_text(note)}" for note in survey.notes]
-    for channel, topic, of_type, fields in _named_channels(survey):
-        found = survey.channels[channel]
-        lines += ["", f"// {_number_text(channel)}: {_rate(found)}", *_remarks(found)]
-        lines.append(f"type {of_type} = {{")
-        for path, called in fields.items():
-            n = found.fields[path]
-            turns = '; an angle? `float unit "rad"`, or "deg", counts modulo a turn'
-            span = f"{_figure(n.low)} to {_figure(n.high)}{turns * bool(ANGLE.search(path))}"
-            lines.append(f"  {called}: {found.kind(path)},  // {span}")
-        age = found.first_max_age_ns()
-        lines += [
-            "};",
-            f"input topic {topic}: {of_type}{f' max_age {write_ns(age)}' if age else ''};",
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def mapping_of_log(survey: LogSurvey, log: str) -> str:
-    """A mapping of the log, as TOML."""
-    lines = [f"# What is what in {_number_text(log)}: docs/mapping.md."]
-    if survey.time is not None:
-        name, unit = survey.time
-        lines += ["", "[time]  # guessed by its name and size", f"from = {_toml_text(name)}"]
-        lines.append(f'unit = "{unit}"')
-    topics = [*_named_channels(survey)]
-    for channel, topic, _, fields in topics:
-        lines += ["", f"[topics.{topic}]", f"channel = {_toml_text(channel)}"]
-        if survey.channels[channel].stamped:
-            lines.append(f'stamp = "{STAMP}"')
-        lines += ["", f"[topics.{topic}.fields]"]
-        lines += [f"{called} = {_toml_text(path)}" for path, called in fields.items()]
-    if (example := _csv_with_command(survey)) is not None:
-        lines += _command_comments(*example, {*RESERVED, *(topic for _, topic, _, _ in topics)})
-    return "\n".join(lines) + "\n"
-
-
-def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
-    """Channel, topic, type, and names of fields by path: of each that has a number."""
-    taken: set[str] = set(RESERVED)
-    for channel in sorted(survey.channels):
-        kept = survey.channels[channel].kept
-        if not kept:
-            continue
-        topic = _name(channel.removesuffix(".csv"), taken)
-        words = NOT_A_NAME.sub("_", topic).split("_")
-        of_type = _name("".join(w[:1].upper() + w[1:] for w in words) + "Data", taken)
-        names = set(RESERVED)
-        yield channel, topic, of_type, {p: _name(p, names) for p in kept}
-
-
-def _name(text: str, taken: set[str]) -> str:
-    """A name in Soter that is like a text, and not yet taken."""
-    name = NOT_A_NAME.sub("_", text).strip("_")
-    name = name if name[:1].isalpha() else f"n{name}"
-    number, tried = 1, name
-    while tried in taken:
-        number, tried = number + 1, f"{name}_{number + 1}"
-    taken.add(tried)
-    return tried
-
-
-def _csv_with_command(survey: LogSurvey) -> tuple[str, str] | None:
-    """A CSV that has several numbers, and that which is called as a command is, or the last."""
-    channels = survey.channels if survey.time is not None else {}
-    channel = next((c for c, found in channels.items() if found.kept[1:]), None)
-    if channel is None:
-        return None
-    kept = channels[channel].kept
-    return channel, next((k for k in kept if COMMAND_NAME.search(k)), kept[-1])
-
-
-def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:
-    """Lines of comments for a mapping, by which a column may become a command."""
-    topic = _name(path, taken)
-    return [
-        "",
-        "# A command that a node publishes is a topic of its own. Were it the one below: take its",
-        "# field out, here and in the program, say there, with the limits of what it moves,",
-        f"# `topic {topic}: float in [LOW, HIGH] = 0.0;`, and here",
-        f"# [topics.{topic}]",
-        f"# channel = {_toml_text(channel)}",
-        f"# fields = {{ value = {_toml_text(path)} }}",
-    ]
-
-
-def _remarks(found: Channel) -> list[str]:
-    """Comments on what is left out of a channel, and what `soter monitor` will not read."""
-    lines = []
-    no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
-    if no_number:
-        lines.append(
-            f"// Left out, as no single number: {_number_text(', '.join(sorted(no_number)))}"
-        )
-    missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept}
-    counts = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
-    if counts:
-        lines += [
-            f"// A sample has every number. Empty or no finite number: {_number_text(counts)}.",
-            "// What comes at times of its own wants a topic of its own, here and in the mapping.",
-        ]
-    if found.back:
-        to = f"first to {seconds_text(found.first_back_ns)} s (such messages: {found.back:,})"
-        lines += [
-            f"// Time goes back, {to}: `soter monitor` refuses that (D016).",
-            "// `where`, `since` and `until` of the mapping choose rows among which it does not.",
-        ]
-    return lines
-
-
-def _rate(found: Channel) -> str:
-    """How often a channel speaks and how old its samples get, in words."""
-    gaps, count = found.gaps_ns(), f"{len(found.times_ns):,} messages"
-    if len(found.taken) < len(found.times_ns):
-        count = f"{len(found.taken):,} samples in {count}"
-    if not gaps or gaps[-1] <= 0:
-        return f"{count} at one time" if gaps else count if found.back else "one message"
-    hertz = len(gaps) * 1e9 / sum(gaps)
-    half, most = round(median(gaps)), gaps[-1]
-    ages = found.ages_ns()
-    rate = f"{count}, {hertz:.3g} Hz, gaps {write_ns(_up(half))} (half) to {write_ns(_up(most))}"
-    since = "since its stamp" if found.stamped else "since it was logged"
-    return f"{rate}, at most {write_ns(_up(ages[-1]))} old {since}"
-
-
-def _up(ns: int) -> int:
+def rounded_up(ns: int) -> int:
     """A time rounded up to two figures."""
     step = 10 ** max(0, floor(log10(ns)) - 1) if ns > 0 else 1
     return ceil(ns / step) * step
-
-
-def _figure(x: float) -> str:
-    return f"{x:.6g}" if isinstance(x, float) else str(x).lower()
-
-
-def _number_text(text: str) -> str:
-    return safe(text).replace("\n", " ")[:300]
-
-
-def _toml_text(text: str) -> str:
-    """A text of TOML, without characters that a terminal would act upon."""
-    quoted = json.dumps(text, ensure_ascii=False)
-    return "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in quoted)

@@ -25,7 +25,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes
 
 if TYPE_CHECKING:

@@ -28,7 +28,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.report.wording import visible
 from soter.version import pip_install
 

@@ -1,35 +1,24 @@
-"""Shared libraries: generated C compiled once for each content, loaded, and run on a state.
+"""Compiles generated C to a shared library, once for each content.
 
-Purpose: `library` compiles a `Unit` and keeps it in the cache, by everything that matters. This is
-the one place that knows cffi (ABI mode): declarations are read from the headers themselves, so that
-Python and C cannot disagree. A `Library` is a loaded program, the thinnest Python face of
-`runtime/soter.h`; states and traces are numpy arrays of bytes.
-Non-goals: generating C, packages for targets, the cache itself (`cache.py`), decoding
-(`core/layout.py`), answering externs (`simulate/`).
+Purpose: `library` compiles a `Unit` and keeps it in the cache, by everything that matters.
+Non-goals: generating C, packages for targets, the cache itself (`cache.py`), loading what was
+compiled (`c_interface.py`, `loaded_program.py`).
 """
 
 from __future__ import annotations
 
-import ctypes
-import re
 import sys
-from enum import IntEnum
-from functools import lru_cache
 from pathlib import Path
-from runpy import run_path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.arithmetic import require_plain
 from soter.native.cache import SOTER, cached, computes_names, digest, included
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from soter.codegen.unit import Unit
-    from soter.core.layout import Bytes
 
 
 RUNTIME = SOTER / "runtime"
@@ -166,158 +155,3 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     command = [*compiler, "-o", str(built), str(source), *externs, *runtime, "-lm"]
     compile_with(command, work, message, helps, TELLING)
     return built
-
-
-COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-INLINE = re.compile(r"^SOTER_INLINE.*?^\}$", re.DOTALL | re.MULTILINE)
-CPLUSPLUS = re.compile(r"^#ifdef __cplusplus$.*?^#endif$", re.DOTALL | re.MULTILINE)
-DIRECTIVE = re.compile(r"^[ \t]*#(?:.*\\\n)*.*$", re.MULTILINE)
-NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
-TABLES = "interface.py"
-
-_opened: list[Any] = []
-"""All libraries: cffi closes one that nobody holds, even if a function of it is still held."""
-
-
-def declarations(header: Path) -> str:
-    """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
-
-    Headers that it includes are not read: give their declarations before.
-    """
-
-    def kept(match: re.Match[str]) -> str:
-        number = NUMBER.match(match.group(0).rstrip())
-        return f"#define {number.group(1)} {number.group(2)}" if number else ""
-
-    text = COMMENT.sub("", header.read_text(encoding="utf-8"))
-    return DIRECTIVE.sub(kept, INLINE.sub("", CPLUSPLUS.sub("", text)))
-
-
-@lru_cache(maxsize=64)
-def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
-    """The cffi object for these declarations; the same one for the same texts.
-
-    They are parsed once and cffi's tables of them are cached, as parsing takes longer than most
-    runs. SoterError X006 where the cache cannot be used.
-    """
-    import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
-
-    def make(work: Path) -> None:
-        from cffi import FFI, recompiler  # noqa: PLC0415 - and only the first time for the parser
-
-        ffi = FFI()
-        for text in declared:
-            ffi.cdef(text)
-        recompiler.make_py_source(ffi, "soter_interface", str(work / TABLES))
-
-    content = digest(("cffi", _cffi_backend.__version__, *declared))
-    return run_path(str(cached("interface", content, (TABLES,), make) / TABLES))["ffi"]
-
-
-def opened(
-    ffi: Any,  # noqa: ANN401 - cffi has no types
-    path: Path,
-    owners: Mapping[str, str] | None = None,
-) -> Any:  # noqa: ANN401 - the same
-    """The loaded library; SoterError X004 where a function that it needs is missing.
-
-    X012 where this thread's floating-point settings are not those that the library assumes.
-
-    `owners`: by linked function, the C file that should have it.
-    """
-    require_plain()
-    try:
-        held = ffi.dlopen(str(path))
-    except OSError as error:
-        _, _, missing = str(error).partition("undefined symbol: ")
-        if missing:
-            symbol = missing.split()[0].rstrip(".")
-            file = (owners or {}).get(symbol)
-            message = (
-                f"`{file}` has no function `{symbol}`"
-                if file
-                else f"no C file of this program has the function `{symbol}`"
-            )
-            helps: tuple[str, ...] = (
-                "is its name right in `c:file.c:name`, and is it not static?",
-            )
-        else:
-            message, helps = f"the compiled program cannot be loaded: {error}", ()
-        raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
-    _opened.append(held)
-    return held
-
-
-def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
-    """The address of a constant of the library, as a pointer of this type."""
-    held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
-    return ffi.cast(type_, ctypes.addressof(held))
-
-
-class RunStatus(IntEnum):
-    """Why `soter_run` came back."""
-
-    END = 0
-    EXTERN = 1
-    FULL = 2
-
-
-def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
-    """The cffi interface of `runtime/soter.h`."""
-    return interface(declarations(RUNTIME / "soter.h"))
-
-
-class Library:
-    """One compiled program; holds no state of its own."""
-
-    def __init__(
-        self, path: Path, prefix: str, state_size: int, owners: Mapping[str, str] | None = None
-    ) -> None:
-        self.ffi = kernel_interface()
-        self.lib = opened(self.ffi, path, owners)
-        self._program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
-        self.state_size = state_size
-
-    def new_state(self, seed: int) -> Bytes:
-        """A fresh state, (state_size,), started."""
-        import numpy as np  # noqa: PLC0415 - channels of a robot need none of it
-
-        state = np.zeros(self.state_size, dtype=np.uint8)
-        self.lib.soter_start(self._program, self._pointer(state), seed & (2**64 - 1))
-        return state
-
-    def _pointer(self, array: Bytes) -> Any:  # noqa: ANN401 - a cdata pointer
-        return self.ffi.cast("void *", array.ctypes.data)
-
-    def run(
-        self, state: Bytes, until_ns: int, trace: Bytes | None = None
-    ) -> tuple[RunStatus, int, int]:
-        """Run instants up to `until_ns`; `trace` has shape (room, state_size).
-
-        Returns the status, how many states were written, and the extern component that is due.
-        """
-        room = 0 if trace is None else len(trace)
-        target = self.ffi.NULL if trace is None else self._pointer(trace)
-        written, due = self.ffi.new("size_t *"), self.ffi.new("uint32_t *")  # threads share `self`
-        status = self.lib.soter_run(
-            self._program, self._pointer(state), until_ns, target, room, written, due
-        )
-        return RunStatus(status), int(written[0]), int(due[0])
-
-    def next_instant(self, state: Bytes) -> int:
-        """Time of the next instant in ns; `state` (state_size,)."""
-        return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
-
-    def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
-        """A value from outside, measured at `time_ns`; 0, or why not. `state`: (bytes,)."""
-        pointer = self.ffi.cast("void *", self.ffi.from_buffer(value))
-        return int(
-            self.lib.soter_publish(self._program, self._pointer(state), topic, pointer, time_ns)
-        )
-
-    def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
-        """Give the answer for the extern step that is due; `state` (state_size,)."""
-        data = self.ffi.NULL if answer is None else self.ffi.from_buffer(answer)
-        self.lib.soter_answer(
-            self._program, self._pointer(state), component, fault, self.ffi.cast("void *", data)
-        )

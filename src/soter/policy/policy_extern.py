@@ -24,7 +24,7 @@ from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, read_policy_bytes
 from soter.policy.sb3_file import read_sb3
-from soter.policy.sb3_parts import statistics_beside
+from soter.policy.sb3_statistics import statistics_beside
 from soter.semantics.externs import Converted
 
 if TYPE_CHECKING:

@@ -28,26 +28,20 @@ from soter.policy.network import (
 )
 from soter.policy.pickle_data import Name, PickleError
 from soter.policy.policy_errors import bad_policy, read_policy_bytes
-from soter.policy.sb3_parts import (
-    EXPORT,
+from soter.policy.sb3_spaces import (
     NUMBERS_MAX,
     bits,
     bounds,
     choice_counts,
-    decode_value,
-    open_zip,
-    part,
     read_observation,
     require_space,
-    settings,
     space_kind,
     space_shape,
     space_text,
-    tensors,
-    truth,
-    version,
-    with_statistics,
 )
+from soter.policy.sb3_statistics import with_statistics
+from soter.policy.sb3_tensors import tensors
+from soter.policy.sb3_zip import EXPORT, decode_value, open_zip, part, settings, truth, version
 
 if TYPE_CHECKING:
     import zipfile

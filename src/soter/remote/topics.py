@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from weakref import WeakSet
 
 from soter.core.layout import INT_KINDS, decode_from, encode_into, size_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import likely
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_json_text
 from soter.language.model.system import Bound
 from soter.language.model.types import (
@@ -38,17 +39,10 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import ValueShapeError, from_python, to_python, widened
+from soter.native.c_interface import declarations, interface
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
-from soter.native.shared_library import (
-    CHECK_FAILED,
-    OWN_SYMBOLS,
-    RUNTIME,
-    declarations,
-    include_flags,
-    interface,
-    texts,
-)
+from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, include_flags, texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -18,7 +18,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.report.atomic_write import atomic_write, own_place
 from soter.report.run.page import body
 from soter.report.templates import packed, script_json

@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.report.atomic_write import atomic_write
 from soter.version import pip_install
 

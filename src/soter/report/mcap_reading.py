@@ -20,7 +20,8 @@ from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import opened
 from soter.report.bounded_unpack import BoundedUnpacking
 from soter.report.mcap_log import (

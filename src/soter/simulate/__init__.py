@@ -5,7 +5,8 @@ In reading order:
 - `run_options.py` has the options of a run, and reads values that a person sets from outside.
 - `externs/` finds the code that answers each extern, and calls it: Python, C, a process of its own.
 - `run.py` runs a system in virtual time, natively or in the interpreter.
-- `real_time.py` compiles the package of target `posix`, runs it, and reads its recording.
+- `real_time.py` compiles the package of target `posix` and runs it; `flight_recording.py` reads
+  its recording.
 - `interrupt.py` stops a run at the end of an instant when a person presses Ctrl-C.
 
 While a run goes on:

@@ -22,7 +22,7 @@ from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.language.model.system import environment_topics
 from soter.language.model.tree_walk import topic_reads
-from soter.native.shared_library import address
+from soter.native.c_interface import address
 from soter.semantics.configuration import NEVER
 from soter.simulate.explain_decision import Explainer
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem, Predicate
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
-    from soter.native.shared_library import Library
+    from soter.native.loaded_program import Library
 
     States = npt.NDArray[Any]
 

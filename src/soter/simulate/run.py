@@ -31,7 +31,8 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.arithmetic import require_plain
 from soter.native.extern_memory import another_copy, kept_by
-from soter.native.shared_library import Library, RunStatus, library
+from soter.native.loaded_program import Library, RunStatus
+from soter.native.shared_library import library
 from soter.semantics.draws import mix
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.faults import group_by_component, next_release

@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type
     from soter.report.mcap_log import JsonSchema, Message
-    from soter.simulate.real_time import Looks
+    from soter.simulate.flight_recording import Looks
     from soter.simulate.result import Run
     from soter.simulate.run_observer import ModeChange as ChangeSeen
 

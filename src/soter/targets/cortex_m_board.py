@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes
 from soter.native.shared_library import RUNTIME
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import ReadError, read_bytes
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.report.atomic_write import atomic_write, own_place

@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.folder import FORMAT, MANIFEST, SEAL, files_of
 from soter.diagnostics.current_phase import between
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.front_end import system_of
 from soter.native.compiler import end_compilers
 from soter.verify.chosen_modules import chosen_problems, modules_of

@@ -18,7 +18,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.load.named_files import ReadError, parse_json, read_json_text

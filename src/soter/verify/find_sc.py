@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.front_end import check_file
 from soter.language.load.named_files import ReadError, opened
 from soter.verify import synthesized_sc

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 from soter.codegen.unit import generate
 from soter.core.layout import NEVER, state_dtype
 from soter.language.elaborate.derived_systems import unlatched
-from soter.native.shared_library import Library, RunStatus, library
+from soter.native.loaded_program import Library, RunStatus
+from soter.native.shared_library import library
 from soter.semantics.draws import (
     CHANCE,
     CORNER,

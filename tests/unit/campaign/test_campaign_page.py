@@ -14,7 +14,7 @@ import pytest
 from soter import load
 from soter.campaign.page import Bars, Histogram, campaign_main, make_page
 from soter.cli.main import main
-from soter.cli.terminal.command_line import FINE, VIOLATED
+from soter.cli.terminal.command_outcome import FINE, VIOLATED
 
 if TYPE_CHECKING:
     from soter.campaign.result import Campaign

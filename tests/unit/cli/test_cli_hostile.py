@@ -14,7 +14,7 @@ from generators.autopilot_logs import dataflash_text, flight, ulog
 from soter import load
 from soter.cli.main import COMMANDS as ALL
 from soter.cli.main import main
-from soter.diagnostics.diagnostic import legible
+from soter.diagnostics.legible_text import legible
 from soter.diagnostics.render import safe
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from generators.autopilot_logs import dataflash, flight, table, tlog, ulog, written
 from soter.api import load
-from soter.monitor.log_survey import Channel, LogSurvey, mapping_of_log, program_head, surveyed
+from soter.monitor.log_survey import Channel, LogSurvey, surveyed
+from soter.monitor.survey_drafts import mapping_of_log, program_head
 
 if TYPE_CHECKING:
     from collections.abc import Callable

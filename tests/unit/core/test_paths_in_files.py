@@ -137,7 +137,7 @@ def _sb3(folder: Path, gain: float) -> None:
 
 def _statistics(folder: Path, gain: float) -> None:
     """The same zip, other statistics of observations."""
-    from soter.policy.sb3_parts import _state, _statistics
+    from soter.policy.sb3_statistics import _state, _statistics
 
     _program(folder, node=EXTERN % "sb3:policy.zip:norm.pkl")
     shutil.copy(FILES / "ppo.zip", folder / "policy.zip")

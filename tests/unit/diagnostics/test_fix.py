@@ -4,18 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from soter.diagnostics.diagnostic import (
-    Diagnostics,
-    Edit,
-    Fix,
-    Source,
-    Span,
-    append,
-    applied,
-    insert,
-    remove,
-    replace,
-)
+from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, Source, Span
+from soter.diagnostics.fixes import append, applied, insert, remove, replace
 from soter.diagnostics.render import render, to_json
 
 SOURCE = Source("a.soter", "let a = 1;\n  let b = 2;\nlet c = 3;\n")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.diagnostics.diagnostic import applied
+from soter.diagnostics.fixes import applied
 from soter.language.front_end import check_file
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from lsprotocol import types as lsp
 
 from editor_client import Editor, place
 from soter.editor.completion import cursor_at
-from soter.editor.hover import PLACES
+from soter.editor.language_words import PLACES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

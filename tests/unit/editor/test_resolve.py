@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.hover import head, meaning
+from soter.editor.hover import head
+from soter.editor.language_words import meaning
 from soter.editor.name_resolution import index_of
 from soter.language.front_end import check_file
 from soter.language.load.loader import load

@@ -8,7 +8,8 @@ import pytest
 from lsprotocol import types as lsp
 
 from editor_client import Editor, edited
-from soter.diagnostics.diagnostic import Source, applied
+from soter.diagnostics.diagnostic import Source
+from soter.diagnostics.fixes import applied
 from soter.editor import requests as lenses
 from soter.editor.documents import Documents
 from soter.editor.protocol_conversions import Lines, path_of, uri_of

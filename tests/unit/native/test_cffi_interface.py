@@ -5,8 +5,8 @@ from __future__ import annotations
 import gc
 from typing import TYPE_CHECKING
 
+from soter.native.c_interface import interface, opened
 from soter.native.compiler import find, run_compiler
-from soter.native.shared_library import interface, opened
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -23,7 +23,7 @@ import processes
 from generators.c_packages import CART
 from generators.posix_packages import owned
 from soter.language.front_end import check_file, system_of
-from soter.simulate.real_time import FlightRecording
+from soter.simulate.flight_recording import FlightRecording
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,8 @@ from soter.core.layout import state_layout
 from soter.language.front_end import check_file, system_of
 from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, EnumType, IntType
-from soter.native.shared_library import Library, library
+from soter.native.loaded_program import Library
+from soter.native.shared_library import library
 from soter.semantics.draws import (
     CORNER,
     HOLDS,

@@ -28,7 +28,8 @@ from soter.certificate.report import (
     Report,
 )
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.language.front_end import system_to_prove
 from soter.language.load.named_files import opened
 from soter.native.cache import SOTER, files_below, soter_sha256

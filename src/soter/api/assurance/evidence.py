@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import mistake, reason
+from soter.diagnostics.diagnostic import mistake
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes, read_json_text
 from soter.report.safety_case import CaseNode, SafetyCase
 from soter.version import other_format

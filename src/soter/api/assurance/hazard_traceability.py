@@ -18,8 +18,9 @@ from graphlib import CycleError, TopologicalSorter
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, Source, Span, mistake, reason
+from soter.diagnostics.diagnostic import Diagnostics, Source, Span, mistake
 from soter.diagnostics.similar_names import did_you_mean
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes
 from soter.report.safety_case import (
     SUPPORTED,

@@ -42,7 +42,7 @@ from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.assumption_words import words
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns
-from soter.workers.solvers import ask_solver, ctrl_c_waits
+from soter.workers.interruptible_solver import ask_solver, ctrl_c_waits
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts, Instant

@@ -33,7 +33,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE
-from soter.workers.solvers import ask_solver, ctrl_c_waits
+from soter.workers.interruptible_solver import ask_solver, ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -40,7 +40,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import MODE
-from soter.workers.solvers import raise_if_interrupted
+from soter.workers.interruptible_solver import raise_if_interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

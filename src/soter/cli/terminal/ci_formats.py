@@ -23,14 +23,17 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
-from soter.cli.terminal.command_line import CiFinding, CommandOutcome, of_diagnostics, place
+from soter.cli.terminal.ci_findings import CiFinding, of_diagnostics, place
 from soter.diagnostics.codes import explain, title
-from soter.diagnostics.diagnostic import Diagnostic, Severity, legible
+from soter.diagnostics.diagnostic import Diagnostic, Severity
+from soter.diagnostics.legible_text import legible
 from soter.explore.results import BOUND, VIOLATED, ExploreReport, TestResult
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from soter.cli.terminal.command_outcome import CommandOutcome
 
 
 NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -1,133 +1,30 @@
-"""What every command line is made of: options in; exit code, findings and JSON document out.
+"""The parser of a command's line, made from the record of the command's options.
 
-Purpose: seven subjects, in the order of the file.
-1. `CiFinding`: a verdict or a diagnostic with its place, before a format of continuous integration.
-2. `CommandOutcome`: how a command ends; docs/json.md describes its exit codes and documents.
-3. `UsageError`, and the rules that give an exit code to findings and diagnostics.
-4. Texts and options that several commands share (`SYSTEM`, `SETTINGS`, ...).
-5. `CommandParser`, an `ArgumentParser` made from a record of options, which raises instead of
-   ending the process. `Option.flags` (`diagnostics/command_records.py`) describes each argument.
-6. Fields for such a record (`file_option`, `report_option`), and what reads a value's text.
-7. `loaded` loads the command's program with a line that shows progress and binds externs as
-   `--bind` says; `standard_input` reads the text for `-`.
-Non-goals: what the options mean; `--set`, whose values each command hands on; writing documents
-(`console.py`) and formats (`ci_formats.py`).
+Purpose: `CommandParser` is an `ArgumentParser` that raises `UsageError` instead of ending the
+process. `Option.flags` (`diagnostics/command_records.py`) describes each argument; `READERS` read
+the text of its value. `given` hands the arguments on as keywords of a method in Python.
+Non-goals: what the options mean; options of several commands (`shared_options.py`).
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-import sys
 from contextlib import suppress
-from dataclasses import dataclass, field
 from inspect import cleandoc
-from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeAlias
 
-from soter.cli.terminal.console import Console, LineOfProgress
-from soter.diagnostics.command_records import Option, gone, option, options_of
-from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, Span, mistake
+from soter.diagnostics.command_records import Option, gone, options_of
+from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from soter.api import Program
+    from soter.cli.terminal.command_outcome import CommandOutcome
+    from soter.cli.terminal.console import Console
 
 
 Pairs: TypeAlias = tuple[tuple[str, str], ...]
-Kind = Literal["pass", "fail", "open", "warning"]
-"""`fail`: shown to be wrong; `open`: nothing is shown either way, which is no success."""
-
-
-@dataclass(frozen=True)
-class CiFinding:
-    """A finding. `rule`: a diagnostic's code, a property or a command; `name`: its subject."""
-
-    kind: Kind
-    rule: str
-    name: str
-    text: str
-    span: Span | None = None
-    """Where the finding stands in a program; None: in no file."""
-    details: tuple[str, ...] = ()
-    seconds: float = 0.0
-
-
-def of_diagnostics(items: Iterable[Diagnostic]) -> list[CiFinding]:
-    """A finding for every diagnostic: `fail` for an error, `warning` for any other."""
-    return [
-        CiFinding(
-            "fail" if d.severity is Severity.ERROR else "warning",
-            d.code,
-            d.code,
-            d.message,
-            None if d.primary is None else d.primary.span,
-            (
-                *((d.primary.text,) if d.primary is not None and d.primary.text else ()),
-                *d.notes,
-                *(f"help: {text}" for text in d.helps),
-            ),
-        )
-        for d in items
-    ]
-
-
-def place(span: Span | None) -> tuple[str, int, int, int, int] | None:
-    """File, line, column, end line, end column (one past the last); None where there is no file."""
-    if span is None or span.source.name.startswith("<"):
-        return None  # standard input, the prelude
-    source, end = span.source, span.end
-    return source.name, span.line, span.column, source.line_of(end), source.column_of(end)
-
-
-SCHEMA = 1
-"""Version of the JSON documents; it rises when a field goes or changes its meaning."""
-
-FINE = 0
-DIAGNOSTICS = 1
-USAGE = 2
-VIOLATED = 3
-UNDECIDED = 4
-NOT_RECHECKED = 5
-"""Nothing in a certificate was found to be false, but the re-checker cannot check all of it."""
-INTERNAL = 70
-"""A defect of soter itself (EX_SOFTWARE of sysexits.h)."""
-INTERRUPTED = 130
-
-
-@dataclass
-class CommandOutcome:
-    """The exit code, every diagnostic, and the command's own fields of the document."""
-
-    exit: int = FINE
-    diagnostics: tuple[Diagnostic, ...] = ()
-    fields: dict[str, object] = field(default_factory=dict)
-    found: tuple[CiFinding, ...] = ()
-    """Verdicts, for `--format`; diagnostics are added to them."""
-    junit: str = ""
-    """The XML of `--format junit`, where the command has its own."""
-
-    @property
-    def files(self) -> list[str]:
-        """The paths of the programs that the command was about."""
-        several = self.fields.get("files")
-        entries = several if isinstance(several, list) else [self.fields]
-        return [str(e["file"]) for e in entries if isinstance(e, dict) and "file" in e]
-
-    def document(self, command: str | None) -> dict[str, object]:
-        """The JSON document of the outcome, as a dict."""
-        from soter.diagnostics.render import to_json  # noqa: PLC0415 - only with --json
-
-        return {
-            "schema": SCHEMA,
-            "command": command,
-            "ok": self.exit == FINE,
-            "exit": self.exit,
-            "diagnostics": [to_json(d) for d in self.diagnostics],
-            **self.fields,
-        }
 
 
 class UsageError(Exception):
@@ -138,41 +35,6 @@ class UsageError(Exception):
         self.usage = usage
 
 
-def exit_of_kinds(kinds: Iterable[Kind]) -> int:
-    """The exit code of findings, by the one rule of all commands that give verdicts."""
-    found = set(kinds)
-    return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
-
-
-def exit_of(diagnostics: Iterable[Diagnostic]) -> int:
-    """0 without errors; 2 where every error is one of the command line (U...); else 1."""
-    errors = [d.code for d in diagnostics if d.severity is Severity.ERROR]
-    if not errors:
-        return FINE
-    return USAGE if all(code.startswith("U") for code in errors) else DIAGNOSTICS
-
-
-def failed(error: SoterError) -> CommandOutcome:
-    """The outcome of a command that ended with this error."""
-    return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
-
-
-CERTIFICATE_FOLDER = """\
-in the folder of a certificate: manifest.json (claims, times, assumptions), SEAL (its SHA-256),
-program/ (every source and data file), sets/ (the sets of the proof, as bytes)
-"""
-CAMPAIGN_FOLDER = """\
-in the folder of a campaign: campaign.json (what is flown), flights.csv (a row a flight),
-arm-NAME/ (the same of an arm), campaign.lock (who is flying), and where asked for report.html and
-flights.parquet
-"""
-"""Help text: which files lie in the folders that several commands read or write."""
-
-
-SYSTEM = ("--system S", None, "by default the only one, or the `default`")
-SET: tuple[str, tuple[()], str] = ("", (), "what --set and --bind give")
-MODULE = ("--module M", None, "only this module; by default all")
-"""Options that several commands share: the first arguments of `option`."""
 SETTINGS = (
     (
         "--set",
@@ -301,42 +163,6 @@ class _Help(argparse.Action):
         raise HelpWantedError(parser.format_help().rstrip())
 
 
-def file_option(flags: str = "FILE", words: str = "the program", told: str = "file") -> Any:  # noqa: ANN401 - a field
-    """The positional argument that a command is about; `told`: its field in the document."""
-    return option(flags, ..., words, told=told, keyword=False)
-
-
-def report_option(what: str, ending: str, flags: str = "--report") -> Any:  # noqa: ANN401 - a field
-    """The option --report; `what` it writes; `ending`: of the file's name without a path."""
-    words = f"write {what}: one HTML page (.soter/...{ending})"
-    return option(f"{flags} [PATH]", None, words, keyword=False)
-
-
-def report_path(report: str, of: str, ending: str) -> Path:
-    """The file that --report writes: the path given, else one in `.soter/` named after `of`."""
-    stem = Path(of).resolve().name.removesuffix(".soter").removesuffix(".trace.json")
-    return Path(report or Path(".soter") / f"{stem}{ending}")
-
-
-FORMATS = ("sarif", "junit", "github")
-FORMAT = (
-    f"--format {{{','.join(FORMATS)}}}",
-    None,
-    "for CI, on standard output (docs/commands.md)",
-)
-"""The option of commands that print a format for continuous integration."""
-WITH_FORMAT = ("check", "verify", "test", "monitor")
-
-
-def format_of(name: str | None, options: Sequence[str]) -> str | None:
-    """The format that a command line asks for; None if it asks for none, or a wrong one."""
-    if name not in WITH_FORMAT:
-        return None
-    asked = [b for a, b in pairwise(options) if a == "--format"]
-    asked += [a.removeprefix("--format=") for a in options if a.startswith("--format=")]
-    return asked[-1] if asked and asked[-1] in FORMATS else None
-
-
 def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
     """The arguments that are keywords of `record`, as a dict for the method in Python."""
     options = options_of(record, keyword=True)
@@ -393,60 +219,3 @@ TIMES = ", such as 90 (seconds) or 10min"
 """Help text: how a time is written."""
 READERS = {"whole": whole, "seed": seed, "bound": at_least_one, "seconds": seconds}
 """`Kind.text` -> the function that reads the text of such a value."""
-
-
-def opened(args: argparse.Namespace, console: Console) -> Program:
-    """Loads `args.file`; if it is correct, its warnings are told with the outcome."""
-    from soter.api import load  # noqa: PLC0415 - commands about the tool itself open none
-
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    console.of_program = program.diagnostics if program.ok else ()
-    return program
-
-
-def bound(program: Program, args: argparse.Namespace) -> Program:
-    """Binds externs as `args.bindings` says; `SoterError` if one cannot be. Returns `program`."""
-    for name, target in args.bindings:
-        program.bind(name, target)
-    return program
-
-
-def warned_of_files(program: Program, console: Console) -> Program:
-    """Tells at once what is wrong with files of externs (W007, W037). Returns `program`.
-
-    It is for commands that do not call externs: a proof, or a package that leaves them out.
-    """
-    warnings = program.check().warnings if program.externs else ()
-    missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
-    if console.json:
-        console.of_program += missing
-    console.write_diagnostics(missing)
-    return program
-
-
-def loaded(args: argparse.Namespace, console: Console) -> Program:
-    """Loads the program that the arguments name, and binds its externs; `SoterError`."""
-    return bound(opened(args, console), args)
-
-
-STDIN = "<stdin>"
-"""The path of a program from standard input; its imports are read from the current folder."""
-
-
-def standard_input() -> str:
-    """All of standard input; SoterError D005 if it is over MAX_FILE_BYTES or not UTF-8."""
-    from soter.language.load.loader import MAX_FILE_BYTES  # noqa: PLC0415 - for `-`
-
-    stream = sys.stdin
-    if stream is None:
-        return ""
-    data = getattr(stream, "buffer", stream).read(MAX_FILE_BYTES + 1)
-    if len(data) > MAX_FILE_BYTES:
-        why = f"it is larger than {MAX_FILE_BYTES >> 20} MiB"
-        raise mistake("D005", f"cannot read standard input: {why}")
-    try:
-        return data if isinstance(data, str) else data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        why = f"standard input is not UTF-8: byte {error.start} is wrong"
-        raise mistake("D005", why) from error

@@ -26,7 +26,7 @@ from threading import Event, Thread
 from typing import IO, TYPE_CHECKING
 
 from soter.diagnostics.current_phase import lasting, listening_to_phases
-from soter.diagnostics.diagnostic import legible
+from soter.diagnostics.legible_text import legible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

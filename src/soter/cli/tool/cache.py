@@ -11,7 +11,8 @@ import re
 import time
 from dataclasses import dataclass
 
-from soter.cli.terminal.command_line import CommandOutcome, UsageError
+from soter.cli.terminal.command_line import UsageError
+from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, decimal
 from soter.diagnostics.command_records import choice, option, read_by
 from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome
+from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.diagnostics.command_records import choice, option
 
 if TYPE_CHECKING:

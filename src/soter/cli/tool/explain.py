@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome
 from soter.diagnostics.codes import all_codes, explain, named, suggestions, title
 from soter.diagnostics.command_records import option
 from soter.diagnostics.diagnostic import Diagnostic

@@ -15,16 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.terminal.command_line import (
-    DIAGNOSTICS,
-    STDIN,
-    CommandOutcome,
-    exit_of,
-    file_option,
-    standard_input,
-)
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome, exit_of
+from soter.cli.terminal.program_loading import STDIN, standard_input
+from soter.cli.terminal.shared_options import file_option
 from soter.diagnostics.command_records import SWITCH, option
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
+from soter.diagnostics.system_texts import reason
 from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:

@@ -11,13 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, Pairs, file_option, loaded
+from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.shared_options import SET, SYSTEM, file_option
 from soter.diagnostics.command_records import option
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.api.program import Program
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
     from soter.language.model.system import System
 

@@ -34,8 +34,9 @@ from soter.explore.search_options import (
     knows_ends,
     reduce_bits,
 )
+from soter.native.c_interface import address, declarations, interface, opened
 from soter.native.cache import files_below
-from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
+from soter.native.shared_library import RUNTIME, library
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.fixes import replace
 from soter.diagnostics.similar_names import likely
 from soter.language.check import call_hints, unknown_names
 from soter.language.check.checker_interface import SPECIALS

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.fixes import replace
 from soter.language.model import typed
 from soter.language.model.types import ArrayType, EnumType, FloatType, ListType, RecordType
 from soter.language.syntax import tree

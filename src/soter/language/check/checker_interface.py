@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from soter.diagnostics.diagnostic import insert, remove
+from soter.diagnostics.fixes import insert, remove
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, replace, the_other_way
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.fixes import replace, the_other_way
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import replace, the_other_way
+from soter.diagnostics.fixes import replace, the_other_way
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, a_type, is_error

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.fixes import replace
 from soter.language.check import unknown_names
 from soter.language.check.call import CallChecker
 from soter.language.check.checker_interface import SPECIALS

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
-from soter.diagnostics.diagnostic import append, replace
+from soter.diagnostics.fixes import append, replace
 from soter.language.model import typed
 from soter.language.model.types import (
     ERROR,

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Span, insert, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import ExprBase, error_expr, is_error

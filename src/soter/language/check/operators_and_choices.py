@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Span, replace, texts
+from soter.diagnostics.diagnostic import Span, texts
+from soter.diagnostics.fixes import replace
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import (
     ExprBase,

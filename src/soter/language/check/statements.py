@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.diagnostic import Span, append, insert, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import append, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import CheckerPart, error_expr, is_error, plain

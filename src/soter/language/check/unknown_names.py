@@ -14,7 +14,8 @@ import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, TypeGuard
 
-from soter.diagnostics.diagnostic import Edit, Fix, Span, insert, replace
+from soter.diagnostics.diagnostic import Edit, Fix, Span
+from soter.diagnostics.fixes import insert, replace
 from soter.language.syntax import tree
 from soter.language.syntax.their_words import THEIRS, helps_for
 

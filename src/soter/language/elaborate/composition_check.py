@@ -12,7 +12,8 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, Span, insert, out_of_list, whole_lines
+from soter.diagnostics.diagnostic import Edit, Fix, Span
+from soter.diagnostics.fixes import insert, out_of_list, whole_lines
 from soter.language.check.unknown_names import in_publishes
 from soter.language.elaborate.wellformed import check_external
 from soter.language.model.tree_walk import nodes, topic_reads

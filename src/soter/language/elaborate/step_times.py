@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import the_other_way
+from soter.diagnostics.fixes import the_other_way
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
 from soter.language.model.system import Fault
 from soter.language.model.types import FloatType, leaves, show_ns, write_ns

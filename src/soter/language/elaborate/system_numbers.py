@@ -21,7 +21,7 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import the_other_way
+from soter.diagnostics.fixes import the_other_way
 from soter.language.check.constants_and_types import Calculator
 from soter.language.check.declarations import show
 from soter.language.check.parts.node import UNKNOWN

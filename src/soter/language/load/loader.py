@@ -22,7 +22,8 @@ from operator import mul
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, Source, utf8_text
+from soter.diagnostics.diagnostic import Diagnostics, Source
+from soter.diagnostics.system_texts import utf8_text
 from soter.language.load.identified_data import IDENTIFIED, DataError, held_out
 from soter.language.load.named_files import ReadError, near_names, parse_json, read_bytes
 from soter.language.model.types import (

@@ -18,8 +18,8 @@ import stat
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from soter.diagnostics.diagnostic import reason
 from soter.diagnostics.similar_names import closest
+from soter.diagnostics.system_texts import reason
 
 MIB = 2**20
 TEXT_MAX = 64 * MIB

@@ -14,7 +14,8 @@ import re
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label, Span, insert, replace
+from soter.diagnostics.diagnostic import Diagnostic, Label, Span
+from soter.diagnostics.fixes import insert, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.bodies import BodyParser
 from soter.language.syntax.parsing.declarations import fun, node, plant

@@ -12,7 +12,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.fixes import replace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,7 +14,8 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, Span, made, remove, replace
+from soter.diagnostics.diagnostic import Label, Span, made
+from soter.diagnostics.fixes import remove, replace
 from soter.language.syntax.their_words import THEIRS, helps_for, word_at
 
 if TYPE_CHECKING:

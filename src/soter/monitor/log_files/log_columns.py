@@ -21,7 +21,8 @@ from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import opened
 from soter.mapping.message_types import HEADER_FRAME
 

@@ -19,7 +19,8 @@ from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import opened
 from soter.mapping.message_types import (
     ARRAY,

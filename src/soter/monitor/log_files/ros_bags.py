@@ -14,7 +14,8 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import SoterError, reason
+from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
 from soter.monitor.log_files.log_columns import REINDEX, damaged_log, remedies, unusable

@@ -18,9 +18,10 @@ from soter.core.layout import align_of, arrange, decode_from, encode_into, scala
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.language.model.values import from_python, to_python
+from soter.native.c_interface import interface, opened
 from soter.native.cache import digest, included
 from soter.native.extern_memory import another_copy, kept_by
-from soter.native.shared_library import interface, library, opened
+from soter.native.shared_library import library
 from soter.simulate.externs.python_answers import PlainError
 
 if TYPE_CHECKING:

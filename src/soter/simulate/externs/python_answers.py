@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type, Value
-    from soter.native.shared_library import Library
+    from soter.native.loaded_program import Library
 
 
 OWN_FOLDER = str(SOTER)

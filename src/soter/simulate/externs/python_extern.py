@@ -28,8 +28,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.similar_names import closest
+from soter.diagnostics.system_texts import reason
 from soter.language.evaluate.arithmetic import put_back
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import widened

@@ -32,7 +32,8 @@ from soter.language.model.read_together import apart_at_most
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import leaves
-from soter.native.shared_library import interface, library, opened
+from soter.native.c_interface import interface, opened
+from soter.native.shared_library import library
 from soter.verify.deploy.dm_test_cases import (
     AC,
     NOW_NS,

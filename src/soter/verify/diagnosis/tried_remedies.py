@@ -30,7 +30,8 @@ from soter.diagnostics.current_phase import (
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless, with_changed_topics
 from soter.language.model.system import LEVELS_DEFAULT
-from soter.native.shared_library import Library, library
+from soter.native.loaded_program import Library
+from soter.native.shared_library import library
 from soter.verify.claims.case import settled
 from soter.verify.claims.grid_refinement import cells_of, with_merged_cells
 from soter.verify.claims.results import (

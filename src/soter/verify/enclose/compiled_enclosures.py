@@ -31,18 +31,10 @@ from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.model.tree_walk import PARTS_MAX, conjuncts
+from soter.native.c_interface import declarations, interface, opened
 from soter.native.cache import cached, digest, files_below
 from soter.native.compiler import STRICT, compile_with, find, vector_flags
-from soter.native.shared_library import (
-    CHECK_FAILED,
-    OWN_SYMBOLS,
-    declarations,
-    include_flags,
-    interface,
-    objects,
-    opened,
-    texts,
-)
+from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, include_flags, objects, texts
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
 from soter.verify.enclose.enclosure_emitter import Emitter, EnclosureError, framed, given, names_in

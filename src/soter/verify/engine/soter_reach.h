@@ -13,7 +13,7 @@
 typedef unsigned (*soter_reach_map)(const soter_form*, const int64_t*, soter_form*);
 typedef unsigned (*soter_reach_test)(const soter_form*, const int64_t*, soter_truth*);
 
-/* Python reads this header too (native/shared_library.py): types, numbers, functions. */
+/* Python reads this header too (native/c_interface.py): types, numbers, functions. */
 #define SOTER_REACH_AXES 4
 #define SOTER_REACH_COMMANDS 8
 #define SOTER_REACH_PAST 4

@@ -1,6 +1,6 @@
 /* Shared by the soter_reach_*.c only. */
-#ifndef SOTER_REACH_IN_H
-#define SOTER_REACH_IN_H
+#ifndef SOTER_REACH_INTERNAL_H
+#define SOTER_REACH_INTERNAL_H
 
 #include "soter_check.h"
 #include "soter_reach.h"

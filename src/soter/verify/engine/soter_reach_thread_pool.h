@@ -1,7 +1,7 @@
 /* A few threads over a list of tasks, for one call. Which thread takes which task never matters:
  * tasks read what the last round left and write their own cells only. */
-#ifndef SOTER_REACH_POOL_H
-#define SOTER_REACH_POOL_H
+#ifndef SOTER_REACH_THREAD_POOL_H
+#define SOTER_REACH_THREAD_POOL_H
 
 #include <pthread.h>
 #include <stdint.h>

@@ -23,7 +23,7 @@ from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import FLOAT, MODE, RecordType
 from soter.verify.induction.solver_terms import Age, SolverTerms
 from soter.verify.induction.step_terms import Evaluation
-from soter.workers.solvers import ctrl_c_waits
+from soter.workers.interruptible_solver import ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -37,7 +37,7 @@ from soter.verify.induction.calendar import hyperperiod, settled
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.step_terms import AC, SC, ClusterView
 from soter.verify.induction.transition_relation import TimeSpan
-from soter.workers.solvers import ctrl_c_waits
+from soter.workers.interruptible_solver import ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -31,7 +31,7 @@ from soter.language.model.types import (
 )
 from soter.language.model.values import Table
 from soter.version import pip_install
-from soter.workers.solvers import ask_solver
+from soter.workers.interruptible_solver import ask_solver
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

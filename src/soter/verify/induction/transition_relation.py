@@ -28,7 +28,7 @@ from soter.verify.induction.step_terms import (
     StepEffect,
     integer_if,
 )
-from soter.workers.solvers import raise_if_interrupted
+from soter.workers.interruptible_solver import raise_if_interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

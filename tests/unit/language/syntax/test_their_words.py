@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from generators.file_listing import files_below
-from soter.diagnostics.diagnostic import applied
+from soter.diagnostics.fixes import applied
 from soter.language.front_end import check_file
 from soter.language.syntax import their_words
 from soter.language.syntax.their_words import THEIRS, is_shown

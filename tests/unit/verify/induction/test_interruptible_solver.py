@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from soter.workers.solvers import ask_solver, ctrl_c_waits, raise_if_interrupted
+from soter.workers.interruptible_solver import ask_solver, ctrl_c_waits, raise_if_interrupted
 
 
 class Interrupted:

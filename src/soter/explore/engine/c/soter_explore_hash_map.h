@@ -2,8 +2,8 @@
  *
  * Purpose: what soter_explore_transition_cache.c looks steps up with. Non-goals: deletion.
  */
-#ifndef SOTER_EXPLORE_MAP_H
-#define SOTER_EXPLORE_MAP_H
+#ifndef SOTER_EXPLORE_HASH_MAP_H
+#define SOTER_EXPLORE_HASH_MAP_H
 
 #include "soter_explore_internal.h"
 

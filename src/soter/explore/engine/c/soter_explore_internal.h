@@ -13,8 +13,8 @@
  * - a file a strategy: _bfs, _random, _falsify; _replay
  * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
  */
-#ifndef SOTER_EXPLORE_IN_H
-#define SOTER_EXPLORE_IN_H
+#ifndef SOTER_EXPLORE_INTERNAL_H
+#define SOTER_EXPLORE_INTERNAL_H
 
 #include <stdlib.h>
 #include <string.h>

@@ -2,8 +2,8 @@
  *
  * Purpose: pieces that go back to the machine at once. Non-goals: what is in them.
  */
-#ifndef SOTER_EXPLORE_ROOM_H
-#define SOTER_EXPLORE_ROOM_H
+#ifndef SOTER_EXPLORE_MEMORY_H
+#define SOTER_EXPLORE_MEMORY_H
 
 #include <stdint.h>
 

@@ -1,7 +1,7 @@
 /* soter_explore_sampled_walk.h: one execution after the other, by somebody's choices (random,
  * falsify). */
-#ifndef SOTER_EXPLORE_WALK_H
-#define SOTER_EXPLORE_WALK_H
+#ifndef SOTER_EXPLORE_SAMPLED_WALK_H
+#define SOTER_EXPLORE_SAMPLED_WALK_H
 
 #include "soter_explore_internal.h"
 

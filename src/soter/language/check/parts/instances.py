@@ -13,7 +13,7 @@ import re
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from soter.diagnostics.diagnostic import insert
+from soter.diagnostics.fixes import insert
 from soter.language.check.expression_base import CheckerPart
 from soter.language.check.field import find_instance, flat_names
 from soter.language.model import typed

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import out_of_list
+from soter.diagnostics.fixes import out_of_list
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, is_error

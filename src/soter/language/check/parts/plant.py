@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import out_of_list
+from soter.diagnostics.fixes import out_of_list
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, a_type, error_expr, is_error, plain
 from soter.language.check.parts.node import check_binding, located, period_or_unknown, refuse_input

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.fixes import replace
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, a_type, is_error, sound
 from soter.language.check.field import find_instance

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
-from soter.diagnostics.diagnostic import exchange, replace
+from soter.diagnostics.fixes import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.predicates import PredicateEvaluator

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import exchange, replace
+from soter.diagnostics.fixes import exchange, replace
 from soter.language.elaborate.composition_check import added
 from soter.language.elaborate.lints.contradictory_predicates import tried, warn_of_contradictions
 from soter.language.elaborate.lints.refuted_at_once import (

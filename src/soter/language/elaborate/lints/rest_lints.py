@@ -14,7 +14,8 @@ from itertools import product
 from math import isfinite, tau
 from typing import TYPE_CHECKING, Any, cast
 
-from soter.diagnostics.diagnostic import Span, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import replace
 from soter.language.elaborate.lints import contradictory_predicates as trials
 from soter.language.elaborate.lints.refuted_at_once import at_first
 from soter.language.evaluate.arithmetic import StepFault, zipper

@@ -14,7 +14,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.diagnostic import Span, exchange, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import exchange, replace
 from soter.language.check.parts.plant import unmoved
 from soter.language.evaluate.integration_stability import diverging
 from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything

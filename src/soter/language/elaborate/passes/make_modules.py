@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import append, exchange
+from soter.diagnostics.fixes import append, exchange
 from soter.language.elaborate.passes.make_components import failsafe_values, scope_of
 from soter.language.elaborate.passes.topics import topic_at
 from soter.language.elaborate.passes.value_sets import beyond

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Edit, Fix, Span, append, remove, replace
+from soter.diagnostics.diagnostic import Edit, Fix, Span
+from soter.diagnostics.fixes import append, remove, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.items import Parts, clauses, time
 from soter.language.syntax.parsing.literals_and_operators import report_unclosed

@@ -11,7 +11,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import remove, replace
+from soter.diagnostics.fixes import remove, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (

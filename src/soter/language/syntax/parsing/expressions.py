@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Span, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.literals_and_operators import (
     ANY,

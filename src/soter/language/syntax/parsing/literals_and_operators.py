@@ -15,7 +15,8 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, Span, made, replace
+from soter.diagnostics.diagnostic import Edit, Fix, Span, made
+from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING, UNIT_NS

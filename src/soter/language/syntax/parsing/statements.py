@@ -9,7 +9,8 @@ Non-goals: expressions (`expressions.py`); whether a place may be assigned (`lan
 
 from __future__ import annotations
 
-from soter.diagnostics.diagnostic import Span, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.expressions import ExpressionParser
 from soter.language.syntax.parsing.literals_and_operators import c_style_loop, report_unclosed

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Span, exchange, replace
+from soter.diagnostics.diagnostic import Span
+from soter.diagnostics.fixes import exchange, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS

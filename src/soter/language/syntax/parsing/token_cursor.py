@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Fix, Label, Source, Span, append, applied, made, replace
+from soter.diagnostics.diagnostic import Fix, Label, Source, Span, made
+from soter.diagnostics.fixes import append, applied, replace
 from soter.diagnostics.similar_names import closest
 from soter.language.syntax.their_words import helps_for, word_at
 from soter.language.syntax.tokens import (

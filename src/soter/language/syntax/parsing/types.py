@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.literals_and_operators import ANY, LEVELS_MAX, too_deep
 from soter.language.syntax.parsing.token_cursor import Panic

@@ -1,0 +1,65 @@
+"""Names the measured topics of a log that are in doubt; none is an error.
+
+Purpose: `doubts` tells of topics that repeat one value to their end, and of samples at a pace so
+unlike the program's that the unit of their time is in doubt.
+Non-goals: topics that fell silent (`topics_heard.py`).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from statistics import median
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.step_times import PUBLICATIONS, is_measured, least_age_ns
+from soter.language.model.types import show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.language.model.system import System
+    from soter.monitor.typed_samples import TopicSamples
+
+
+STUCK, STUCK_SHARE = 20, 0.1
+"""So many last samples, and such a share of all, have to be one value before a doubt is told."""
+ANOTHER_PACE = 300.0
+"""A pace that differs so many times: units of time differ 1,000 times, rates of logs do not."""
+
+
+def doubts(system: System, samples: Iterable[TopicSamples]) -> list[str]:
+    """Notes for people on topics that are in doubt, a sentence each."""
+    texts = []
+    for s in samples:
+        if not s.always and is_measured(system, s.topic.index):
+            texts += [text for text in (_stuck(s), _pace(system, s)) if text]
+    return texts
+
+
+def _stuck(s: TopicSamples) -> str:
+    count, last = 0, s.values[-1]
+    for value in reversed(s.values):
+        if value != last:
+            break
+        count += 1
+    if count < max(STUCK, STUCK_SHARE * len(s.values)):
+        return ""
+    first_s = s.times_ns[-count] / 1e9
+    return (
+        f"the last {count:,} of {len(s.values):,} samples of `{s.topic.name}` are one value, from "
+        f"{first_s:.3f} s on: it stood still, or what measured it was stuck"
+    )
+
+
+def _pace(system: System, s: TopicSamples) -> str:
+    gaps = [b - a for a, b in pairwise(s.times_ns) if b > a]
+    least_ns = least_age_ns(system, s.topic.index)
+    if not gaps or least_ns is None:
+        return ""
+    here, announced = median(gaps), least_ns / PUBLICATIONS
+    if 1.0 / ANOTHER_PACE < here / announced < ANOTHER_PACE:
+        return ""
+    return (
+        f"samples of `{s.topic.name}` come every {show_ns(round(here))}, those of the program "
+        f"every {show_ns(round(announced))}: is `unit` of `time` right?"
+    )

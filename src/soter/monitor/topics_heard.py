@@ -1,0 +1,113 @@
+"""Says whether what a step read from a log is young enough to be judged.
+
+Purpose: `TopicsHeard` compares ages with `max_age`, or without one with some periods of what is
+measured: of what a DM reads and of what nodes read that ran for it.
+Non-goals: what a DM decides on old reads (`semantics/rules.py`); stamps against the log's clock
+(`typed_samples.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import inf
+from statistics import median
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.step_times import is_measured
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import AgeRead
+from soter.monitor.decidable_modules import Decidable, reads_of_node, topics_behind, written_by_node
+from soter.monitor.model_membership import SILENT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.language.model.system import System
+    from soter.monitor.typed_samples import TopicSamples
+    from soter.semantics.configuration import Configuration
+
+
+@dataclass
+class RestsOn:
+    """The topics of the log and the nodes on which a step rests."""
+
+    topics: set[int]
+    nodes: set[int]
+
+
+@dataclass
+class TopicsHeard:
+    """Until when topics of the log were heard, and whether nodes had read what was young enough.
+
+    `most_ns`: by topic of the log the age up to which a read counts as judged; `silent_ns`: the age
+    from which on it is called silent. `sound`: by node, whether at its last step all was young
+    enough that it reads of the log itself.
+    """
+
+    system: System
+    plan: Decidable
+    most_ns: dict[int, float] = field(default_factory=dict)
+    silent_ns: dict[int, float] = field(default_factory=dict)
+    sound: dict[int, bool] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> TopicsHeard:
+        """A record of a log of which nothing was heard yet."""
+        made = cls(system, plan)
+        looked_at = _ages_read(system)
+        alone_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
+        for s in samples:
+            if s.always:
+                continue
+            topic, gaps = s.topic, [b - a for a, b in pairwise(s.times_ns) if b > a]
+            measured = is_measured(system, topic.index) and topic.index not in looked_at
+            silent_ns = SILENT * (median(gaps) if gaps else alone_ns if measured else inf)
+            age_ns = topic.max_age_ns
+            made.silent_ns[topic.index] = max(silent_ns, age_ns or 0)
+            made.most_ns[topic.index] = silent_ns if measured else inf
+            if age_ns is not None:
+                made.most_ns[topic.index] = age_ns
+        return made
+
+    def sources_behind(self, topics: Iterable[int]) -> RestsOn:
+        """The logged topics and the run nodes on which these reads of a DM or `safe` rest."""
+        topics = set(topics)
+        behind = topics_behind(self.system, self.plan.nodes, topics)
+        ran = {n for n in self.plan.nodes if written_by_node(self.system.components[n]) & behind}
+        return RestsOn(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
+
+    def note_node(self, c: Configuration, node: int) -> None:
+        """Notes a step of a node, before it publishes."""
+        reads = reads_of_node(self.system, self.system.components[node])
+        self.sound[node] = self._young(c, reads & self.most_ns.keys())
+
+    def rests(self, c: Configuration, on: RestsOn) -> bool:
+        """Whether a step rests on young enough topics only; nodes count by what they last read."""
+        return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
+
+    def fell_silent(self, c: Configuration, on: RestsOn) -> dict[str, int]:
+        """Topic behind a step that is silent now -> its last stamp in ns."""
+        read = on.topics.union(*(self._reads(n) for n in on.nodes))
+        return {
+            self.system.topics[i].name: c.stamps[i]
+            for i in sorted(read)
+            if c.ct - c.stamps[i] > self.silent_ns[i]
+        }
+
+    def _reads(self, node: int) -> set[int]:
+        reads = reads_of_node(self.system, self.system.components[node])
+        return set(reads & self.silent_ns.keys())
+
+    def _young(self, c: Configuration, topics: Iterable[int]) -> bool:
+        return all(c.ct - c.stamps[i] <= self.most_ns[i] for i in topics)
+
+
+def _ages_read(system: System) -> set[int]:
+    """The topics whose ages predicates read themselves."""
+    return {
+        m.scope.topics[n.topic]
+        for m in system.modules
+        for n in nodes([e for e in m.symbol.predicates if e is not None])
+        if isinstance(n, AgeRead) and n.topic in m.scope.topics
+    }

@@ -1,0 +1,108 @@
+"""The libraries of C that Python opens, with cffi in its ABI mode.
+
+Purpose: this is the one place that knows cffi: declarations are read from the headers themselves,
+so that Python and C cannot disagree.
+Non-goals: compiling (`shared_library.py`); what a library's functions mean.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from functools import lru_cache
+from runpy import run_path
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.evaluate.arithmetic import require_plain
+from soter.native.cache import cached, digest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+INLINE = re.compile(r"^SOTER_INLINE.*?^\}$", re.DOTALL | re.MULTILINE)
+CPLUSPLUS = re.compile(r"^#ifdef __cplusplus$.*?^#endif$", re.DOTALL | re.MULTILINE)
+DIRECTIVE = re.compile(r"^[ \t]*#(?:.*\\\n)*.*$", re.MULTILINE)
+NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
+TABLES = "interface.py"
+
+_opened: list[Any] = []
+"""All libraries: cffi closes one that nobody holds, even if a function of it is still held."""
+
+
+def declarations(header: Path) -> str:
+    """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
+
+    Headers that it includes are not read: give their declarations before.
+    """
+
+    def kept(match: re.Match[str]) -> str:
+        number = NUMBER.match(match.group(0).rstrip())
+        return f"#define {number.group(1)} {number.group(2)}" if number else ""
+
+    text = COMMENT.sub("", header.read_text(encoding="utf-8"))
+    return DIRECTIVE.sub(kept, INLINE.sub("", CPLUSPLUS.sub("", text)))
+
+
+@lru_cache(maxsize=64)
+def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
+    """The cffi object for these declarations; the same one for the same texts.
+
+    They are parsed once and cffi's tables of them are cached, as parsing takes longer than most
+    runs. SoterError X006 where the cache cannot be used.
+    """
+    import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
+
+    def make(work: Path) -> None:
+        from cffi import FFI, recompiler  # noqa: PLC0415 - and only the first time for the parser
+
+        ffi = FFI()
+        for text in declared:
+            ffi.cdef(text)
+        recompiler.make_py_source(ffi, "soter_interface", str(work / TABLES))
+
+    content = digest(("cffi", _cffi_backend.__version__, *declared))
+    return run_path(str(cached("interface", content, (TABLES,), make) / TABLES))["ffi"]
+
+
+def opened(
+    ffi: Any,  # noqa: ANN401 - cffi has no types
+    path: Path,
+    owners: Mapping[str, str] | None = None,
+) -> Any:  # noqa: ANN401 - the same
+    """The loaded library; SoterError X004 where a function that it needs is missing.
+
+    X012 where this thread's floating-point settings are not those that the library assumes.
+
+    `owners`: by linked function, the C file that should have it.
+    """
+    require_plain()
+    try:
+        held = ffi.dlopen(str(path))
+    except OSError as error:
+        _, _, missing = str(error).partition("undefined symbol: ")
+        if missing:
+            symbol = missing.split()[0].rstrip(".")
+            file = (owners or {}).get(symbol)
+            message = (
+                f"`{file}` has no function `{symbol}`"
+                if file
+                else f"no C file of this program has the function `{symbol}`"
+            )
+            helps: tuple[str, ...] = (
+                "is its name right in `c:file.c:name`, and is it not static?",
+            )
+        else:
+            message, helps = f"the compiled program cannot be loaded: {error}", ()
+        raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
+    _opened.append(held)
+    return held
+
+
+def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
+    """The address of a constant of the library, as a pointer of this type."""
+    held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
+    return ffi.cast(type_, ctypes.addressof(held))

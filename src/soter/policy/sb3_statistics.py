@@ -1,0 +1,148 @@
+"""Puts the statistics of observations that a VecNormalize saved in front of a policy.
+
+Purpose: `with_statistics` reads `vecnormalize.pkl` (`env.save`) as it was named, or as it lies
+where people leave it; it says what it found without being asked for.
+Non-goals: the network behind them (`sb3_file.py`); rewards.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.language.load.named_files import NO_STATISTICS
+from soter.policy.network import Policy, Standardised, numbers_text
+from soter.policy.pickle_data import Made, PickleError, read_array, read_pickle
+from soter.policy.policy_errors import bad_policy, read_policy_bytes
+from soter.policy.sb3_zip import truth
+
+if TYPE_CHECKING:
+    from soter.policy.network import Doubles
+
+
+OWN = ("{0}_vecnormalize.pkl", "{0}_vec_normalize.pkl", "{0}/vecnormalize.pkl")
+"""Names of the file with the statistics of one policy, `{0}.zip`; the last is RL Zoo's."""
+OF_FOLDER = ("vecnormalize.pkl", "vec_normalize.pkl")
+CHECKPOINT = re.compile(r"(.+)_(\d+_steps)")
+"""What `CheckpointCallback` calls a policy; its statistics are `NAME_vecnormalize_N_steps.pkl`."""
+
+
+def statistics_beside(path: Path) -> Path | None:
+    """The statistics that lie beside a policy; SoterError X014 where two may be meant."""
+    names = [name.format(path.stem) for name in OWN]
+    if saved := CHECKPOINT.fullmatch(path.stem):
+        names.append(f"{saved[1]}_vecnormalize_{saved[2]}.pkl")
+    for group in (names, OF_FOLDER):
+        files = [at for name in group if (at := path.parent / name).is_file()]
+        if len(files) > 1:
+            why = f"`{files[0].name}` and `{files[1].name}` lie beside it"
+            raise bad_policy(path, why, *_ways(path, files[0]))
+        if files:
+            return files[0]
+    return None
+
+
+def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
+    """Help lines: how to name the statistics that are meant."""
+    named = statistics.name if statistics.parent == path.parent else statistics
+    return (
+        f'name them: "sb3:{path.name}:{named}", or `--statistics` of `soter policy`',
+        f'or say that there are none: "sb3:{path.name}:{NO_STATISTICS}"',
+    )
+
+
+def with_statistics(policy: Policy, named: Path | None) -> Policy:
+    """The policy with its statistics in front of it, or with what is assumed without them.
+
+    SoterError X003, X014.
+    """
+    path = Path(policy.path)
+    facts = dict(policy.facts)
+    if named is not None and named.name == NO_STATISTICS:
+        facts["normalised"] = "not, as was said"
+        return replace(policy, facts=facts)
+    found = None if named is not None else statistics_beside(path)
+    statistics = named or found
+    if statistics is None:
+        assumed = "observations are not normalised: no file of a VecNormalize is named or beside it"
+        return replace(policy, assumed=(*policy.assumed, assumed))
+    try:
+        made = _with_statistics_layer(policy, statistics, facts)
+    except (PickleError, RecursionError) as error:
+        raise bad_policy(statistics, str(error)) from error
+    if found is None:
+        return made
+    assumed = f"observations are normalised by `{found.relative_to(path.parent)}`, found beside it"
+    return replace(made, assumed=(*made.assumed, assumed), beside=found)
+
+
+def _with_statistics_layer(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
+    """The policy with a layer of its statistics in front."""
+    state = _state(statistics)
+    if not truth(statistics, state, "norm_obs"):
+        facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
+        return replace(policy, facts=facts)
+    layer = _statistics(statistics, state, policy.keys)
+    size, inputs = layer.mean.size, policy.network.inputs
+    facts["normalised"] = f"by `{statistics.name}`, clipped to {layer.limit.min():g}"
+    if size == inputs:
+        layers = (layer, *policy.network.layers)
+        return replace(policy, network=replace(policy.network, layers=layers), facts=facts)
+    if size and inputs % size == 0 and not policy.keys:
+        facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
+        return replace(policy, facts=facts, per_frame=layer)
+    why = f"it is of {numbers_text(size)}, the policy takes {inputs}"
+    raise bad_policy(statistics, why, *_ways(Path(policy.path), statistics)[1:])
+
+
+def _state(path: Path) -> dict[str, Any]:
+    """What a VecNormalize keeps."""
+    made = read_pickle(read_policy_bytes(path))
+    known = isinstance(made, Made) and made.name.partition(".")[0] == "stable_baselines3"
+    state = made.state if known and made.name.endswith(".VecNormalize") else None
+    if not isinstance(state, dict):
+        raise bad_policy(path, "it is no VecNormalize that `env.save` wrote")
+    return state
+
+
+def _statistics(
+    path: Path, state: dict[str, Any], keys: tuple[tuple[str, int], ...]
+) -> Standardised:
+    """The layer that does what it does to observations, by name in the order of the policy."""
+    epsilon, limit = state.get("epsilon"), state.get("clip_obs")
+    if not (isinstance(epsilon, (int, float)) and isinstance(limit, (int, float)) and limit > 0):
+        raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
+    of = state.get("obs_rms")
+    by_name = {"": of} if isinstance(of, Made) else of
+    if not isinstance(by_name, dict) or (isinstance(of, Made) and keys):
+        raise bad_policy(path, "it has no mean and variance of what the policy observes")
+    counts = dict(keys) if keys else {"": -1}
+    if unknown := sorted(set(by_name) - set(counts)):
+        raise bad_policy(path, f"it is of `{unknown[0][:40]}`, which the policy does not observe")
+    blocks = [
+        _block(path, by_name.get(key), count, epsilon, limit) for key, count in counts.items()
+    ]
+    return Standardised(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
+
+
+def _block(
+    path: Path, moments: object, count: int, epsilon: float, limit: float
+) -> tuple[Doubles, Doubles, Doubles]:
+    """Mean, deviation and limit, (n,) each, of one observation; without moments it stays as is."""
+    if moments is None:
+        return np.zeros(count), np.ones(count), np.full(count, np.inf)
+    if not isinstance(moments, Made) or not isinstance(moments.state, dict):
+        raise bad_policy(path, "its statistics have no mean and variance")
+    mean, variance = (read_array(moments.state.get(k)) for k in ("mean", "var"))
+    if mean.shape != variance.shape or {mean.dtype, variance.dtype} != {np.dtype(np.float64)}:
+        raise bad_policy(path, "its mean and variance are no lists of float64 of one length")
+    if count not in (-1, mean.size):
+        raise bad_policy(path, f"it is of {numbers_text(mean.size)}, the policy takes {count}")
+    mean, shifted = mean.reshape(-1), variance.reshape(-1) + epsilon
+    if not (np.isfinite(mean).all() and np.isfinite(shifted).all() and (shifted > 0.0).all()):
+        raise bad_policy(path, "its mean and variance are not finite, or a variance is negative")
+    return mean, np.sqrt(shifted), np.full(mean.size, float(limit))

@@ -1,0 +1,93 @@
+"""Opens a file that Stable-Baselines3 saved, part by part.
+
+Purpose: parts of a zip as bytes within bounds, settings as plain values; nothing is unpickled.
+Non-goals: tensors, spaces and statistics (`sb3_tensors.py`, `sb3_spaces.py`, `sb3_statistics.py`);
+what the parts mean together (`sb3_file.py`).
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import io
+import json
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+from soter.policy.pickle_data import read_pickle
+from soter.policy.policy_errors import FILE_MAX, bad_policy
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+PART_MAX, PARTS_MAX = 64 * 2**20, 10_000
+"""Bytes of one part of the file, unpacked, and how many parts, at most."""
+EXPORT = "export it as ONNX: `soter explain X014` has the lines"
+
+
+def open_zip(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
+    """The parts of a zip; X014 in the words of `otherwise` where Python reads none."""
+    if data.count(b"PK\1\2") > PARTS_MAX:
+        raise bad_policy(path, f"it has more than {PARTS_MAX:,} parts")
+    try:
+        parts = zipfile.ZipFile(io.BytesIO(data))
+    except Exception as error:
+        raise bad_policy(path, otherwise) from error
+    if sum(info.file_size for info in parts.infolist()) > FILE_MAX:
+        raise bad_policy(path, f"unpacked it is larger than {FILE_MAX >> 20} MiB")
+    return parts
+
+
+def part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
+    """A part, unpacked; X014 where it is missing, damaged or larger than is read."""
+    try:
+        with parts.open(name) as stream:
+            data = stream.read(PART_MAX + 1)
+    except KeyError:
+        raise bad_policy(path, f"it has no part `{name}`: it is none of `model.save`") from None
+    except Exception as error:
+        raise bad_policy(path, f"its part `{name}` is damaged: {error}") from error
+    if len(data) > PART_MAX:
+        raise bad_policy(path, f"its part `{name}` is larger than {PART_MAX >> 20} MiB")
+    return data
+
+
+def settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
+    """The settings of the policy, from its JSON, by name; X014 where there is none."""
+    try:
+        data = json.loads(part(path, parts, "data"))
+    except (ValueError, RecursionError) as error:
+        raise bad_policy(path, f"its part `data` is no JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise bad_policy(path, "its part `data` is no JSON object")
+    return data
+
+
+def version(parts: zipfile.ZipFile) -> str:
+    """The version of the library that saved it."""
+    try:
+        with parts.open("_stable_baselines3_version") as stream:
+            text = stream.read(20).decode("ascii", "replace").strip()
+    except Exception:  # noqa: BLE001 - it is missing or damaged, and only shown
+        return "of an unknown version"
+    return text if text.replace(".", "").isalnum() else "of an unknown version"
+
+
+def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it holds
+    """A value of `data`, from JSON or from its pickle; SoterError X014, PickleError."""
+    if not isinstance(value, dict) or ":serialized:" not in value:
+        return value
+    try:
+        return read_pickle(base64.b64decode(str(value[":serialized:"]), validate=True))
+    except binascii.Error as error:
+        raise bad_policy(path, f"a value of its part `data` is no base64: {error}") from error
+
+
+def truth(path: Path, data: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
+    """A setting that is True or False; X014 of anything else, which Python may take as either."""
+    value = data.get(name, default)
+    if not isinstance(value, bool):
+        raise bad_policy(path, f"its `{name}` is neither True nor False", EXPORT)
+    return value
