@@ -2,6 +2,9 @@
 
 `soter.load("drone.soter")` gives a `Program`; what it can do stands in `api/`. Nothing
 is imported before it is used: `import soter` costs next to nothing.
+
+`addons.py` is the table of add-ons, and imports one when somebody uses it; `version.py` has the
+version; `__main__.py` is the command line, as `python -m soter`.
 """
 
 from __future__ import annotations

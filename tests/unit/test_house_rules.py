@@ -46,7 +46,7 @@ SEVERAL_SUBJECTS = {
     "addons.py": 1,
     "api": 14,
     "campaign": 6,
-    "certificate": 24,
+    "certificate": 23,
     "cli": 13,
     "codegen": 11,
     "core": 7,
@@ -122,6 +122,17 @@ def test_folders_that_the_docstring_of_a_package_names_are_there() -> None:
             at = path.parent.relative_to(soter).as_posix()
             wrong += [f"{at}: no {n}/" for n in _missing_folders(told, path.parent, soter)]
     assert wrong == []
+
+
+def test_every_file_is_named_in_the_docstring_of_its_folder() -> None:
+    """It says there, in reading order, what each file is for."""
+    unnamed = [
+        path.relative_to(ROOT / "src" / "soter").as_posix()
+        for path in SOURCES
+        if path.name != "__init__.py"
+        and f"`{path.name}`" not in (ast.get_docstring(tree_of(path.parent / "__init__.py")) or "")
+    ]
+    assert unnamed == []
 
 
 def test_files_that_docstrings_and_pages_name_are_there() -> None:

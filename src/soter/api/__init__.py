@@ -15,7 +15,8 @@ Non-goals: printing, exit codes (`cli/`). In reading order:
 - `comparing.py` says what a change of a program leaves standing.
 - `advising.py` says how far from a fence a decision module takes over.
 - `measuring.py` measures times of steps, or counts instructions on an emulated board.
-- `monitoring.py` judges runs and logs; `campaigning.py` runs campaigns.
+- `monitoring.py` judges runs and logs; `identifying.py` fits parameters to logs;
+  `campaigning.py` runs campaigns.
 - `assurance/` makes safety cases, and checks their evidence.
 """
 

@@ -1,4 +1,7 @@
-"""The independent checker of certificates; imports `language/` and below, nothing of `verify/`.
+"""The independent checker of certificates; it imports nothing that proves or compiles.
+
+It stands on the front end (`language/`, `diagnostics/`). `report/` words its texts, and reads logs
+of flights; `workers/` ends processes, and lets Ctrl-C reach z3. The prover uses these rooms, too.
 
 In reading order:
 - `folder.py` reads the folder, and the program in it; `rechecker.py` asks claim by claim.

@@ -19,4 +19,5 @@ Figure, returns the mode. In reading order:
 - `storage_plan.py` makes the plan for that: which large temporaries share a place, or point to one.
 - `c_types.py` makes structs and checks of types, `c_names.py` chooses names.
 - `c_tree.py` has the nodes of the tree of C; `c_printer.py` prints them as text.
+- `conditions.py` finds the conditions of that C, and what its runs show of them.
 """

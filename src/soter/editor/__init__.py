@@ -1,1 +1,10 @@
-"""The language server: shows in an editor what Soter knows of a program."""
+"""The language server: shows in an editor what Soter knows of a program.
+
+In reading order:
+- `server.py` receives documents, `documents.py` checks them and publishes what was found.
+- `requests.py` answers each request, or passes it to one of the files below.
+- `name_resolution.py` asks the checker what each name means; `name_definitions.py` is the index
+  that holds the answers.
+- `completion.py` offers words, `hover.py` describes a name, `symbols.py` lists and renames.
+- `protocol_conversions.py` turns places and diagnostics into those of the protocol (LSP).
+"""

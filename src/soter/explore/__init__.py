@@ -1,9 +1,15 @@
 """Systematic testing: every execution of a test, its verdict, and traces that can be replayed.
 
-A configuration is a state and the schedule: time, releases made by each actor, deadlines. `model/`
-generates, from the plan of its actors, how one is packed into few bits and which of them each actor
-reads and writes; `engine/` searches (C in `engine/c/`, a file for each strategy); `trace.py` is
-what a search finds, as data and files; `replay.py` runs it again in the interpreter, before
-`judge.py`; `vacuous_tests.py` says whether a test can fail at all. `search_options.py` is the table
-of strategies.
+In reading order:
+- `command.py` takes a test from its flat system to its result; `search_options.py` has the options
+  and the table of strategies.
+- `model/` generates, from the plan of the actors of a system, how a configuration is packed into
+  few bits and which of them each actor reads and writes; `engine/` searches.
+- `trace.py` is what a search finds, as data and files; `replay.py` runs it again in the
+  interpreter, before `judge.py`; `trace_view.py` puts it into words, `trace_page.py` on a page.
+- `results.py` has the verdicts; `assumptions.py` says what they take for granted.
+- `vacuous_tests.py` says whether a test can fail at all, `constant_truth.py` whether a condition
+  can have both truth values.
+
+A configuration is a state and the schedule: time, releases made by each actor, deadlines.
 """

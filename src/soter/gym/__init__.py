@@ -5,6 +5,16 @@ between an agent and its environment; `ProtectedVector` and `make_vec` step thou
 program in one call, `make_sb3_vec` for Stable-Baselines3; `conformance` compares an environment
 with the plant of a proof (docs/gym.md).
 Non-goals: learning; anything that Gymnasium has already. Needs the extra `learn`.
+
+In reading order:
+- `outside_roles.py` finds the module, plant and topics that an environment is about.
+- `compiled_system.py` compiles the system once for all environments; a `Session` of `session.py`
+  steps that C, and stops where agent or plant has to answer.
+- `array_mapping.py` turns arrays of Gymnasium into values of the program, and back.
+- `guard.py` carries actions and observations between agent, module and environment.
+- `protected.py` has the environments that agents step, `vector.py` those of thousands of worlds.
+- `off_model.py` finds steps that the plant of the proof cannot explain, and warns;
+  `plant_conformance.py` measures an environment by that.
 """
 
 from __future__ import annotations

@@ -1,5 +1,11 @@
 """Judges whether what a robot did is what its proof assumes (`model_membership.py`).
 
+For the model monitor `linear_model.py` has the plants of a proof as matrices;
+`emitted_monitors.py` writes the monitor as a node that checks in flight; `identification.py` fits
+parameters until it explains recorded episodes.
+
 For logs of other systems `log_survey.py` says what one holds, `typed_samples.py` reads by a
-mapping, `log_replay.py` runs decision modules on it, and `log_judgement.py` has the results.
+mapping, `derived_signals.py` adds slopes, `decidable_modules.py` says which modules a log decides,
+`log_replay.py` runs their decision modules on it, `predicate_margins.py` tells how far they were
+from changing, and `log_judgement.py` has the results.
 """

@@ -7,6 +7,8 @@
 Purpose: Python on the other side of the channels of target `posix` (docs/remote.md). Values are
 judged here to say early what is wrong; the gate judges them again and takes nobody's word for it.
 Non-goals: other machines; learning; anything that has to be on time.
+
+`robot.py` has what a policy calls; `topics.py` reads and writes the shared memory below it.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from its results. In reading order:
 - `proof_page.py` writes the proof report, and the page of `soter advise`.
 - `safety_case.py` holds a safety case as data; `safety_case_page.py` makes its page.
 - `sequence_view.py` holds a replayed trace as data and as a table, `trace_log.py` writes its log.
-- `mcap_log.py` writes a run as an MCAP log.
+- `mcap_log.py` writes a run as an MCAP log. `judged_curves.py` draws what a judgement compared.
 - Two files read, so that the format stands in one room: `mcap_reading.py` reads MCAP files, for
   logs that are read back (`simulate/`), for flights that are checked (`certificate/`), and for logs
   of other systems (`monitor/log_files/`). `bounded_unpack.py` unpacks compressed chunks for it, and

@@ -3,8 +3,9 @@
 In reading order:
 
 - `command.py` is `soter verify` without a terminal: it has the modules proved, and writes the
-  certificate. `scope.py` says what the report covers; `proof_report.py` fills the record of its
-  page; `proof_cache.py` keeps verdicts on this machine.
+  certificate. `chosen_modules.py` finds these modules, and their problems; `posed_problems.py`
+  writes each problem as a text, for `soter diff`. `scope.py` says what the report covers;
+  `proof_report.py` fills the record of its page; `proof_cache.py` keeps verdicts on this machine.
 - `problem/` reads what is to be shown, and its times, off a flat system: a `Problem`.
 - `verify_module.py` gives verdicts on one module over sets of states; its table has the method for
   each kind of problem. `proof_methods.py` writes its entry in a certificate.

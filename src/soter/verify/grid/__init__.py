@@ -1,1 +1,10 @@
-"""Sets of states on grids, computed by the C engine, and the claims proved with them."""
+"""Sets of states on grids, computed by the C engine, and the claims proved with them.
+
+- `claims.py` shows the claims about one group, and writes its sets into certificates.
+- `sets.py` computes C, K and R(H) by the engine; its head has the symbols of this folder.
+- `grid_problem.py` has the ranges and times that it starts from, `group_model.py` the group as the
+  engine sees it.
+- `estimate_sets.py` computes levels of estimates; `recovery.py` the way back to AC (P2b);
+  `resting.py` cells from which SC only comes to rest.
+- `set_figures.py` draws regions of the sets.
+"""
