@@ -6,6 +6,8 @@ In reading order:
 - `codes.py` lists the codes; `explain` finds the page of one in `pages/`.
 - `pages/` has a page for each code, for P1a to P3, and, in `pages/words/`, for some words.
 - `render.py` shows diagnostics on a terminal, as data for `--json`, and in tracebacks.
+- `fixes.py` builds a `Fix` from spans; `system_texts.py` has texts of the operating system in
+  words, and `legible_text.py` makes text harmless for a terminal.
 - `similar_names.py` finds the name that somebody probably meant ("did you mean").
 
 Two files serve commands. They stand here, below all rooms that use them:

@@ -5,6 +5,7 @@ In reading order:
 - `requests.py` answers each request, or passes it to one of the files below.
 - `name_resolution.py` asks the checker what each name means; `name_definitions.py` is the index
   that holds the answers.
-- `completion.py` offers words, `hover.py` describes a name, `symbols.py` lists and renames.
+- `language_words.py` explains the words of the language; `completion.py` offers them, `hover.py`
+  describes a name, `symbols.py` lists and renames.
 - `protocol_conversions.py` turns places and diagnostics into those of the protocol (LSP).
 """

@@ -13,8 +13,8 @@ In reading order:
 - `array_mapping.py` turns arrays of Gymnasium into values of the program, and back.
 - `guard.py` carries actions and observations between agent, module and environment.
 - `protected.py` has the environments that agents step, `vector.py` those of thousands of worlds.
-- `off_model.py` finds steps that the plant of the proof cannot explain, and warns;
-  `plant_conformance.py` measures an environment by that.
+- `plant_model.py` finds steps that the plant of the proof cannot explain; `safety_warnings.py`
+  warns of runs about which a proof says nothing; `plant_conformance.py` measures an environment.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 In reading order:
 - `bindings.py` finds what answers each extern: Python, C or a learned policy.
 - `compiler.py` finds a C compiler, and runs it within bounds.
-- `cache.py` keeps what was built by its content; `shared_library.py` compiles, keeps and loads
-  generated C, and is the one file that knows cffi.
+- `cache.py` keeps what was built by its content; `shared_library.py` compiles and
+  keeps generated C; `c_interface.py` opens it, and is the one file that knows cffi;
+  `loaded_program.py` runs it on a state.
 - `extern_memory.py` finds whether C of externs may keep state between calls.
 - `stack_bound.py` bounds the stack of a package from the compiler's figures.
 """

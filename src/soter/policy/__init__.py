@@ -8,7 +8,7 @@ In reading order:
   wrong with its file.
 - `network.py`: the layers that files are read into, and what they answer in float32.
 - `onnx_file.py` reads ONNX; `onnx_session.py` asks onnxruntime for the answer.
-- `sb3_file.py` reads a policy of Stable-Baselines3, from the tensors, spaces and statistics that
-  `sb3_parts.py` finds in pickles; `pickle_data.py` reads these.
+- `sb3_file.py` reads a policy of Stable-Baselines3: `sb3_zip.py` opens its file, `sb3_tensors.py`,
+  `sb3_spaces.py` and `sb3_statistics.py` read its parts, `pickle_data.py` pickles.
 - `soter_source.py` writes a network as Soter, with a bound of its error, `c_source.py` as C.
 """

@@ -2,5 +2,5 @@
 
 `child_process.py` asks a child process within a limited time, and ends what it leaves behind;
 `exchange.py` is the byte layout of what a worker in a real-time run is asked and answers;
-`solvers.py` lets Ctrl-C interrupt z3.
+`interruptible_solver.py` lets Ctrl-C interrupt z3.
 """

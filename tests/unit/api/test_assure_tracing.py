@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given
@@ -14,9 +15,10 @@ from hypothesis import strategies as st
 from soter.api import load
 from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
 from soter.api.assurance.evidence import OTHER_REPORT
-from soter.api.assurance.hazard_traceability import Tracing
-from soter.api.assurance.safety_case import compiled_as_proved
+from soter.api.assurance.hazard_traceability import Tracing, _owner_gaps
+from soter.api.assurance.safety_case import _add_context, compiled_as_proved
 from soter.certificate.folder import Certificate
+from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.safety_case import CaseNode, SafetyCase
 from soter.report.safety_case_page import body
@@ -402,3 +404,35 @@ system Plant { t: Tank; module Guard; until 1s; }
     assert trace.ran[-1].endswith("computes its predicates: what goal G6 tries is not counted")
     stale = next(x for x in trace.conditions if x.condition == "stale")
     assert stale.not_covered == "never true"
+
+
+# ---------------------------------------------------------------- lists that somebody else wrote
+
+
+def case_of(stated: list[tuple[str, str]]) -> list[Any]:
+    module = RecheckedModule("M", {})
+    module.assumptions = [RecheckAssumption("error x 0.02", "errors stay within: x within 0.02")]
+    report = Report(modules=[module], stated=[RecheckAssumption(*s) for s in stated])
+    nodes: list[Any] = []
+    case: Any = SimpleNamespace(add=lambda node, **_: nodes.append(node))
+    _add_context(case, None, [module], [], report)  # type: ignore[arg-type]
+    return nodes
+
+
+ROW: Any = SimpleNamespace(
+    id="error x 0.01", owner="Ann", validation="bench", evidence="b.csv", span=None
+)
+
+
+@pytest.mark.parametrize("stated", [[], [("error x 0.01", "errors stay within: x within 0.01")]])
+def test_an_owner_of_a_number_that_no_program_has_is_refused(stated: list[tuple[str, str]]) -> None:
+    """The evidence is about 0.01, the program assumes 0.02: D021, whatever the manifest says."""
+    with pytest.raises(SoterError):
+        list(_owner_gaps(case_of(stated), [ROW]))
+
+
+def test_a_stated_text_has_no_key_of_a_derived_one() -> None:
+    nodes = case_of([("error x 0.02", "errors of x do not matter")])
+    assert [n.text for n in nodes if n.key == "error x 0.02"] == [
+        "errors stay within: x within 0.02"
+    ]

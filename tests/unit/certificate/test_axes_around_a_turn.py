@@ -150,6 +150,22 @@ def test_what_is_no_full_turn_is_refused(
         read_turning(facts, names)
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("safe ", "shield 4; safe "),
+        ("levels 2;", "levels 2; enters abs(pose.x) < 0.5;"),
+    ],
+)
+def test_an_axis_wraps_around_beside_nothing_that_counts_turns_elsewhere(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    read_turning(facts_of(tmp_path, MOVES.text(32)), ["b.h"])
+    facts = facts_of(tmp_path, MOVES.text(32).replace(old, new))
+    with pytest.raises(RejectedError, match="where that is not settled"):
+        read_turning(facts, ["b.h"])
+
+
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A heading that is kept across the seam, and its certificate; not to be changed."""

@@ -248,6 +248,18 @@ def test_a_wrong_manifest_is_rejected(changed: Change, name: str) -> None:
     assert reason_of(changed(TRAPS[name]))
 
 
+def test_a_module_without_sets_is_not_rechecked(changed: Change) -> None:
+    """Though what is claimed of it is no matter of sets."""
+
+    def change(manifest: dict[str, Any]) -> None:
+        entry_of(manifest)["claims"] = dict.fromkeys(("P1a", "P1b"), "proved")
+        entry_of(manifest)["cases"][0]["groups"] = []
+
+    report = recheck(changed(change))
+    assert report.verdict == "not re-checked"
+    assert "no sets were found: P2a, P3 and the start were not proved" in report.reason
+
+
 @pytest.mark.parametrize(
     ("what", "edges"),
     [
@@ -285,6 +297,16 @@ def test_a_program_that_reads_outside_its_folder_is_rejected(copied: Path) -> No
 
 
 # ---------------------------------------------------------------- inclusions
+
+
+def test_a_state_from_which_ac_may_leave_k_within_h_is_none_of_r(
+    tmp_path: Path, sealed: Sealed
+) -> None:
+    wrong = sealed.copy()
+    wrong.tables["R"] = wrong.tables["K"] > 0
+    assert not (wrong.tables["R"] <= sealed.tables["R"]).all()
+    wrong.write(tmp_path)
+    assert reason_of(tmp_path).startswith("some command leads out of K within H from")
 
 
 @pytest.mark.random

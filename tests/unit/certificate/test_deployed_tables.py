@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from bench.recheck.models import Cart
+from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from soter.api import recheck
@@ -178,6 +179,25 @@ def test_a_larger_set_with_a_table_that_fits_is_rejected(
     reason = resealed(copied_proof, lambda _: None)
     assert "S_" in reason
     assert "that of S" not in reason
+
+
+def test_a_shield_permits_only_commands_that_keep_the_state_in_k(tmp_path: Path) -> None:
+    """Where two quarters of the commands are permitted, one is as well, and three are not."""
+    text = PROGRAMS["computed"].replace("  verify {", "  shield 4;\n  verify {")
+    (tmp_path / "small.soter").write_text(text)
+    folder = tmp_path / "cert"
+    soter.load(tmp_path / "small.soter").verify(cert=folder, refute=False)
+    assert recheck(folder).accepted
+    path = folder / entry_of(folder)["tables"][0]["commands"]
+    greatest = bytearray(path.read_bytes())
+    at = greatest.index(bytes([2, 2, 0, 0]))
+    for quarters, accepted in ((1, True), (3, False)):
+        greatest[at] = quarters
+        path.write_bytes(greatest)
+        small_proofs.reseal(folder, json.loads((folder / "manifest.json").read_text()))
+        report = recheck(folder)
+        assert report.accepted is accepted, report.reason
+    assert "u in [-1, 0.5], which the shield permits, may lead out of K from" in report.reason
 
 
 TRAPS: dict[str, Callable[[dict[str, Any]], None]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from soter.certificate.rechecker import recheck
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
 from soter.certificate.terms.linear_enclosures import exact
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -234,6 +236,20 @@ def test_a_fault_for_some_locals_is_a_fault(
         return
     assert (over(0.1, 0.1, 0.01) is None) == (near is None)
     assert (over(0.1, 0.9, 0.01) is None) == (far is None)
+
+
+@all_rows(
+    ("of", "refused"),
+    [("bool", False), ("int in [0, 3]", False), ("int", True), ("float", True), ("Motion", True)],
+)
+def test_a_local_is_one_of_so_many_values(tmp_path: Path, of: str, refused: bool) -> None:
+    """Of a float an entry may say a range; this one says none."""
+    (tmp_path / "cart.soter").write_text(Cart().text().replace(LAW, f"var own: {of};\n  {LAW}"))
+    facts = small_proofs.facts_of(tmp_path / "cart.soter", "Track", "SafeCart")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
+    why = "a local that is no truth, enumeration or bounded int"
+    with pytest.raises(NotRecheckedError, match=why) if refused else nullcontext():
+        model.commands(*model.new_terms())
 
 
 def test_a_long_range_is_an_input(tmp_path: Path) -> None:

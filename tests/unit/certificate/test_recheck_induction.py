@@ -415,6 +415,7 @@ def test_a_program_that_is_not_for_an_induction_is_refused(
         ("k: int = 1", "k = 7 / k;", "a division by what is not known"),
         ("f: float = 1.0", "f = f / 2.0;", "a division of floats"),
         ("f: float = 1.0", "let k = int(f);", "`int` outside of a function"),
+        ("k: int", "plan = fair choose { candidate, Plan.Hover };", "a fair choice"),
         ("k: int", "k = k + 1; let ks: int[<=3] = [k];", "a list or a large array"),
     ],
 )

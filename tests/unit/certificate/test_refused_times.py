@@ -127,6 +127,43 @@ def test_an_ac_under_a_shield_steps_with_a_plant_that_moves_in_steps(
         assert command_cells(facts) == 4
 
 
+BESIDE_X = (
+    ("topic u:", "topic y: float in [-1.0, 1.0] max_age 20ms;\ntopic u:"),
+    ("  drives x = p;", "  drives x = p;\n  drives y = clamp(p, -1.0, 1.0);"),
+)
+SC_READS = (
+    ("node Slow period 50ms {\n  subscribes x;", "node Slow period 50ms {\n  subscribes x, y;"),
+    ("clamp(-GAIN * x", "clamp(-GAIN * x - y"),
+)
+
+
+@all_rows(("more", "refused"), [((), False), (SC_READS, True)])
+def test_an_sc_under_a_shield_reads_what_its_dm_reads(
+    tmp_path: Path, more: Pairs, refused: bool
+) -> None:
+    """Of what SC alone reads no verdict says that it is young."""
+    facts = facts_of(tmp_path, PROGRAMS["written"], *BESIDE["a shield"], *BESIDE_X, *more)
+    with pytest.raises(NotRecheckedError, match="DM does not") if refused else nullcontext():
+        assert command_cells(facts) == 4
+
+
+LAMP = (
+    ("topic u:", "topic lamp: float in [0.0, 1.0];\ntopic u:"),
+    ("publishes u;", "publishes u, lamp;"),
+    ("step { publish u", "step { publish lamp = 1.0; publish u"),
+)
+FELT = (("reads u;", "reads u, lamp;"), ("der p = u + w", "der p = u * lamp + w"))
+FLOWN = (*FELT, ("reads force;", "reads force, lamp;"), ("der q = force", "der q = force * lamp"))
+
+
+@all_rows(("name", "felt"), [("written", FELT), ("flying", FLOWN)])
+def test_each_output_is_felt_by_a_plant(tmp_path: Path, name: str, felt: Pairs) -> None:
+    """Of what nobody feels it is not known when it acts."""
+    facts_of(tmp_path, PROGRAMS[name], *LAMP, *felt)
+    with pytest.raises(NotRecheckedError, match="feels `lamp`"):
+        facts_of(tmp_path, PROGRAMS[name], *LAMP)
+
+
 # ---------------------------------------------------------------- maps
 
 BEHIND = """plant World period 50ms {
@@ -306,6 +343,25 @@ def test_what_is_published_at_once_is_default_at_once(tmp_path: Path, pairs: Pai
     facts = facts_of(tmp_path, SEEN, *pairs)
     assert facts.setting.first_available(0, facts.setting.by_sc) > facts.setting.sc.phase
     check_start_answers(facts)
+
+
+BOTH = (("ASSERT", "let both = pos + vel;"),)
+NO_SET = (("topic pos: float in [-9.0, 9.0] = 0.0", "topic pos: float"),)
+
+
+@all_rows(
+    ("pairs", "why"),
+    [
+        (NO_SET, "of `pos` what was published before all that it reads shows a state, and it has"),
+        ((("step { let", "var n: int in [0, 1]; step { let"),), "an SC with locals"),
+    ],
+)
+def test_a_step_before_there_are_states_is_shown_for_all_that_it_may_read_and_keep(
+    tmp_path: Path, pairs: Pairs, why: str
+) -> None:
+    check_start_answers(facts_of(tmp_path, SEEN, *BOTH))
+    with pytest.raises(NotRecheckedError, match=why):
+        check_start_answers(facts_of(tmp_path, SEEN, *BOTH, *pairs))
 
 
 # ---------------------------------------------------------------- commands through other modules

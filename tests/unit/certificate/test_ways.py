@@ -139,3 +139,35 @@ def test_a_node_that_leads_nowhere_changes_no_time(tmp_path: Path, subscribed: s
 def test_a_node_with_a_queue_is_not_followed(tmp_path: Path, subscribed: str) -> None:
     with pytest.raises(NotRecheckedError, match="reads a queue of"):
         beside(tmp_path, subscribed)
+
+
+TWO = """soter 1;
+topic x: float max_age 30ms;
+topic y: float max_age 30ms;
+topic u: float in [-1.0, 1.0] = 0.0;
+plant A period 10ms { reads u; drives x = q; state q: float; der q = u; }
+plant B period 10ms { reads u; drives y = q; state q: float; der q = -u; }
+node Fast period 50ms { subscribes x; publishes u; step { publish u = 1.0; } }
+node Slow period 50ms {
+  subscribes x, y; publishes u; step { publish u = clamp(-x - y, -1.0, 1.0); }
+}
+rta M {
+  ac Fast; sc Slow; period 50ms;
+  safe abs(x) < 3.0; ttf abs(x) > 2.0; safer abs(x) < 1.0;
+  verify {
+    abstracts d by m: A = { q: d.truth.q };
+    abstracts e by n: B = { q: e.truth.q };
+    grid x in [-3.0, 3.0] / 60; grid y in [-3.0, 3.0] / 60;
+  }
+}
+system S { d: A; e: B; module M; }
+"""
+
+
+def test_a_topic_shows_the_plant_whose_abstraction_drives_it(tmp_path: Path) -> None:
+    path = tmp_path / "two.soter"
+    path.write_text(TWO)
+    small_proofs.facts_of(path, "S", "M")
+    path.write_text(TWO.replace("d: A; e: B;", "d: B; e: A;"))
+    with pytest.raises(DiffersError, match="`x` is said to show `d`, which is not behind it"):
+        small_proofs.facts_of(path, "S", "M")

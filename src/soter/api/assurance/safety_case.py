@@ -30,7 +30,7 @@ from soter.api.assurance.certificate_check import (
 )
 from soter.api.assurance.condition_tracing import trace_conditions
 from soter.api.assurance.evidence import Evidence
-from soter.api.assurance.hazard_traceability import Tracing
+from soter.api.assurance.hazard_traceability import NUMBER, Tracing
 from soter.api.assurance.predicate_inlining import expanded
 from soter.api.exploring import chosen
 from soter.api.rechecking import require_flint
@@ -195,9 +195,16 @@ def _add_context(
     rest: Sequence[RecheckAssumption],
     report: Report,
 ) -> None:
-    """Adds what the proof and its re-check assume, what is vacuous, and the `rest` not covered."""
+    """Adds what the proof and its re-check assume, what is vacuous, and the `rest` not covered.
+
+    What the manifest alone states has no key of what is derived: owners stand beside that.
+    """
     derived = {a.text: a.key for m in used for a in m.assumptions}
-    keys = {a.text: a.key for a in report.stated}
+    taken = {NUMBER.sub("", key) for key in derived.values()}
+    keys = {
+        a.text: f"stated {a.key}" if NUMBER.sub("", a.key) in taken else a.key
+        for a in report.stated
+    }
     for text, number in report.assumption_numbers.items():
         by = " and ".join(["verify"] * (text in keys) + ["recheck"] * (text in derived))
         if by:

@@ -80,7 +80,7 @@ def prelude(make: Operations, name: str, *operands: Value) -> Linear:
     value, u the unit roundoff. On its domain it computes y, off by `ulps` units of y and
     `absolute`, and lies in `values` (`prelude/function_error_bounds.py`). A unit of y is
     2 u |y| at most, that of the double it is rounded to 1 + u times as much, and `TINIEST`
-    where y is subnormal: off by a share of |y| and a constant. A flow has y itmake. Outside of
+    where y is subnormal: off by a share of |y| and a constant. A flow has y itself. Outside of
     the domain it is no number, which is a doubt that the result rests on; so is that `exp`
     may be infinite. A turn further an argument was rounded by `FAR_TURNS` more.
     NotRecheckedError where the bound is one that is not read here.

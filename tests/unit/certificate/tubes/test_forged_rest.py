@@ -379,6 +379,9 @@ def test_a_shield_is_in_the_certificate_where_the_program_has_one() -> None:
     assert shield == {"cells": 64, "any_command_ns": 0, "acted_ns": 40_000_000}
     with pytest.raises((RejectedError, LookupError)):
         recheck_rest(flat, given)
+    given["rest"]["shield"] = {"cells": 64}
+    with pytest.raises(RejectedError, match="how commands are judged"):
+        recheck_rest(flat, given)
     flat, given = held()
     given["rest"]["shield"] = shield
     with pytest.raises(RejectedError):

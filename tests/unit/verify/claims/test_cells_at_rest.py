@@ -23,7 +23,7 @@ from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.group_claims import RESTS as MARK
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.report import NotRecheckedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import claims
@@ -36,10 +36,12 @@ from soter.verify.problem.problem import EVERY_SOLUTION
 from unit.certificate.small_proofs import facts_of, reseal
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     import numpy.typing as npt
 
+    from soter.certificate.cell_sets import Block
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
 
@@ -155,8 +157,8 @@ def at_rest(source: str) -> Bools:
     return cells_at_rest(case, proof.engine, proof.found.allowed)
 
 
-def shown(source: str, marked: Bools, folder: Path) -> bool:
-    """Whether the re-checker shows marks, all of whose cells and those around it takes for C."""
+def unshown(source: str, marked: Bools, c: Bools, folder: Path) -> Iterator[Block]:
+    """The marked cells that the re-checker does not show; `c`: cells of C."""
     (folder / "brake.soter").write_text(source)
     facts = facts_of(folder / "brake.soter", "S", "Aeb")
     edges = tuple(
@@ -164,13 +166,17 @@ def shown(source: str, marked: Bools, folder: Path) -> bool:
     )
     group = Axes((0, 1), Grid(edges))
     model = CaseModel(facts, (), tuple(facts.axes[k] for k in (0, 1)))
+    return resting_cells_unshown(model, group, marked, Cells(group.grid, c))(group.grid.whole)
+
+
+def shown(source: str, marked: Bools, folder: Path) -> bool:
+    """Whether the re-checker shows marks, all of whose cells and those around it takes for C."""
     c = np.ones(marked.shape, dtype=np.bool_)
     c[0] = False
     try:
-        unshown = resting_cells_unshown(model, group, marked & c, Cells(group.grid, c))
+        return next(unshown(source, marked & c, c, folder), None) is None
     except NotRecheckedError:
         return False
-    return next(unshown(group.grid.whole), None) is None
 
 
 def left(gap: Any, v: Any, b: float = BRAKE - GRIP) -> Any:
@@ -215,6 +221,26 @@ def test_the_rechecker_does_not_show_honest_marks_of_a_wrong_module(
 ) -> None:
     """By a search of its own; of C it is told more than there is."""
     assert not shown(text((old, new)), honest, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        (SC, "step { publish accel = seen.v > 0.0 ? -BRAKE : -6.1; }", "answer within its sets"),
+        (STANDS, STANDS.replace("+ grip", "+ grip * sqrt(accel + 5.0)"), "not defined everywhere"),
+    ],
+)
+def test_where_sc_or_the_plant_is_not_sure_to_go_on_no_cell_rests(
+    old: str, new: str, why: str, honest: Bools, tmp_path: Path
+) -> None:
+    with pytest.raises(NotRecheckedError, match=why):
+        unshown(text((old, new)), honest, honest, tmp_path)
+
+
+def test_at_rest_are_only_cells_on_which_safe_is_certain(honest: Bools, tmp_path: Path) -> None:
+    unshown(TEXT, honest, honest, tmp_path)
+    with pytest.raises(RejectedError, match="on which `safe` is not certain"):
+        unshown(TEXT, honest, ~honest, tmp_path)
 
 
 def test_the_rechecker_sees_what_a_way_does_beside_rest(honest: Bools, tmp_path: Path) -> None:

@@ -360,6 +360,10 @@ def test_a_claim_without_sets_and_sets_without_a_claim_are_rejected(
     manifest["modules"][0]["claims"]["failsafe"] = "assumed"  # type: ignore[index]
     reseal(folder, manifest)
     assert "sets of its law" in recheck(folder).reason
+    folder, manifest = copied(proved, tmp_path / "c")
+    manifest["modules"][0]["law"][0]["parameter"] = [1]  # type: ignore[index]
+    reseal(folder, manifest)
+    assert "the cases of the law are not those of the module" in recheck(folder).reason
 
 
 def test_a_law_under_times_that_are_assumed_is_confirmed_under_them(tmp_path: Path) -> None:

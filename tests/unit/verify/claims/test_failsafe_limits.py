@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,10 +10,14 @@ import pytest
 
 import soter
 from soter.api import recheck
+from soter.certificate.extras.failsafe_law import law_problem
+from soter.certificate.reading.module_facts import DiffersError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem import extract as extracting
 from soter.verify.problem.extract import extract
 from soter.verify.scope import problem_key
+from tables import all_rows
+from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,6 +104,42 @@ def test_a_law_that_only_the_prover_would_claim_is_rejected(
     assert verdict == "proved", "the sets are there: only the argument is missing"
     assert not recheck_report.accepted
     assert why in recheck_report.reason
+
+
+STILL = MOVED.replace("vel * (1.0 + push)", "vel").replace("reads vel, push;", "reads vel;")
+OVEN = """topic heat: float in [-9.0, 9.0] max_age 20ms;
+plant Oven period 10ms { reads vel; drives heat = h; state h: float; der h = vel; }
+node Fast"""
+STOPS = "Stop period 10ms { publishes vel; step { publish vel = 0.0"
+COOLS = "Stop period 10ms { subscribes heat; publishes vel; step { publish vel = min(heat, 0.0)"
+HEATED = (("node Fast", OVEN), ("w: Wind;", "w: Wind; o: Oven;"), (STOPS, COOLS))
+MIXER = """topic wheel: float;
+node Mixer period 10ms { subscribes vel; publishes wheel; step { publish wheel = vel; } }
+node Fast"""
+MIXED = (("node Fast", MIXER), ("node Blow; module", "node Blow; node Mixer; module"))
+
+
+@all_rows(
+    ("pairs", "why"),
+    [
+        ((), ""),
+        ((*HEATED, ("/ 100;", "/ 100; grid o.h in [-9.0, 9.0] / 9;")), ""),
+        (HEATED, "not about the states of the module"),
+        (MIXED, "`Mixer` reads the module's outputs"),
+        ((*MIXED, ("subscribes vel;", "subscribes pos;"), ("wheel = vel", "wheel = pos")), ""),
+    ],
+)
+def test_a_law_is_about_the_same_states_and_acts_itself(
+    tmp_path: Path, pairs: tuple[tuple[str, str], ...], why: str
+) -> None:
+    text = STILL
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    (tmp_path / "stop.soter").write_text(text)
+    facts = small_proofs.facts_of(tmp_path / "stop.soter", "Track", "Guard")
+    with pytest.raises(DiffersError, match=why) if why else nullcontext():
+        law_problem(facts)
 
 
 def test_two_problems_with_other_laws_are_not_the_same(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,11 @@ from generators.mode_reading_modules import (
     changed,
 )
 from soter.api import load
+from soter.certificate.extras import sc_locals_and_modes
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.rechecker import recheck
+from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model import typed
 from soter.language.model.tree_walk import rewritten
@@ -31,6 +36,8 @@ from soter.language.model.types import MODE
 from soter.verify.problem import verification_system
 from soter.verify.problem.problem import texts
 from soter.verify.scope import rows_of
+from tables import all_rows
+from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -305,6 +312,32 @@ def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
     checked = rechecked(tmp_path)
     assert not checked.accepted
     assert checked.reason
+
+
+@all_rows(
+    ("change", "most", "why"),
+    [
+        (SLOWER, 1, ""),
+        (SLOWER, 0, "SC looks at the modes of more than 0 modules"),
+        (OR, 0, ""),
+        (("safe abs(x) <", "safe mode(KeepY) == Mode.SC || abs(x) <"), 1, "another predicate"),
+    ],
+)
+def test_a_mode_is_read_in_few_places_and_of_few_modules(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    change: tuple[str, str],
+    most: int,
+    why: str,
+) -> None:
+    """Who is in which mode may change at any time: `safe` would, too."""
+    monkeypatch.setattr(sc_locals_and_modes, "MODES_MAX", most)
+    (tmp_path / "two.soter").write_text(changed(GRID, change))
+    facts = small_proofs.facts_of(tmp_path / "two.soter", "S", "KeepX")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(len(facts.states))))
+    with pytest.raises(NotRecheckedError, match=why) if why else nullcontext():
+        check_supported(facts)
+        model.commands(*model.new_terms())
 
 
 @pytest.mark.long

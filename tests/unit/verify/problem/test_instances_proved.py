@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import soter
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
+from soter.certificate.report import NotRecheckedError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.extract import extract
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,6 +110,21 @@ def test_a_module_is_proved_with_its_own_parameters_and_the_topics_around_it(
     assert bounds["accel"].high == 3.0
     told = recheck(tmp_path / "cert")
     assert told.accepted, told
+
+
+WIRED = """topic seen: Motion{values} max_age 20ms;
+system Robot {{ c: Cart; module SafeCart; }}
+system Track default {{ r: Robot {{ motion = seen }}; }}
+"""
+
+
+@all_rows(("values", "refused"), [("", False), (" in { x in [-9.0, 9.0] }", True)])
+def test_a_module_is_rechecked_among_topics_like_those_that_fly(values: str, refused: bool) -> None:
+    """What a plant publishes outside of a set stops it, and the proof would not know."""
+    checked = check_file("t.soter", ABSTRACT + WIRED.format(values=values))
+    flat = system_of(checked, "Track", {}, exact=False)
+    with pytest.raises(NotRecheckedError, match="has another set") if refused else nullcontext():
+        read_facts(flat, "r.SafeCart")
 
 
 @pytest.mark.parametrize(

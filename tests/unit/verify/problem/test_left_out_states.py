@@ -6,11 +6,12 @@ The oracle is the graph of who reads whom that the drawn programs are made from.
 from __future__ import annotations
 
 import random
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.extras.left_out_states import leave_out, refuse_read
+from soter.certificate.extras.left_out_states import leave_out, refuse_read, require_unread_states
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
@@ -177,7 +178,7 @@ class Drawn:
 
 
 @all_rows("seed", range(20))
-def test_of_drawn_states_prover_and_rechecker_leave_out_what_nothing_reads(
+def test_of_drawn_states_prover_and_rechecker_leave_out_what_require_unread_states(
     tmp_path: Path, seed: int
 ) -> None:
     drawn = Drawn(seed)
@@ -234,6 +235,39 @@ def test_the_rechecker_refuses_what_leaves_out_more(
 
     with pytest.raises(RejectedError, match=why):
         looked_at()
+
+
+OPEN = ("grid pose.y in", "grid pose.x in [-1.0, 1.0] / 4 open, pose.y in")
+STEPS = tuple(
+    (f"der {s} = {rate}", f"next {s} = {s} + 0.02 * ({rate})")
+    for s, rate in (("x", "15.0 * cos(h)"), ("y", "15.0 * sin(h)"), ("h", "turn + bend"))
+)
+MAP = (*STEPS, ("Car period 10ms", "Car period 20ms"), ("max_age 40ms", "max_age 10ms"))
+
+
+@all_rows(
+    ("pairs", "groups", "why"),
+    [
+        ((), 1, ""),
+        ((), 2, "beside other groups"),
+        ((("levels 2;", "levels 2; enters pose.y < 0.5;"),), 1, "of a map, or of `enters`"),
+        (MAP, 1, "of a map, or of `enters`"),
+        ((("pose.y - 3.0", "pose.y + 0.001 * pose.x - 3.0"),), 1, "`c.x`.* is read by SC"),
+        ((("turn + bend;", "turn + bend + 0.001 * x;"),), 1, "`c.x`.* is read by SC"),
+    ],
+)
+def test_the_rechecker_follows_no_state_beyond_the_ends_of_an_axis_that_something_asks_for(
+    tmp_path: Path, pairs: tuple[tuple[str, str], ...], groups: int, why: str
+) -> None:
+    text = LANE
+    for old, new in (OPEN, *pairs):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    (tmp_path / "lane.soter").write_text(text, encoding="utf-8")
+    facts = small_proofs.facts_of(tmp_path / "lane.soter", "S", "SafeLane")
+    facts.extents = tuple((-1.0, 1.0) for _ in facts.states)
+    with pytest.raises(NotRecheckedError, match=why) if why else nullcontext():
+        require_unread_states(CaseModel(facts, (), facts.extents), groups)
 
 
 @pytest.mark.parametrize("rate", ["log(h - 0.5)", "tan(9.0 * h)", "sqrt(h)", "1.0 / y", "log(x)"])

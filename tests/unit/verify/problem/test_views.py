@@ -6,6 +6,7 @@ import hashlib
 import json
 import random
 import shutil
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,13 +14,16 @@ import pytest
 from generators.corridor_program import LAW, SAFE, SET, VIEWS, program
 from soter.api import load
 from soter.certificate.extras.views import module_in_view, why_views_leave_out
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
+from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.language.model import typed
 from soter.verify.problem.problem import texts
 from soter.verify.proof_report import page
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,6 +51,24 @@ def test_every_view_is_proved_and_so_is_the_module(proved: tuple[Path, VerifyRep
     for m in report.modules:  # the cell up to an open end counts as the others
         assert m.shares["gives_back"] < m.shares["lets_ac"] < m.shares["free"] < 0.9
     assert all("seen.r below 60.0" in texts(m.assumptions)[-1] for m in report.modules)
+
+
+@all_rows(
+    ("parts", "view", "why"),
+    [
+        ({}, "left", ""),
+        ({}, "middle", "module `Keep` has no view `middle`"),
+        ({}, "", "`Keep` is proved in views"),
+        ({"ttf": "", "safer": ""}, "left", "predicates that are computed, in several views"),
+    ],
+)
+def test_the_re_checker_reads_a_module_in_one_of_its_views(
+    tmp_path: Path, parts: dict[str, str], view: str, why: str
+) -> None:
+    (tmp_path / "cart.soter").write_text(program(**parts), encoding="utf-8")
+    flat = system_of(check_file(str(tmp_path / "cart.soter")), None, {}, exact=False)
+    with pytest.raises(NotRecheckedError, match=why) if why else nullcontext():
+        read_facts(flat, "Keep", view)
 
 
 def test_the_re_checker_accepts_it(proved: tuple[Path, VerifyReport]) -> None:

@@ -6,6 +6,7 @@ The prover (R033, R034) and the re-checker read them on their own; here they hav
 from __future__ import annotations
 
 import random
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from long_tests import examples, seed_of
 from soter.api import recheck
 from soter.api.check_report import timing_reports
 from soter.certificate.reading.module_facts import DiffersError
+from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
@@ -91,6 +93,17 @@ def rechecked(folder: Path, program: str) -> str:
     except DiffersError as error:
         return str(error)
     return ""
+
+
+@pytest.mark.parametrize(("period", "refused"), [("10ms", False), ("9999us", True)])
+def test_a_thread_is_gone_through_for_as_many_releases_as_is_said(
+    tmp_path: Path, period: str, refused: bool
+) -> None:
+    """With a period that fits to no other one all of them begin together every 17 minutes."""
+    odd = f"node Odd period {period} {{ publishes odd; wcet 1us; step {{ publish odd = 1.0; }} }}"
+    program = text(FITS, odd).replace("topic u:", "topic odd: float;\ntopic u:", 1)
+    with pytest.raises(NotRecheckedError, match="too many") if refused else nullcontext():
+        assert rechecked(tmp_path, program) == ""
 
 
 def test_times_that_fit_are_part_of_a_proof_and_its_certificate_is_accepted(
