@@ -375,7 +375,7 @@ def main() -> int:
     )
     parser.add_argument("--list", action="store_true", help="name the sections, run nothing")
     arguments = parser.parse_args()
-    wanted = [x.lower() for x in arguments.allow]
+    wanted = [x.lower() for x in arguments.only]
     chosen = [
         s for s in sections(small=arguments.small) if any(x in s.title.lower() for x in wanted)
     ]

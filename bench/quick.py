@@ -303,7 +303,7 @@ def main() -> int:
     given = parser.parse_args()
     rows: list[Row] = []
     for name, part in parts.items():
-        if given.allow in (None, name):
+        if given.only in (None, name):
             print(f"measuring {name} ...", file=sys.stderr, flush=True)
             rows += part()
     shown = [(r.name, f"{r.value:,.3g} {r.unit}", target_of(r), met_of(r), r.beside) for r in rows]

@@ -185,7 +185,7 @@ def main() -> int:
         return 0
     made, failed = results(), 0
     for b in BENCHMARKS:
-        if arguments.allow and arguments.allow.lower() not in b.name.lower():
+        if arguments.only and arguments.only.lower() not in b.name.lower():
             continue
         print(f"== {b.name}", flush=True)
         when, words = now(), shlex.split(b.arguments)

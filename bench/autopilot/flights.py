@@ -103,7 +103,7 @@ def main() -> None:
     options = parser.parse_args()
     program = soter.load(FILE)
     print("         flights violated farthest    up residual alarmed left   down    wall   digest")
-    for system in options.allow:
+    for system in options.only:
         flights = min(ARMS[system], options.flights or ARMS[system])
         row = fly(program, system, flights, options.until, options.workers)
         print(line(system, row), flush=True)

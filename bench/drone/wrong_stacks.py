@@ -147,7 +147,7 @@ def main() -> int:
     def meant(wrong: Wrong) -> bool:
         return (
             (arguments.kind is None or wrong.kind in arguments.kind)
-            and (arguments.allow is None or arguments.allow in wrong.name)
+            and (arguments.only is None or arguments.only in wrong.name)
             and (not arguments.quick or wrong.name in QUICK)
         )
 

@@ -167,7 +167,7 @@ def main() -> None:
     if asked.price:
         price(asked.runs or RUNS["Strolling"])
         return
-    for name in [asked.allow] if asked.allow else VEHICLES:
+    for name in [asked.only] if asked.only else VEHICLES:
         table(name, asked)
 
 

@@ -264,7 +264,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=ARMS, default=list(ARMS))
     asked = parser.parse_args()
     print(head())
-    for arm in asked.allow:
+    for arm in asked.only:
         until = ARMS[arm].until
         worlds = max(1, ARMS[arm].worlds * asked.worlds // 1000)
         flights = list(flown(arm, worlds, asked.workers))

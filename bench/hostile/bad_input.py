@@ -105,7 +105,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="bad_input_") as work:
         os.environ["SOTER_CACHE"] = str(Path(work) / "cache")
         sample = Path(work) / "sample"
-        names = given.allow.split(",") if given.allow else [*formats(), OPTIONS]
+        names = given.only.split(",") if given.only else [*formats(), OPTIONS]
         samples(sample, names)
         one = partial(trials, seed=given.seed, sample=sample, work=Path(work) / "tried")
         rows: dict[str, tuple[list[Tried], float]] = {name: ([], 0.0) for name in names}

@@ -250,9 +250,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     known = {**formats(), **{f.name: f for f in MORE}}
-    names = (
-        given.allow.split(",") if given.allow else [n for n in known if n not in ("python", "c")]
-    )
+    names = given.only.split(",") if given.only else [n for n in known if n not in ("python", "c")]
     bad_input_commands.LIMIT_S = LIMIT_S
     bad_input_commands.CALLS.update(CALLS)
     rows: dict[str, list[Judged]] = {}

@@ -253,7 +253,7 @@ def main() -> int:
     given = parser.parse_args()
     ours = 0.0
     for one in scenarios(given):
-        if given.allow not in one.name:
+        if given.only not in one.name:
             continue
         flights = min(one.flights, given.flights)
         for exact in (True, False):

@@ -352,7 +352,7 @@ def main() -> int:
 
     told = []
     for name in [*KINDS, *ONNX_KINDS]:
-        if args.allow not in name:
+        if args.only not in name:
             continue
         with contextlib.redirect_stdout(sys.stderr):
             make = write if name in KINDS else write_onnx

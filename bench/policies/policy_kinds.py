@@ -55,11 +55,11 @@ def main() -> int:
                 "--observations",
                 str(args.observations),
                 "--only",
-                args.allow,
+                args.only,
             ]
             subprocess.run([args.peer, str(script), *given], check=True)
         told = json.loads((folder / "kinds.json").read_text(encoding="utf-8"))
-        rows = [compared(folder, kind) for kind in told["kinds"] if args.allow in kind["name"]]
+        rows = [compared(folder, kind) for kind in told["kinds"] if args.only in kind["name"]]
     versions = ", ".join(f"{name} {version}" for name, version in told["versions"].items())
     print(f"{versions}; {args.observations:,} observations a kind\n")
     print(f"{'kind':38} {'largest difference':>18}  {'indices':>9}  verdict")

@@ -330,18 +330,18 @@ def main() -> int:
         sources = sorted((place / "loop").rglob("*.[ch]"))
         about = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
         kept = Pieces(given.keep, about)
-        if given.allow in (None, "misses"):
+        if given.only in (None, "misses"):
             load = (given.core, given.busy, given.early)
             fine = misses(program, place, given.minutes, load, kept) and fine
             print()
-        if given.allow in (None, "faults"):
+        if given.only in (None, "faults"):
             fine = faults(program, place, given.trials, kept) and fine
             fine = killed(program, place, given.kills, kept) and fine
             print()
-        if given.allow in (None, "leases"):
+        if given.only in (None, "leases"):
             fine = leases(place, given.deaths, kept) and fine
             print()
-        if given.allow in (None, "output"):
+        if given.only in (None, "output"):
             fine = output(program, 5, kept) and fine
     return 0 if fine else 1
 

@@ -262,7 +262,7 @@ def main() -> int:
     with ExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         print(f"{'robot':<9} {'process':<9} {'what':<18} {'when':<7} {'law after, ms':>14}  bound")
-        for name, robot in robots(place, stack, given.allow):
+        for name, robot in robots(place, stack, given.only):
             stack.callback(robot.end_all)
             robot.renew()
             for who, what, when in scenes(name):

@@ -211,7 +211,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="mutants whose file or kind contains this")
     parser.add_argument("--brute", type=int, default=BRUTE, help="transitions of the enumerator")
     arguments = parser.parse_args()
-    most, only = arguments.brute, arguments.allow
+    most, only = arguments.brute, arguments.only
     began = time.perf_counter()
     print("Mutants. steps, states, s: of `soter test` and the replay (compiled systems are kept);")
     print("check s: of the search without reduction and the enumerator")

@@ -116,7 +116,7 @@ def main(argv: list[str]) -> int:
     right = True
     print(f"{HEAD}\n|{'---|' * (HEAD.count('|') - 1)}")
     for path in programs():
-        if options.allow in path.stem:
+        if options.only in path.stem:
             began = time.process_time()
             asked = (options.runs, options.holds, options.dives)
             line, fine = row(path, *(max(1, n // FEWER.get(path.stem, 1)) for n in asked))

@@ -174,8 +174,8 @@ def main() -> int:
     parser.add_argument("--only", help="only modules with this in their name")
     parser.add_argument("--demos", action="store_true", help="run the demonstrations, too")
     arguments = parser.parse_args()
-    chosen = [w for w in WRONG if arguments.allow is None or arguments.allow in w.name]
-    arms = {} if arguments.allow else _control_arms()
+    chosen = [w for w in WRONG if arguments.only is None or arguments.only in w.name]
+    arms = {} if arguments.only else _control_arms()
     rows = []
     for wrong in chosen:
         row, printed = examine(wrong, demos=arguments.demos)

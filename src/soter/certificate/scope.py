@@ -19,7 +19,6 @@ from soter.certificate.extras import extras
 from soter.certificate.reading.module_facts import (
     Facts,
     bounded_topics,
-    driven_topics,
     number_of,
     topics_read,
 )
@@ -27,11 +26,9 @@ from soter.certificate.reading.module_times import DELAYS
 from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.front_end import system_to_prove
 from soter.language.model.assumption_words import words
 from soter.language.model.system import holder_of
-from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import FunSymbol
 from soter.language.model.types import DurationType, FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -182,9 +179,9 @@ WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 
 def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list[RecheckAssumption]:
     """Assumptions about one module; `jumps`: what was tried to confirm."""
-    links = bool(facts.symbol.verify.abstracts)
+    links, axes = facts.symbol.verify.abstracts, facts.open_ends or facts.left_out or facts.turning
     parts = (
-        _abstraction_conforms(facts) if links else (),
+        extras.views.abstraction_conforms(facts) if links else (),
         extras.handovers.jump_assumptions(facts, jumps or {}) if facts.view else (),
         _plant_behaviour(facts),
         _input_bounds(facts),
@@ -192,10 +189,8 @@ def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list
         extras.node_paths.node_assumptions(facts.ways) if facts.ways.notes else (),
         _timing_assumptions(facts),
         _machine_assumptions(facts),
-        _judged_as_driven(facts) if links else (),
-        _open_ends(facts),
-        _left_out_states(facts),
-        _turning_axes(facts),
+        extras.views.judged_as_driven(facts) if links else (),
+        extras.left_out_states.axis_assumptions(facts) if axes else (),
         identified_numbers(facts),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
@@ -230,43 +225,6 @@ def _plant_behaviour(facts: Facts) -> Said:
         yield "scheme", words("every solution" if facts.at_rest else "scheme")
     for p in facts.parameters:
         yield f"changes {p.name}", words("changes", p.name)
-
-
-def _abstraction_conforms(facts: Facts) -> Said:
-    """The assumptions that the vehicle behaves like the plants that abstract it."""
-    for link in facts.symbol.verify.abstracts:
-        known = start_behind(facts.flying, facts.flying_module, link) is not None
-        begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
-        text = words("conforms", link.instance, link.name, link.plant.name, begins)
-        yield f"conforms {link.instance} {link.name}", text
-
-
-def _judged_as_driven(facts: Facts) -> Said:
-    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
-    read = {i for of in topics_read(facts) for i in of}
-    driven = driven_topics(facts)
-    for symbol in topic_reads(facts.symbol.safe):
-        index = facts.module.scope.topics.get(symbol, -1)
-        if index in driven and index not in read:
-            name, plant = facts.system.topics[index].name, driven[index][0].name
-            yield f"judged {name} {plant}", words("judged", name, plant)
-
-
-def _open_ends(facts: Facts) -> Said:
-    for state in sorted(facts.open_ends):
-        name, end = facts.states[state].name, facts.axes[state][1]
-        yield f"open {name} {end!r}", words("open", name, end)
-
-
-def _left_out_states(facts: Facts) -> Said:
-    for s in facts.left_out:
-        yield f"left out {s.name}", words("left out", s.name)
-
-
-def _turning_axes(facts: Facts) -> Said:
-    for name in (facts.states[i].name for i in sorted(facts.turning)):
-        text = "read modulo a full turn, so that its axis wraps around, and within 16,384 rad of 0"
-        yield f"turns {name}", f"{text}: {name}"
 
 
 def _range_text(x: Input) -> str:

@@ -409,7 +409,7 @@ system Plant { t: Tank; module Guard; until 1s; }
 # ---------------------------------------------------------------- lists that somebody else wrote
 
 
-def case_of(stated: list[tuple[str, str]]) -> list[Any]:
+def nodes_of(stated: list[tuple[str, str]]) -> list[Any]:
     module = RecheckedModule("M", {})
     module.assumptions = [RecheckAssumption("error x 0.02", "errors stay within: x within 0.02")]
     report = Report(modules=[module], stated=[RecheckAssumption(*s) for s in stated])
@@ -428,11 +428,11 @@ ROW: Any = SimpleNamespace(
 def test_an_owner_of_a_number_that_no_program_has_is_refused(stated: list[tuple[str, str]]) -> None:
     """The evidence is about 0.01, the program assumes 0.02: D021, whatever the manifest says."""
     with pytest.raises(SoterError):
-        list(_owner_gaps(case_of(stated), [ROW]))
+        list(_owner_gaps(nodes_of(stated), [ROW]))
 
 
 def test_a_stated_text_has_no_key_of_a_derived_one() -> None:
-    nodes = case_of([("error x 0.02", "errors of x do not matter")])
+    nodes = nodes_of([("error x 0.02", "errors of x do not matter")])
     assert [n.text for n in nodes if n.key == "error x 0.02"] == [
         "errors stay within: x within 0.02"
     ]

@@ -61,6 +61,7 @@ from soter.certificate.terms.terms import (
     inputs_of,
     parts_of,
 )
+from soter.language.model.assumption_words import words
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.cell_sets import Block
+    from soter.certificate.report import Said
 
 
 BOUNDED = EVERYWHERE | {"soft_sign"}
@@ -388,3 +390,15 @@ def _intervals_beyond(end: float, width: float) -> Sequence[tuple[arb, arb]]:
         intervals.append((low, high))
         low, step = high, step * WIDER
     return intervals
+
+
+def axis_assumptions(facts: Facts) -> Said:
+    """The assumptions about open ends, states that are left out, and axes that wrap around."""
+    for state in sorted(facts.open_ends):
+        name, end = facts.states[state].name, facts.axes[state][1]
+        yield f"open {name} {end!r}", words("open", name, end)
+    for s in facts.left_out:
+        yield f"left out {s.name}", words("left out", s.name)
+    for name in (facts.states[i].name for i in sorted(facts.turning)):
+        text = "read modulo a full turn, so that its axis wraps around, and within 16,384 rad of 0"
+        yield f"turns {name}", f"{text}: {name}"

@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.module_facts import DiffersError, Facts, driven_topics
+from soter.certificate.reading.module_facts import DiffersError, Facts, driven_topics, topics_read
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import without_held_topics
@@ -27,6 +27,7 @@ from soter.language.elaborate.flatten_system import flatten
 from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
+from soter.language.model.assumption_words import words
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import BOOL
@@ -34,6 +35,7 @@ from soter.language.model.types import BOOL
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
+    from soter.certificate.report import Said
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Component, Module, System
 
@@ -267,3 +269,23 @@ def check_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
         if not any(p.sensor.name == real for p in paths):
             name = facts.system.topics[index].name
             raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
+
+
+def abstraction_conforms(facts: Facts) -> Said:
+    """The assumptions that the vehicle behaves like the plants that abstract it."""
+    for link in facts.symbol.verify.abstracts:
+        known = start_behind(facts.flying, facts.flying_module, link) is not None
+        begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
+        text = words("conforms", link.instance, link.name, link.plant.name, begins)
+        yield f"conforms {link.instance} {link.name}", text
+
+
+def judged_as_driven(facts: Facts) -> Said:
+    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
+    read = {i for of in topics_read(facts) for i in of}
+    driven = driven_topics(facts)
+    for symbol in topic_reads(facts.symbol.safe):
+        index = facts.module.scope.topics.get(symbol, -1)
+        if index in driven and index not in read:
+            name, plant = facts.system.topics[index].name, driven[index][0].name
+            yield f"judged {name} {plant}", words("judged", name, plant)

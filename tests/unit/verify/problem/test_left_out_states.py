@@ -178,7 +178,7 @@ class Drawn:
 
 
 @all_rows("seed", range(20))
-def test_of_drawn_states_prover_and_rechecker_leave_out_what_require_unread_states(
+def test_of_drawn_states_prover_and_rechecker_leave_out_what_nothing_reads(
     tmp_path: Path, seed: int
 ) -> None:
     drawn = Drawn(seed)
