@@ -259,10 +259,14 @@ def test_an_end_is_kept_where_the_rate_points_inwards_all_over_its_side(
             ]
 
         flow = SimpleNamespace(
-            lines=rates, rates=lambda found: [(min(found), max(found))], ranges=[(-1.0, 2.0)]
+            lines=rates,
+            rates=lambda found: [(min(found), max(found))],
+            ranges=[(-1.0, 2.0)],
+            compared=[False, False],
         )
         monkeypatch.setattr(sc_chains, "LocalFlow", lambda *_, flow=flow: flow)
-        inwards = sc_chains._side_test(None, [0, 1])  # type: ignore[arg-type]
+        model: Any = SimpleNamespace(extents=[(-1.0, 1.0), (0.0, 2.0)])
+        inwards = sc_chains._side_test(model, [0, 1])
         side = [(-1.0, -1.0), (0.0, 2.0)]
         found = rates(side, flow.ranges)
         assert inwards(side, 0, 1) is (min(found) >= 0)
