@@ -103,24 +103,21 @@ def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
-        end, width = (
-            exact(side[i][0]),
-            exact(model.extents[members[i]][1]) - exact(model.extents[members[i]][0]),
-        )
-        if _points(flow, side, i, sign, (end, end)):
+        end, (low, high) = exact(side[i][0]), map(exact, model.extents[members[i]])
+        if _moves_inwards(flow, side, i, sign, (end, end)):
             return True
-        beyond = end - sign * width * STRIP
+        beyond = end - sign * (high - low) * STRIP
         strip = (beyond, end) if sign > 0 else (end, beyond)
         return (
             flow.compared[i]
             and bool(strip[0] < strip[1])
-            and _points(LocalFlow(model, members, outside=i), side, i, sign, strip)
+            and _moves_inwards(LocalFlow(model, members, outside=i), side, i, sign, strip)
         )
 
     return inwards
 
 
-def _points(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[arb, arb]) -> bool:
+def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[arb, arb]) -> bool:
     """Whether state i moves up (`sign` 1) or down wherever it is in `fixed`, others in `side`."""
 
     def holds(others: list[tuple[arb, arb]]) -> bool:
