@@ -96,11 +96,13 @@ template <class M>
 class Subscription {
  public:
   size_t get_publisher_count() const;
+  QoS get_actual_qos() const;
 };
 template <class M>
 class Publisher {
  public:
   void publish(const M& message);
+  QoS get_actual_qos() const;
 };
 
 class Time {
