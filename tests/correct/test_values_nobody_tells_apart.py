@@ -135,11 +135,11 @@ def _no_modules(m: pytest.MonkeyPatch) -> None:
     def heard(readers: distinguished.Readers, module: Module) -> None:
         readers.heard |= set(module.reads)
 
-    m.setattr(distinguished.Readers, "_module", heard)
+    m.setattr(distinguished.Readers, "_add_reads_of_module", heard)
 
 
 def _no_contracts(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguished.Readers, "_contracts", lambda *_: None)
+    m.setattr(distinguished.Readers, "_add_reads_of_contracts", lambda *_: None)
 
 
 def _first_field(m: pytest.MonkeyPatch) -> None:
