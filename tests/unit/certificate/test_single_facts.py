@@ -106,6 +106,7 @@ BRAKES = "(p > -3.0 ? -1.0 : 0.0)"
         ("-sign(p + 3.0)", (True, True)),
         ("-sign(3.0 - p)", (False, False)),
         ("(p >= 3.0 ? -1.0 : 1.0)", (True, True)),
+        ("clamp(u, -(p + 3.0), p + 3.0)", (True, False)),
         # no solution feels what a rate is at one point
         ("(p == -3.0 ? 1.0 : -1.0)", (False, True)),
         ("(p != -3.0 ? -1.0 : 1.0)", (False, True)),

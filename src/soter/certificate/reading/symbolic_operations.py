@@ -233,7 +233,10 @@ class Operations:
     @one_number
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
         """The prelude's `clamp`: x between limits; it is a number where these are in order."""
-        self.add_doubt(self.compare("<=", low, high))
+        if isinstance(low, Linear) or isinstance(high, Linear):  # where they meet no rate jumps
+            self.add_doubt(self.terms.compare("<=", *self._operands("<=", low, high)))
+        else:
+            self.add_doubt(self.compare("<=", low, high))
         return self.extreme("min", self.extreme("max", x, low), high)
 
     def add_doubt_below_zero(self, x: Linear) -> None:
