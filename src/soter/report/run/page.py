@@ -154,8 +154,11 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         headline=headline(page),
         cards=_cards(page, longest_s(arms)),
         scene=scene,
-        flown=[(f.title, None, [x]) for f, x in zip(page.flights, flown, strict=True)],
-        charted=[(c.title, *of) for c, *of in zip(page.charts, paths, charted, strict=True)],
+        flown=[(f.title, None, False, [x]) for f, x in zip(page.flights, flown, strict=True)],
+        charted=[
+            (c.title, path, len(c.modes) > 1, figures)
+            for c, path, figures in zip(page.charts, paths, charted, strict=True)
+        ],
         program=_program_section(page.picture),
         where_text=_where,
         change_text=change_text,

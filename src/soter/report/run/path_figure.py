@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from soter.report.run.record import Chart, Json, Series
 
-SHARES_MIN = (0.9, 0.3)
+SHARES_MIN = (1.25, 0.3)
 """What is seen is at least so wide as a part of its height, and so high as a part of its width."""
 
 
