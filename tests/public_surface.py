@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import soter
 from soter.cli.main import COMMANDS, parser_of
 from soter.cli.terminal import command_outcome
-from soter.language.syntax.parser import EDITION
+from soter.language.syntax.parsing.parser import EDITION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,7 +53,7 @@ EXITS = (
     *("INTERNAL", "INTERRUPTED"),
 )
 FORMATS = {
-    "certificate": "soter.certificate.folder.FORMAT",
+    "certificate": "soter.certificate.reading.folder.FORMAT",
     "trace": "soter.explore.trace.SCHEMA",
     "campaign.json": "soter.campaign.store.SCHEMA",
     "channels.json": "soter.remote.topics.SCHEMA",

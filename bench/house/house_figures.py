@@ -2,8 +2,8 @@
 
     .venv/bin/python bench/house/house_figures.py
 
-Purpose: counts over src/ as the tests assert them, the files of Python that commands enter, and
-what a check takes beside an import of NumPy.
+Purpose: counts over src/ as the tests assert them, the files of Python that commands enter,
+changes of room (room_changes.py), and what a check takes beside an import of NumPy.
 Non-goals: judging; the counting itself (tests/unit/test_house_figures.py, test_c_figures.py).
 """
 
@@ -128,6 +128,8 @@ def main() -> int:
     named = {f"files that `soter {c[0]}` of the cart enters": entered(*c) for c in commands}
     for what, figure in (counts() | named).items():
         print(f"{what:50} {figure}")
+    walk = [sys.executable, "bench/house/room_changes.py"]
+    print(subprocess.run(walk, cwd=ROOT, capture_output=True, text=True, check=True).stdout, end="")
     for program, ratio in beside_numpy():
         name = f"`soter check` of {program} beside `import numpy`"
         print(f"{name:50} {ratio:.1f} times")

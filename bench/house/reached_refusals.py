@@ -17,7 +17,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.folder import NotACertificateError
+from soter.certificate.reading.folder import NotACertificateError
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import Diagnostics
 

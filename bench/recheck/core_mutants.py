@@ -80,7 +80,7 @@ TESTED_BY = {
     "reading/module_times.py": OF_TIMES,
     "cell_sets.py": OF_CELLS,
     "cell_predicates.py": OF_CELLS,
-    "folder.py": (
+    "reading/folder.py": (
         "format_by_definition",
         "program_of_a_certificate",
         "hostile_certificates",

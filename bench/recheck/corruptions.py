@@ -33,7 +33,7 @@ sys.path.insert(0, str(ROOT))
 from bench.recheck.models import Attack, Cart, Tables  # noqa: E402 - needs the path
 from bench.recheck.sealing import fit, seal, write  # noqa: E402 - the same
 
-from soter.certificate.folder import (  # noqa: E402
+from soter.certificate.reading.folder import (  # noqa: E402
     FORMAT,
 )
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402

@@ -9,7 +9,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.folder import canonical
+from soter.certificate.reading.folder import canonical
 
 if TYPE_CHECKING:
     from pathlib import Path

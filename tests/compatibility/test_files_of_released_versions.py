@@ -17,7 +17,7 @@ import pytest
 
 import soter
 from json_documents import SCHEMAS, problems_of_fields
-from soter.certificate.folder import canonical
+from soter.certificate.reading.folder import canonical
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import Severity

@@ -14,7 +14,7 @@ from generators.brute_force import TooLargeError
 from generators.contract_programs import VARIANTS, contracted
 from generators.explorer_agreement import compared, enumerated
 from long_tests import examples, seeds
-from soter.language.elaborate import stand_ins
+from soter.language.elaborate.passes import stand_ins
 from soter.language.model import typed
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
 from long_tests import examples, seeds
-from soter.language.elaborate import distinguished, stand_ins
+from soter.language.elaborate import distinguished
+from soter.language.elaborate.passes import stand_ins
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from generators.brute_force import Found
-    from soter.language.elaborate.stand_ins import _Values
+    from soter.language.elaborate.passes.stand_ins import _Values
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4

@@ -14,7 +14,7 @@ from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Diagnostics, Severity, Source
 from soter.diagnostics.fixes import applied
 from soter.language.front_end import CheckResult, check_file
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 from tables import all_rows
 
 if TYPE_CHECKING:

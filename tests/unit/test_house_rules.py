@@ -55,7 +55,7 @@ SEVERAL_SUBJECTS = {
     "editor": 6,
     "explore": 17,
     "gym": 4,
-    "language": 46,
+    "language": 44,
     "mapping": 3,
     "monitor": 9,
     "native": 4,
@@ -66,7 +66,7 @@ SEVERAL_SUBJECTS = {
     "semantics": 6,
     "simulate": 11,
     "targets": 12,
-    "verify": 45,
+    "verify": 44,
     "version.py": 1,
     "workers": 3,
 }

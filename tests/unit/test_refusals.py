@@ -136,7 +136,7 @@ def test_each_test_in_the_table_is_there() -> None:
 
 
 def test_a_refusal_that_its_test_does_not_reach_is_told(tmp_path: Path) -> None:
-    file, name = "certificate/folder.py", "the manifest lists no files"
+    file, name = "certificate/reading/folder.py", "the manifest lists no files"
     right = known()[file][name]
     wrong = "unit/certificate/test_single_refusals.py::test_another_format_is_named"
     assert not_reached({file: {name: right}}, tmp_path / "right") == []

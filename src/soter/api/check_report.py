@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
-from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
+from soter.language.elaborate.passes.system_numbers import MAX_PERIOD_NS
 from soter.language.load.named_files import read_json_text
 from soter.version import other_format
 

@@ -185,7 +185,7 @@ def compare(old: str | Path, new: str | Path, hazards: str | Path | None = None)
 def _version(path: Path) -> Version:
     params: Mapping[str, Any] = {}
     if path.is_dir():
-        from soter.certificate import folder  # noqa: PLC0415 - needs NumPy
+        from soter.certificate.reading import folder  # noqa: PLC0415 - needs NumPy
 
         try:
             checked, params = folder.program_of(folder.read_certificate(path))

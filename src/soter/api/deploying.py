@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from soter.addons import by_name
 from soter.api.rechecking import recheck
-from soter.certificate.folder import MANIFEST_MAX, PROGRAM_MAX, Certificate, read_certificate
+from soter.certificate.reading.folder import MANIFEST_MAX, PROGRAM_MAX, read_certificate
 from soter.certificate.report import REJECTED, RecheckedModule, Report
 from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
+    from soter.certificate.reading.folder import Certificate
     from soter.native.stack_bound import StackBound
     from soter.simulate.run import NativeProgram
-    from soter.verify.deploy.level_tables import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable, Pairs
     from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
     from soter.verify.problem.problem import Problem
-    from soter.verify.proof_methods import Pairs
 
     Recording = list[tuple[int, int, bytes]]
     """When it was measured (ns), the topic's number, and the value as it lies in memory."""
@@ -250,8 +250,7 @@ def build(
     bare = bound(fresh)
     require_linked(bare)
     if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
-        here = bare.system, bare.core, output, fitted(bare.system)
-        build_package(target, *here, write=False)
+        build_package(target, bare.system, bare.core, output, fitted(bare.system), write=False)
     inherits = deployed(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.elaborate.step_times import is_measured
+from soter.language.elaborate.passes.step_times import is_measured
 from soter.language.evaluate.arithmetic import StepFault
 from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
 from soter.monitor.decidable_modules import decidable

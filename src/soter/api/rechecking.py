@@ -53,7 +53,7 @@ def recheck(
     require_flint()
     require_plain()
     from soter.certificate.extras.flight_check import open_flights  # noqa: PLC0415 - an extra
-    from soter.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
+    from soter.certificate.reading.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
     with telling_shares(progress):

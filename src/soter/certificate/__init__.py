@@ -4,8 +4,8 @@ It stands on the front end (`language/`, `diagnostics/`). `report/` words its te
 of flights; `workers/` ends processes, and lets Ctrl-C reach z3. The prover uses these rooms, too.
 
 In reading order:
-- `folder.py` reads the folder, and the program in it; `rechecker.py` asks claim by claim.
-- `reading/` reads the problem and its times off the program; `terms/` has its expressions over Arb.
+- `rechecker.py` asks claim by claim; `reading/` reads the folder, and the problem and its times off
+  the program in it; `terms/` has its expressions over Arb.
 - `case_check.py` asks the claims of one combination of parameter values, group by group;
   `proof_methods.py` says what claims rest on, and has the methods of whole modules.
 - `cell_sets.py`, `cell_predicates.py`: sets of cells, and on which of them a predicate holds.

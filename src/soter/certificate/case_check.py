@@ -27,11 +27,11 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.cell_predicates import cells_published_in_set, certain_cells
 from soter.certificate.extras import extras
-from soter.certificate.folder import FREE, OF_SETS
 from soter.certificate.reading.case_model import (
     CaseModel,
     control_inputs,
 )
+from soter.certificate.reading.folder import FREE, OF_SETS
 from soter.certificate.reading.module_facts import (
     bounded_topics,
     number_of,

@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from soter.certificate.folder import FREE, RETURN
+from soter.certificate.reading.folder import FREE, RETURN
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.version import pip_install
 

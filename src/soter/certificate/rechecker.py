@@ -32,7 +32,9 @@ from soter.certificate.case_check import (
 )
 from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.extras import extras
-from soter.certificate.folder import (
+from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.folder import (
     MANIFEST_KEYS,
     OF_SETS,
     Certificate,
@@ -44,8 +46,6 @@ from soter.certificate.folder import (
     require_keys,
     stated_in,
 )
-from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
-from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import Facts, Input
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.problem import read_facts

@@ -19,7 +19,7 @@ from soter.language.elaborate.derived_systems import faultless, without_held_top
 from soter.language.elaborate.flatten_system import flatten, flatten_loose, implicit_system
 from soter.language.elaborate.lints.module_lints import warn_of_doubtful_parts
 from soter.language.elaborate.passes.flattening import Flattening
-from soter.language.elaborate.system_numbers import has_param
+from soter.language.elaborate.passes.system_numbers import has_param
 from soter.language.elaborate.tested_system import elaborate_test
 from soter.language.elaborate.wellformed import check_declaration, check_deployed, check_periods
 from soter.language.load.loader import FROM_DISK, is_program, load

@@ -79,7 +79,10 @@ def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path
     `content`: a hash of everything that they depend on. SoterError X006 where the cache cannot be
     used; raises whatever `make` does.
     """
-    return find_cached(name, content, files) or store(name, content, files, make)
+    if find_cached(name, content, files) is None:
+        with new_entry(name, content, files) as made:
+            make(made)
+    return _entry(cache_dir(), name, content)
 
 
 def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
@@ -95,10 +98,11 @@ def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
     return entry
 
 
-def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
-    """Make the folder with `files` in the cache, in place of what is there; see `cached`.
+@contextlib.contextmanager
+def new_entry(name: str, content: str, files: tuple[str, ...]) -> Iterator[Path]:
+    """An empty folder for `files`, which then is the entry of the cache, in place of an older one.
 
-    SoterError X006 where the cache cannot be used; raises whatever `make` does.
+    `content`: as of `cached`. SoterError X006 where the cache cannot be used.
     """
     entry = _entry(cache_dir(), name, content)
     most, _ = limit()
@@ -106,12 +110,11 @@ def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path]
         with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
             made = Path(work) / "made"
             made.mkdir(mode=0o700)
-            make(made)
+            yield made
             _seal(made, content, files)
             _move(made, entry, Path(work) / "old", content, files)
         _ours.add(entry)
         _make_room(folder, most)
-    return entry
 
 
 @contextlib.contextmanager
@@ -123,8 +126,7 @@ def _written_to() -> Iterator[Path]:
         _refuse_a_folder_of_others(folder)
         yield folder
     except OSError as error:
-        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
-        raise _unusable(message) from error
+        raise _unusable(f"cannot write to the cache folder `{folder}`: {reason(error)}") from error
 
 
 @contextlib.contextmanager
@@ -193,8 +195,7 @@ def _refuse_a_folder_of_others(folder: Path) -> None:
         why = "others may write to it" if mine else "it belongs to another user"
         fix = (f"if nobody has: chmod go-w '{folder}'",) if mine else ()
         message = f"the cache folder `{folder}` is not used: {why}"
-        note = "what is in it is loaded and run"
-        raise _unusable(message, (note,), fix)
+        raise _unusable(message, ("what is in it is loaded and run",), fix)
 
 
 def _unusable(message: str, notes: tuple[str, ...] = (), helps: tuple[str, ...] = ()) -> SoterError:
@@ -409,6 +410,5 @@ def _read(path: Path) -> str:
     try:
         return read_bytes(path).decode("utf-8", "surrogateescape")
     except OSError as error:
-        why = reason(error)
-        message = f"cannot read the extern's C file `{path}`: {why}"
+        message = f"cannot read the extern's C file `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("X003", message),)) from error

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypedDict
 from soter.diagnostics.command_records import SWITCH, choice, option, whole
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.elaborate.system_numbers import has_param
+from soter.language.elaborate.passes.system_numbers import has_param
 from soter.language.model.types import (
     TEXT_MAX,
     BoolType,

@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
     from soter.core.layout import Bools
     from soter.language.model.system import Module, System
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.grid.case import Case
     from soter.verify.grid.claims import GridProof
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem

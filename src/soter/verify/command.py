@@ -19,17 +19,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.folder import FORMAT, MANIFEST, SEAL, files_of
+from soter.certificate.reading.folder import FORMAT, MANIFEST, SEAL, files_of
 from soter.diagnostics.current_phase import between
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.system_texts import reason
 from soter.language.front_end import system_of
 from soter.native.compiler import end_compilers
 from soter.verify.chosen_modules import chosen_problems, modules_of
-from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import store_computed_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried, take_back_cells
+from soter.verify.grid.case import settled, settled_before
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 from soter.verify.verify_module import module_method

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
-from soter.native.cache import cache_dir, digest, find_cached, is_ours, soter_sha256, store
+from soter.native.cache import cache_dir, digest, find_cached, is_ours, new_entry, soter_sha256
 from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
@@ -56,12 +56,9 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
         assumptions = texts(a for r in results for a in r.assumptions)
         text = json.dumps({"verdicts": verdicts, "assumptions": assumptions}, sort_keys=True)
         name, content = _entry_name(system, module), _content(system, module)
-
-        def make(at: Path, text: str = text) -> None:
-            (at / FILE).write_text(text, encoding="utf-8")
-
         try:
-            store(f"{name}-{digest((text,))[:8]}", content, (FILE,), make)
+            with new_entry(f"{name}-{digest((text,))[:8]}", content, (FILE,)) as entry:
+                (entry / FILE).write_text(text, encoding="utf-8")
             _mark_of_entries(name).parent.mkdir(exist_ok=True, mode=0o700)
             _mark_of_entries(name).touch()
         except (OSError, SoterError):

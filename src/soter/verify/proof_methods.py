@@ -1,4 +1,4 @@
-"""The certificate entry of a module, and the tables of its DM.
+"""The certificate entry of a module proved over sets of states.
 
 Purpose: `entry_over_sets` writes times, ranges, cases, claims and computed predicates of a module
 proved over sets of states (docs/verification.md, section 4).
@@ -11,33 +11,19 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.folder import OF_SETS
 from soter.certificate.proof_methods import unclaimed
+from soter.certificate.reading.folder import OF_SETS
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.verify.claims.results import PROVED, UNCLAIMED
-from soter.verify.deploy.level_tables import table
+from soter.verify.deploy.level_tables import pairs_of, tables_of_groups
 from soter.verify.problem.problem import TUBES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.verify.claims.results import CaseSets, ModuleResult
-    from soter.verify.deploy.level_tables import Estimates, GroupTable, LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.problem.problem import Interval, Leaf, Problem
-
-    Pairs = list[Estimates]
-    """(S_0, S_(m-2)) of each group."""
-
-
-def pairs_of(case: CaseSets) -> Pairs:
-    """The pairs (S_0, S_(m-2)) of the groups of a case that have them."""
-    return [p.pair for p in case.proofs if p.pair is not None]
-
-
-def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[GroupTable]:
-    """A table for each group, in order, of what holds in every case, by its pair in each."""
-    every = zip(problem.groups, zip(*cases, strict=True), strict=True)
-    return [table(problem, g, pairs) for g, pairs in every]
 
 
 def entry_over_sets(

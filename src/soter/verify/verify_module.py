@@ -20,7 +20,6 @@ from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.assumption_words import words
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims
-from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
 from soter.verify.claims.choice import choose, given_up_note, shrink_core, with_way_back
 from soter.verify.claims.claims import (
     HOW,
@@ -37,7 +36,6 @@ from soter.verify.claims.claims import (
     solution_assumptions,
     weaken_if_waiting,
 )
-from soter.verify.claims.grid_refinement import announce_work, refined_groups, refinement_note
 from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_for_law
 from soter.verify.claims.results import (
     ASSUMED,
@@ -59,10 +57,12 @@ from soter.verify.diagnosis.vacuity import (
     vacuity,
 )
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.enclose.scheme_error import STIFF_HINT
+from soter.verify.grid.case import Case, ClaimTimer, settled, settled_before
 from soter.verify.grid.claims import HOW as HOW_ON_GRIDS
 from soter.verify.grid.claims import proved_in_words
+from soter.verify.grid.grid_refinement import announce_work, refined_groups, refinement_note
 from soter.verify.grid.group_model import UnboundedError
+from soter.verify.grid.scheme_error import STIFF_HINT
 from soter.verify.induction import verify as induction
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.problem.extract import cases

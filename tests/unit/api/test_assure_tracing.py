@@ -17,7 +17,7 @@ from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
 from soter.api.assurance.evidence import OTHER_REPORT
 from soter.api.assurance.hazard_traceability import Tracing, _owner_gaps
 from soter.api.assurance.safety_case import _add_context, compiled_as_proved
-from soter.certificate.folder import Certificate
+from soter.certificate.reading.folder import Certificate
 from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.safety_case import CaseNode, SafetyCase

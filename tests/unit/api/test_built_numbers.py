@@ -19,7 +19,7 @@ from test_deployed_kinds import BELT, LINE  # type: ignore[import-not-found]
 from test_deployed_sets import GRID, SHIELDED, SHIELDED_ROBOT  # type: ignore[import-not-found]
 
 import soter
-from soter.certificate.folder import read_certificate
+from soter.certificate.reading.folder import read_certificate
 from soter.codegen.unit import generate
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError

@@ -16,7 +16,7 @@ from test_deploying import PROVED, VEHICLE  # type: ignore[import-not-found]
 import soter
 from correct.test_shield import SMALL
 from soter.api import deploying
-from soter.certificate.folder import read_certificate
+from soter.certificate.reading.folder import read_certificate
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.deploy import missing_predicates
 from soter.verify.deploy.proof_transfer import certified_sets

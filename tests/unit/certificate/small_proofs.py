@@ -16,10 +16,10 @@ import numpy as np
 from soter.certificate.case_check import CLAIMS, p1c_of
 from soter.certificate.cell_predicates import certain_cells
 from soter.certificate.cell_sets import Cells, Grid
-from soter.certificate.folder import FORMAT, canonical
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.proof_methods import unclaimed
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.folder import FORMAT, canonical
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.terms.compile_terms import form_of_box

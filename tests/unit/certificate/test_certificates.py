@@ -17,7 +17,7 @@ from long_tests import examples, seeds
 from soter.api import recheck
 from soter.certificate.case_check import CLAIMS
 from soter.certificate.extras.estimates_and_shield import read_tops
-from soter.certificate.folder import FORMAT
+from soter.certificate.reading.folder import FORMAT
 from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs
@@ -329,7 +329,7 @@ def test_the_adversary_sees_what_is_wrong(sealed: Sealed) -> None:
 
 def test_bits_behind_the_last_cell_are_rejected(copied: Path) -> None:
     """36 x 24 cells fill their bytes, 5 do not: so the reader is asked itself."""
-    from soter.certificate.folder import Certificate
+    from soter.certificate.reading.folder import Certificate
     from soter.certificate.report import RejectedError
 
     certificate = Certificate(copied, {}, {"sets/a": b"\x3f"}, set())

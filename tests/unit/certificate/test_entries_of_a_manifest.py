@@ -15,8 +15,8 @@ from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
 from soter.certificate.extras import estimates_and_shield
 from soter.certificate.extras.left_out_states import GridBeyondEnds, has_no_ends
-from soter.certificate.folder import MANIFEST_KEYS, NotACertificateError
 from soter.certificate.proof_methods import MODULES
+from soter.certificate.reading.folder import MANIFEST_KEYS, NotACertificateError
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.report import (

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate import folder as folders
 from soter.certificate import proof_methods
-from soter.certificate.folder import (
+from soter.certificate.reading import folder as folders
+from soter.certificate.reading.folder import (
     FORMAT,
     Certificate,
     NotACertificateError,

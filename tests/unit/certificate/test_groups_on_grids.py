@@ -12,13 +12,13 @@ import pytest
 from soter.certificate.cell_sets import Grid
 from soter.certificate.extras import estimates_and_shield, handovers, trial
 from soter.certificate.extras.estimates_and_shield import packed_levels
-from soter.certificate.folder import FREE
 from soter.certificate.grid import grid_group
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import (
     RESTS,
     GroupTables,
 )
+from soter.certificate.reading.folder import FREE
 from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate import folder as certificate_folder
-from soter.certificate.folder import (
+from soter.certificate.reading import folder as certificate_folder
+from soter.certificate.reading.folder import (
     BYTES_MAX,
     FILE_MAX,
     FORMAT,

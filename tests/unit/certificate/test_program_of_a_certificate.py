@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate import folder as certificate_program
-from soter.certificate.folder import (
+from soter.certificate.reading import folder as certificate_program
+from soter.certificate.reading.folder import (
     Certificate,
 )
 from soter.certificate.report import NotRecheckedError, RejectedError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.certificate.folder import canonical
+from soter.certificate.reading.folder import canonical
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
-from soter.certificate import folder as folders
 from soter.certificate import rechecker, scope
 from soter.certificate.case_check import (
     CaseCheck,
@@ -21,8 +20,9 @@ from soter.certificate.case_check import (
     check_static_claims,
 )
 from soter.certificate.cell_sets import Cells, Grid
-from soter.certificate.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
+from soter.certificate.reading import folder as folders
+from soter.certificate.reading.folder import FORMAT, canonical, read_certificate
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import AffineForms
 from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact

@@ -18,10 +18,10 @@ from soter.certificate.cell_sets import Grid
 from soter.certificate.extras.prelude_functions import prelude
 from soter.certificate.extras.sc_locals_and_modes import any_alternative
 from soter.certificate.extras.tables import select_from_table
-from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs
+from soter.certificate.reading.folder import _overrides
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import Rows

@@ -15,7 +15,7 @@ import pytest
 from json_documents import SCHEMAS, _check
 from soter.api import load
 from soter.api.assurance.certificate_check import rechecker_sha256
-from soter.certificate.folder import canonical
+from soter.certificate.reading.folder import canonical
 from soter.certificate.report import ACCEPTED, RecheckAssumption, RecheckedModule, Report
 from soter.native.cache import soter_sha256
 from soter.native.compiler import find, told_version

@@ -28,11 +28,9 @@ def folder(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def made(name: str, size: int, age_s: float) -> Path:
     """An entry of another process, `size` bytes large, used `age_s` ago."""
-
-    def make(at: Path) -> None:
-        (at / "data").write_bytes(bytes(size))
-
-    path = cache.store(name, "0" * 32, ("data",), make)
+    with cache.new_entry(name, "0" * 32, ("data",)) as entry:
+        (entry / "data").write_bytes(bytes(size))
+    path = cache.cache_dir().absolute() / f"{name}-{'0' * 32}"
     cache._ours.discard(path)
     then = time.time() - age_s
     os.utime(path, (then, then))

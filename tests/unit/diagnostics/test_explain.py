@@ -9,7 +9,7 @@ from typing import get_args
 from generators.file_listing import files_below
 from soter.diagnostics.codes import Code, all_codes, explain, suggestions, title
 from soter.diagnostics.diagnostic import Diagnostics, Source
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 from tables import all_rows
 from unit.diagnostics.page_examples import IN_WORDS, mended, wrong
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import soter.language.prelude
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 
 FOLDER = Path(soter.language.prelude.__file__).parent
 FILES = ("math.soter", "vectors.soter")

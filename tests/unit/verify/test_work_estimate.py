@@ -12,8 +12,8 @@ from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
 from soter.verify.chosen_modules import modules_of, problems_of
-from soter.verify.claims.grid_refinement import announce_work, cells_of
 from soter.verify.deploy import missing_predicates
+from soter.verify.grid.grid_refinement import announce_work, cells_of
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.diagnosis.test_tried_remedies import PREDICATES
 
@@ -34,7 +34,7 @@ def problem() -> Problem:
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock that only `settle` moves: so much a cell."""
     now = [0.0]
-    monkeypatch.setattr("soter.verify.claims.grid_refinement.time.process_time", lambda: now[0])
+    monkeypatch.setattr("soter.verify.grid.grid_refinement.time.process_time", lambda: now[0])
     return now
 
 

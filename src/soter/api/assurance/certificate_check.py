@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.api.arguments import Progress, Tell
-    from soter.certificate.folder import Certificate
+    from soter.certificate.reading.folder import Certificate
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
 
@@ -129,7 +129,7 @@ def proof_of(
 
 def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Compares seal, hashes and the manifest's subject with the system, which takes no time."""
-    from soter.certificate.folder import (  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.reading.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         program_of,
         read_certificate,

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     from soter.api.arguments import Progress, Tell
     from soter.api.program import Program
-    from soter.certificate.folder import Certificate
+    from soter.certificate.reading.folder import Certificate
     from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
     from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol

@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.cell_sets import Block
-    from soter.certificate.folder import Certificate
     from soter.certificate.grid.grid_group import Entry, GridCheck, GridGroup, Task
+    from soter.certificate.reading.folder import Certificate
     from soter.certificate.reading.module_facts import Facts
 
     Show = Callable[[Block], Iterator[Block]]

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
 from soter.certificate.extras.flight_assumptions import LoggedAssumptions
-from soter.certificate.folder import program_of, read_certificate
+from soter.certificate.reading.folder import program_of, read_certificate
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.rechecker import failure_reason
 from soter.certificate.report import (
@@ -57,7 +57,7 @@ from soter.report.wording import changed_parameters, visible
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
 
-    from soter.certificate.folder import Certificate
+    from soter.certificate.reading.folder import Certificate
     from soter.certificate.report import Report
     from soter.certificate.tubes.tube_chains import ModuleTube
     from soter.language.model.system import Module, System

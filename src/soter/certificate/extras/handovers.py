@@ -26,9 +26,9 @@ from soter.certificate.cell_predicates import (
     influence,
 )
 from soter.certificate.extras.views import shown_part_of_enters
-from soter.certificate.folder import FREE
 from soter.certificate.proof_methods import jump_by_solver
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.folder import FREE
 from soter.certificate.reading.module_facts import driven_topics, topics_read
 from soter.certificate.reading.problem import state_published
 from soter.certificate.report import NotRecheckedError

@@ -15,10 +15,10 @@ import numpy as np
 
 from soter.certificate.case_check import CaseCheck, narrowed_extents
 from soter.certificate.cell_sets import Cells
-from soter.certificate.folder import FREE, OF_SETS, Certificate
 from soter.certificate.grid.group_claims import FREE_PIECES, PIECES, FreeCheck
 from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.folder import FREE, OF_SETS, Certificate
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.rechecker import failure_reason, read_claimed, read_problem
 from soter.certificate.report import RejectedError

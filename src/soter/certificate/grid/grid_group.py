@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.cell_sets import Axes, Block
-    from soter.certificate.folder import Certificate
     from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.reading.folder import Certificate
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
     from soter.language.model import typed

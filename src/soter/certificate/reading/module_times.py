@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any
 
 from soter.certificate.extras import extras
-from soter.certificate.folder import require_keys
 from soter.certificate.reading.derived_times import (
     Clock,
     DerivedTimes,
@@ -24,6 +23,7 @@ from soter.certificate.reading.derived_times import (
     derive,
     nodes_between,
 )
+from soter.certificate.reading.folder import require_keys
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,

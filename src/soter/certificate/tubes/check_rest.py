@@ -13,7 +13,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import CLAIMS, check_static_claims, proved_claims
-from soter.certificate.folder import hexadecimal, require_keys
+from soter.certificate.reading.folder import hexadecimal, require_keys
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.symbolic_values import scalar_leaves

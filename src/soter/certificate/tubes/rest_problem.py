@@ -27,9 +27,9 @@ from flint import arb
 from soter.certificate.extras.estimates_and_shield import acted_ns, command_cells
 from soter.certificate.extras.left_out_states import THIRD, degree, refuse_turns_read
 from soter.certificate.extras.sc_locals_and_modes import check_start_answers
-from soter.certificate.folder import hexadecimal
 from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.folder import hexadecimal
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,

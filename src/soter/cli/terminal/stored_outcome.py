@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.cli.terminal.console import Console, painted
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.cache import cache_dir, digest, find_cached, is_ours, soter_sha256, store
+from soter.native.cache import cache_dir, digest, find_cached, is_ours, new_entry, soter_sha256
 from soter.native.compiler import find
 
 if TYPE_CHECKING:
@@ -121,12 +121,9 @@ def store_outcome(
     absolute = {_absolute(path): sha256 for path, sha256 in contents.items()}
     fields = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
     text = json.dumps({**fields, "printed": outcome.printed.parts}, allow_nan=False)
-
-    def make(at: Path) -> None:
-        (at / FILE).write_text(text, encoding="utf-8")
-
     try:
-        store(NAME, _content_hash(file, words, absolute), (FILE,), make)
+        with new_entry(NAME, _content_hash(file, words, absolute), (FILE,)) as entry:
+            (entry / FILE).write_text(text, encoding="utf-8")
         _list(file, list(absolute))
     except (OSError, SoterError):
         return  # the next command computes it again

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.flatten_system import flatten
 from soter.language.elaborate.passes.flattening import Flattening
-from soter.language.elaborate.step_times import waiting
+from soter.language.elaborate.passes.step_times import waiting
 from soter.language.model import typed
 from soter.language.model.system import InputDrive, Scope
 from soter.language.model.tree_walk import mode_reads

@@ -5,7 +5,7 @@ one of them is enough (docs/testing.md, "Floats, lists, wide ints"): any value o
 that nobody reads; for a number that is only compared with constants one at each constant, one
 between two neighbours, and one beyond them. For times it computes into how many parts the grid of a
 test must be cut.
-Non-goals: which values are published (`language/elaborate/stand_ins.py`), what is put into a local,
+Non-goals: which values are published (`passes/stand_ins.py`), what is put into a local,
 an argument or a calculation, which counts as told apart; thresholds and the greatest common divisor
 (`elaborate/time_grid.py`).
 

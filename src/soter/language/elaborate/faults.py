@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.field import listed
 from soter.language.elaborate.passes.memory_topics import make_held_topic, refuse_overrun
-from soter.language.elaborate.step_times import waiting
+from soter.language.elaborate.passes.step_times import waiting
 from soter.language.model.system import Fault
 from soter.language.model.types import FloatType, IntType, has_list, leaves, show_ns
 

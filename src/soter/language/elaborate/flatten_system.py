@@ -24,9 +24,9 @@ from soter.language.elaborate.passes.properties import (
     enter_modes_in_scopes,
 )
 from soter.language.elaborate.passes.stated_values import hold_to_stated_values
+from soter.language.elaborate.passes.step_times import mark_inline
+from soter.language.elaborate.passes.system_numbers import TooLargeError, warn_of_idle_settings
 from soter.language.elaborate.passes.topics import topic_at
-from soter.language.elaborate.step_times import mark_inline
-from soter.language.elaborate.system_numbers import TooLargeError, warn_of_idle_settings
 from soter.language.model import typed
 from soter.language.model.system import System
 

@@ -36,7 +36,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.language.model.values import Table, ValueShapeError, check_length, from_json, is_table
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -177,7 +177,7 @@ class Component:
     takes_ns: tuple[int, int] | None = None
     """How long a step lasts, at least and at most; None: what it publishes counts at once."""
     held: int | None = None
-    """The hidden topic for outputs of steps that take time (`elaborate/step_times.py`), or None."""
+    """The hidden topic for outputs of steps that take time (`step_times.py`), or None."""
     wcet_ns: int | None = None
     """What a step, or a decision, needs of its processor at most; None: not declared."""
     jitter_ns: int = 0
@@ -428,7 +428,7 @@ class Fault:
     with `probability`, drawn from `stream`. `amount`: for "late" times in ns, the quantiles of the
     lateness between which each release is late; with slots the longest time for which the component
     is held up. "wait": a release at the same time as one of the component `on` happens no earlier
-    than that one (`language/elaborate/step_times.py`). "overrun": a step that begins while the
+    than that one (`step_times.py`). "overrun": a step that begins while the
     fault is active lasts `amount` ns longer (`Component.held`). `apart`: the fault is never in two
     slots in a row. `inside`: the assumption that it does not break, or None; `text`: the fault as
     it was written.

@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING
 
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 from soter.verify.claims import start
-from soter.verify.claims.case import ClaimTimer
 from soter.verify.claims.claims import check_after_core, compute_levels, find_way_back, make_tables
-from soter.verify.claims.grid_refinement import cells_of, counts_of, smaller_cells
+from soter.verify.grid.case import ClaimTimer
+from soter.verify.grid.grid_refinement import cells_of, counts_of, smaller_cells
 from soter.verify.grid.group_model import UnboundedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.verify.claims.case import Case, Failure
+    from soter.verify.grid.case import Case, Failure
     from soter.verify.problem.problem import Group, Problem
 
     Attempt = Callable[[Problem], list[Case] | None]

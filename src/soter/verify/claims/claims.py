@@ -9,7 +9,7 @@ set), whether the proof covers the integration scheme that flies, and P1. Each g
 failures; what concerns several groups is done here.
 Symbols: head of `verify/grid/sets.py`; the index g is one group's part.
 Non-goals: where control begins (`start.py`), how a group is proved (`verify/grid/`), refinement and
-verdicts (`verify_module.py`), the error of a scheme (`enclose/scheme_error.py`). That long arrays
+verdicts (`verify_module.py`), the error of a scheme (`grid/scheme_error.py`). That long arrays
 and lists stay in their sets is an assumption.
 
 P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `postpone_p2b`
@@ -28,7 +28,6 @@ from soter.diagnostics.current_phase import CancelledError, cancelled_when, pass
 from soter.language.evaluate.integration_stability import diverging
 from soter.language.model.types import leaf_name, leaves, show_ns
 from soter.verify.claims import start
-from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.product_sets import (
     NOTHING_INSIDE,
     NOTHING_KEPT,
@@ -40,14 +39,15 @@ from soter.verify.claims.product_sets import (
     why_sc_leaves_sets_on_product,
 )
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, Finding, ModuleResult
+from soter.verify.deploy.level_tables import pairs_of, tables_of_groups
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.enclosed_steps import room_of
 from soter.verify.grid import claims as grid_claims
+from soter.verify.grid.case import Case, ClaimTimer
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import RESTS
 from soter.verify.problem.problem import EVERY_SOLUTION, SCHEME, subjects_in_words
 from soter.verify.problem.problem_times import DELAYS, horizon_in_words
-from soter.verify.proof_methods import pairs_of, tables_of_groups
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

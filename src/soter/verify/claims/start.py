@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from soter.core.layout import Floats
     from soter.language.model.system import Component, System
     from soter.semantics.configuration import Configuration
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Axis, Problem
 
 

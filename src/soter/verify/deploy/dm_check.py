@@ -44,10 +44,9 @@ from soter.verify.deploy.dm_test_cases import (
     gates,
     topic_values,
 )
-from soter.verify.deploy.level_tables import GroupTable
+from soter.verify.deploy.level_tables import GroupTable, pairs_of, tables_of_groups
 from soter.verify.deploy.missing_predicates import install
 from soter.verify.deploy.shield_tables import command_edges
-from soter.verify.proof_methods import pairs_of, tables_of_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -47,7 +47,11 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.typed import FunSymbol, TypedExpr
     from soter.language.model.types import Type, Value
+    from soter.verify.claims.results import CaseSets
     from soter.verify.problem.problem import Group, Problem
+
+    Pairs = list["Estimates"]
+    """(S_0, S_(m-2)) of each group."""
 
 
 class Writer:
@@ -304,6 +308,17 @@ class GroupTable(LevelTable):
             files[f"{stem}_commands.bin"] = self.commands.tops.tobytes()
             entry |= {"command": self.commands.name, "commands": f"{stem}_commands.bin"}
         return entry
+
+
+def pairs_of(case: CaseSets) -> Pairs:
+    """The pairs (S_0, S_(m-2)) of the groups of a case that have them."""
+    return [p.pair for p in case.proofs if p.pair is not None]
+
+
+def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[GroupTable]:
+    """A table for each group, in order, of what holds in every case, by its pair in each."""
+    every = zip(problem.groups, zip(*cases, strict=True), strict=True)
+    return [table(problem, g, pairs) for g, pairs in every]
 
 
 def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:

@@ -24,19 +24,24 @@ from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.tree_walk import joined, topic_reads
 from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
-from soter.native.cache import SOTER, digest, files_below, find_cached, store
+from soter.native.cache import SOTER, digest, files_below, find_cached, new_entry
 from soter.verify.claims import claims
 from soter.verify.claims.choice import choose, with_way_back
 from soter.verify.claims.claims import compute_levels
-from soter.verify.claims.grid_refinement import announce_work, cells_of
-from soter.verify.deploy.level_tables import GroupTable, grid_ends, predicates
+from soter.verify.deploy.level_tables import (
+    GroupTable,
+    grid_ends,
+    pairs_of,
+    predicates,
+    tables_of_groups,
+)
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import pack, unpack
+from soter.verify.grid.grid_refinement import announce_work, cells_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.inputs import topics_seen_by_dm
-from soter.verify.proof_methods import pairs_of, tables_of_groups
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.kinks import kinks_of
 from soter.verify.tubes.problem import TubeProblem
@@ -54,12 +59,11 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.language.model.system import Module, Shield, System
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.deploy.level_tables import Estimates, LevelTable
+    from soter.verify.deploy.level_tables import Estimates, LevelTable, Pairs
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.proof_methods import Pairs
 
     Found = Sequence[LevelTable]
     Sets = tuple[Problem, list[Pairs]]
@@ -204,8 +208,8 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     folder = find_cached(REST, key, (REST,))
     if folder is None:
         claims = show_rest_claims(check)
-        with contextlib.suppress(SoterError):
-            store(REST, key, (REST,), lambda at: claims.write(at / REST))
+        with contextlib.suppress(SoterError), new_entry(REST, key, (REST,)) as entry:
+            claims.write(entry / REST)
         return claims
     claims = RestClaims.read(folder / REST)
     check.cut, check.kink = claims.cut, claims.kink
@@ -457,12 +461,8 @@ def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
         for j, pair in enumerate(case):
             for name, array in pack(pair).items():
                 arrays[f"{i}_{j}_{name}"] = array
-
-    def make(work: Path) -> None:
-        np.savez_compressed(work / FILE, **arrays)  # type: ignore[arg-type]
-
-    with contextlib.suppress(SoterError):
-        store("sets", key, (FILE,), make)
+    with contextlib.suppress(SoterError), new_entry("sets", key, (FILE,)) as entry:
+        np.savez_compressed(entry / FILE, **arrays)  # type: ignore[arg-type]
 
 
 def _cached_sets(key: str, problem: Problem) -> Sets | None:

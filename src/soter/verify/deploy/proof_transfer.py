@@ -29,11 +29,10 @@ from soter.verify.verify_module import module_method
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.certificate.folder import Certificate
+    from soter.certificate.reading.folder import Certificate
     from soter.language.model.system import Module, System
-    from soter.verify.deploy.level_tables import Estimates, LevelTable
+    from soter.verify.deploy.level_tables import Estimates, LevelTable, Pairs
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.proof_methods import Pairs
 
 
 def certified_sets(

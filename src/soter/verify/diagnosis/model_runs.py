@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from soter.core.layout import Bools, Floats
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
 
 
 NS = 1e-9

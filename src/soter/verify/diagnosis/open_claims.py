@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.changed_runs import OLD, same_answer, what_brings_back, what_keeps
 from soter.verify.diagnosis.habits_of_sc import (
@@ -47,15 +46,16 @@ from soter.verify.diagnosis.model_runs import (
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.diagnosis.variations import why_no_rest
 from soter.verify.grid.claims import GridProof
+from soter.verify.grid.grid_refinement import cells_holding
 from soter.verify.grid.group_model import NO_ENCLOSURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from soter.core.layout import Bools, Floats
-    from soter.verify.claims.case import Case, Failure
     from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.diagnosis.model_runs import ModelTrace, Pattern
+    from soter.verify.grid.case import Case, Failure
 
     GoOn = Callable[[], bool]
 

@@ -32,8 +32,6 @@ from soter.language.elaborate.derived_systems import faultless, with_changed_top
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.loaded_program import Library
 from soter.native.shared_library import library
-from soter.verify.claims.case import settled
-from soter.verify.claims.grid_refinement import cells_of, with_merged_cells
 from soter.verify.claims.results import (
     ASSUMED,
     PROVED,
@@ -42,6 +40,7 @@ from soter.verify.claims.results import (
     FlownFigures,
     RemedyCost,
 )
+from soter.verify.deploy.level_tables import tables_of_groups
 from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
 from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run_of_sc
@@ -49,17 +48,18 @@ from soter.verify.diagnosis.open_claims import HABIT, REST, explain
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.diagnosis.variations import CALMER, HALF, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
+from soter.verify.grid.case import settled
+from soter.verify.grid.grid_refinement import cells_of, with_merged_cells
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
-from soter.verify.proof_methods import tables_of_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from soter.language.model.system import Module, System
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun, ModuleResult, ProofSearch
     from soter.verify.diagnosis.variations import Remedy
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Problem
 
     Attempt = Callable[[Problem], list[Case]]

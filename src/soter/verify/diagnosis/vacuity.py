@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.language.elaborate.step_times import fresh_ages_ns
+from soter.language.elaborate.passes.step_times import fresh_ages_ns
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.core.layout import Floats
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
+    from soter.verify.grid.case import Case
     from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Problem
 

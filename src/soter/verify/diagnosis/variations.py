@@ -8,7 +8,7 @@ read again from its verification system alone (views, `abstracts`, modes, a fail
 `advice.py`.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
 (`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
-fewer cells (`claims/grid_refinement.py`).
+fewer cells (`grid/grid_refinement.py`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.derived_systems import with_module
-from soter.language.elaborate.step_times import least_age_ns
+from soter.language.elaborate.passes.step_times import least_age_ns
 from soter.language.model.typed import Literal, RestSymbol
 from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choice import CELLS_MAX
-from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
+from soter.verify.grid.grid_refinement import cells_of, smaller_cells
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.tube_check import TubeCheck
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
     from soter.core.layout import Floats
     from soter.language.model.system import Module, System
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun
+    from soter.verify.grid.case import Case
     from soter.verify.grid.claims import GridProof
     from soter.verify.problem.problem import Axis, Problem
     from soter.verify.tubes.problem import TubeProblem

@@ -4,5 +4,4 @@
 - `enclosed_steps.py` puts each of its functions together, of inputs in `enclosure_inputs.py`.
 - `core_enclosure.py` turns Core into operations on forms; `enclosed_operations.py` has these.
 - `enclosure_emitter.py` collects the operations, and prints them as C.
-- `scheme_error.py` bounds by how much the simulator's integration differs from the flow.
 """

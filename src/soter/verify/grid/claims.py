@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.claims.case import axes_entry
-from soter.verify.claims.grid_refinement import cells_of_box, regions_of
 from soter.verify.claims.product_sets import CellsPart, points_to_try, states_elsewhere
 from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.level_tables import CommandTable, Estimates, GroupTable
-from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import estimate_sets, recovery
+from soter.verify.grid.case import axes_entry
+from soter.verify.grid.grid_refinement import cells_of_box, regions_of
 from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import cells_at_rest
+from soter.verify.grid.scheme_error import STIFF_HINT
 from soter.verify.grid.set_figures import deepest_cell, drawn_edges, figure, volume_share
 from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.problem.problem_times import look_ahead_advice
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.folder import Certificate
+    from soter.certificate.reading.folder import Certificate
     from soter.core.layout import Bools, Floats
     from soter.report.proof_page import RegionFigure
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import Region
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Group, Problem
 
     Arrays = Mapping[str, NDArray[np.generic]]

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.core.layout import Bools
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
     from soter.verify.deploy.level_tables import GroupTable
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Problem
 
 

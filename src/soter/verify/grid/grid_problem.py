@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.verify.enclose.scheme_error import NS, ORDER
+from soter.verify.problem.problem import NS, ORDER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

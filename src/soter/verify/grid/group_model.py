@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.verify.enclose.compiled_enclosures import FORM, affine_inputs
-from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, scheme_solution
-from soter.verify.problem.problem import FARTHEST
+from soter.verify.grid.scheme_error import SchemeSolution, SimulatedFlow, scheme_solution
+from soter.verify.problem.problem import FARTHEST, NS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence

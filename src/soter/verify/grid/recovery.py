@@ -6,7 +6,7 @@ estimate), and W with its ranks: how many chains lead from a cell to Q, and how 
 computed and Q is empty on the declared cells, `finer_q` tries smaller ones: each interval in which
 `safer` lies is cut in two, then in four. Whether that is done depends on counts of cells alone.
 Non-goals: targets and the time T (`verify/claims/claims.py`); a `safer` of the user's own, for
-which the whole grid is refined (`verify/claims/grid_refinement.py`).
+which the whole grid is refined (`verify/grid/grid_refinement.py`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
-from soter.verify.claims.grid_refinement import with_halved_cells
 from soter.verify.grid import sets as grids
+from soter.verify.grid.grid_refinement import with_halved_cells
 from soter.verify.grid.sets import LONGEST, GridGroup
 from soter.verify.problem.inputs import errors_of
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.core.layout import Bools, Bytes
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Group
 
     Lengths = Sequence[Sequence[int]]

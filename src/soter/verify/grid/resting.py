@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.core.layout import Bools
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem
     from soter.verify.tubes.expression_graph import Expressions, Node

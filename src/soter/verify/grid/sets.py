@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
-from soter.verify.enclose.scheme_error import NS
 from soter.verify.grid.grid_problem import of_problem
 from soter.verify.grid.group_model import GridModel, UnboundedError
+from soter.verify.problem.problem import NS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

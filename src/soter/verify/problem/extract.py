@@ -20,7 +20,6 @@ from soter.language.model.assumption_words import words
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
-from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import (
@@ -34,7 +33,7 @@ from soter.verify.problem.axes import (
 from soter.verify.problem.cause_effect_chains import is_state_of_proof, side_inputs
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import states_to_leave_out
-from soter.verify.problem.problem import Assumption, Interval, Problem, Times
+from soter.verify.problem.problem import NS, ORDER, Assumption, Interval, Problem, Times
 from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import (
@@ -361,7 +360,7 @@ def _schemes(
 
     The step is 0 (not covered) where SC may publish between two steps of the plant: in the
     simulator its command then acts on the whole step. It is also 0 where the error of the plant's
-    scheme is not known (`enclose/scheme_error.py`), and where a state may be many turns off, so
+    scheme is not known (`grid/scheme_error.py`), and where a state may be many turns off, so
     that its sums round by more.
     """
     schemes = []

@@ -326,7 +326,7 @@ class Problem:
     """The states that never change: constants of a run."""
     schemes: tuple[tuple[float, int, int], ...] = ()
     """For each state the step of its plant's scheme in s, the scheme's order and the plant's number
-    (`enclose/scheme_error.py`). A step of 0: the scheme is not covered, which is an assumption."""
+    (`grid/scheme_error.py`). A step of 0: the scheme is not covered, which is an assumption."""
     recover_ns: int | None = None
     """The time T of P2b if it is declared: `recover within d;`."""
     stays: bool = False
@@ -379,6 +379,9 @@ class Assumption:
     text: str
 
 
+NS = 1e-9
+ORDER = 4
+"""Schemes of a higher order are not covered (`grid/scheme_error.py`)."""
 SCHEME = Assumption("scheme", words("scheme"))
 """The assumption of a proof that is about the differential equation alone."""
 EVERY_SOLUTION = Assumption(SCHEME.key, words("every solution"))

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.types import leaf_name, leaves
-from soter.verify.claims.case import Case
 from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns, run_of_sc
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
+from soter.verify.grid.case import Case
 from soter.verify.problem.extract import cases
 from soter.verify.problem.inputs import errors_of
 

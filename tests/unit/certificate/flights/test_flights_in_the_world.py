@@ -8,7 +8,7 @@ import pytest
 
 from soter.certificate.extras import flight_check
 from soter.certificate.extras.flight_check import open_flights
-from soter.certificate.folder import program_of, read_certificate
+from soter.certificate.reading.folder import program_of, read_certificate
 from unit.certificate.flights.logged_flights import (
     MS,
     TEXT,

@@ -13,8 +13,8 @@ from json_documents import problems_of
 from soter.api import Program
 from soter.certificate import proof_methods
 from soter.certificate.extras import flight_check
-from soter.certificate.folder import Certificate
 from soter.certificate.proof_methods import ModuleMethod
+from soter.certificate.reading.folder import Certificate
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.tubes import check_rest
 from soter.cli.main import main

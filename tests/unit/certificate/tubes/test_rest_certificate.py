@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from json_documents import problems_of
-from soter.certificate.folder import canonical
+from soter.certificate.reading.folder import canonical
 from soter.cli.main import main
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.certificate.tubes.test_forged_rest import PLAIN

@@ -10,7 +10,7 @@ import pytest
 
 from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,7 +6,7 @@ import re
 from itertools import permutations
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 from tables import all_rows
 
 BODIES = {

@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 from soter.language.syntax.printer import format_source
 from soter.language.syntax.tokens import EOF, RESERVED, lex
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.diagnostics.render import render_all, to_json
-from soter.language.syntax.parser import parse
+from soter.language.syntax.parsing.parser import parse
 from work import work_of
 
 N = 10_000

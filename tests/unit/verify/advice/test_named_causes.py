@@ -21,7 +21,7 @@ from unit.verify.diagnosis import tank_modules
 from unit.verify.diagnosis.test_way_back import FINE, LIFT
 
 if TYPE_CHECKING:
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Problem
 
 TANK = tank_modules.TANK

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.certificate.cell_sets import Block
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import GroupSets
+    from soter.verify.grid.case import Case
 
     Bools = npt.NDArray[np.bool_]
 

@@ -17,10 +17,10 @@ import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import choice as chooser
-from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.deploy import missing_predicates
 from soter.verify.grid import claims as grid_claims
 from soter.verify.grid import sets
+from soter.verify.grid.grid_refinement import cells_of, smaller_cells
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from soter.diagnostics.current_phase import telling
-from soter.verify.claims.case import STAGE, ClaimTimer
+from soter.verify.grid.case import STAGE, ClaimTimer
 from soter.verify.verify_module import CLAIMS, STAGES
 
 

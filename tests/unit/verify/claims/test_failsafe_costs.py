@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.language.model.system import System
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
 
 TRUCK = """soter 1;
 topic truck: { h: float, w: float, v: float } max_age 20ms;

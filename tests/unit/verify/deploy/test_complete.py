@@ -17,11 +17,11 @@ from soter.language.front_end import check_file, system_of
 from soter.language.model import typed as t
 from soter.language.model.system import Module, Scope, System
 from soter.language.model.types import FLOAT
-from soter.verify.claims.case import Case
 from soter.verify.deploy import missing_predicates as complete_
 from soter.verify.deploy.level_tables import GroupTable, Writer, level_function
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import estimate_sets as levels_
+from soter.verify.grid.case import Case
 
 SPAN = Span(Source("table.soter", "x"), 0, 1)
 

@@ -18,8 +18,8 @@ from soter.verify.problem.extract import extract
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
+    from soter.verify.grid.case import Case
 
 DRIFTS = """soter 1;
 topic at: { x: float, side: float } max_age 10ms;

@@ -10,9 +10,8 @@ from soter.language.model.system import System
 from soter.verify.command import verify
 from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
 from soter.verify.deploy.dm_test_cases import AC, SC
-from soter.verify.deploy.level_tables import GroupTable
+from soter.verify.deploy.level_tables import GroupTable, pairs_of, tables_of_groups
 from soter.verify.deploy.missing_predicates import complete, install
-from soter.verify.proof_methods import pairs_of, tables_of_groups
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
 MUTANTS = {

@@ -13,7 +13,7 @@ from unit.verify import test_verify_groups as plane
 from unit.verify.test_verify import changed, result_of
 
 if TYPE_CHECKING:
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ import soter
 from soter.api import Program
 from soter.cli.main import main
 from soter.verify.claims import choice
-from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.claims.results import ProofSearch, Try
 from soter.verify.diagnosis import open_claims, tried_remedies, variations
 from soter.verify.diagnosis.tried_remedies import in_order
 from soter.verify.diagnosis.variations import NotProved, lines_of, remedies
+from soter.verify.grid.grid_refinement import cells_of, smaller_cells
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 from unit.verify.problem.test_left_out_states import LANE
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.verify.enclose.scheme_error import scheme_error, scheme_weight
 from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.group_model import UnboundedError
+from soter.verify.grid.scheme_error import scheme_error, scheme_weight
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.small_enclosure_units import (
     END,

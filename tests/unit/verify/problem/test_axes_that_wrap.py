@@ -19,10 +19,10 @@ from soter.diagnostics.diagnostic import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims.grid_refinement import cells_of_box
 from soter.verify.deploy.level_tables import Writer, place_function
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.enclose.enclosed_operations import FAR_TURNS, FARTHEST
+from soter.verify.grid.grid_refinement import cells_of_box
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
 from soter.verify.problem.inputs import errors_of

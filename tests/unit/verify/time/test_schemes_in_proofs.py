@@ -9,7 +9,7 @@ import pytest
 
 from soter.language.front_end import check_file
 from soter.verify.chosen_modules import modules_of, problems_of
-from soter.verify.enclose.scheme_error import scheme_error, scheme_weight
+from soter.verify.grid.scheme_error import scheme_error, scheme_weight
 from soter.verify.verify_module import verify_module
 from tables import all_rows
 

@@ -23,7 +23,7 @@ from soter.language.elaborate.lints.contradictory_predicates import (
     trials_of,
     tried_topics,
 )
-from soter.language.elaborate.step_times import fresh_ages_ns
+from soter.language.elaborate.passes.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.predicates import maybe_nan

@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.system_numbers import Numbers, SizeCounter
+from soter.language.elaborate.passes.system_numbers import Numbers, SizeCounter
 from soter.language.model import system, typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics, Span
-    from soter.language.elaborate.stand_ins import ContractStandIn, StatedValues
-    from soter.language.elaborate.system_numbers import Values
+    from soter.language.elaborate.passes.stand_ins import ContractStandIn, StatedValues
+    from soter.language.elaborate.passes.system_numbers import Values
     from soter.language.model.types import Value
 
 Bounds = tuple[system.Bound | None, ...]

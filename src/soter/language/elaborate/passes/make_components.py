@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.passes.replace_parts import controller_names
+from soter.language.elaborate.passes.stand_ins import stand_in
+from soter.language.elaborate.passes.step_times import budget, check_step_times
+from soter.language.elaborate.passes.system_numbers import TooLargeError
 from soter.language.elaborate.passes.topics import make_queue, topic_at
 from soter.language.elaborate.passes.value_sets import require_in_set
-from soter.language.elaborate.stand_ins import stand_in
-from soter.language.elaborate.step_times import budget, check_step_times
-from soter.language.elaborate.system_numbers import TooLargeError
 from soter.language.model import typed
 from soter.language.model.system import Component, Disturbance, Measurement, Scope
 from soter.language.model.tree_walk import topic_reads

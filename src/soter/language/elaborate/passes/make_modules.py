@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import append, exchange
 from soter.language.elaborate.passes.make_components import failsafe_values, scope_of
+from soter.language.elaborate.passes.step_times import check_double_response
 from soter.language.elaborate.passes.topics import topic_at
 from soter.language.elaborate.passes.value_sets import beyond
-from soter.language.elaborate.step_times import check_double_response
 from soter.language.model import typed
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST, Module
 from soter.language.model.types import FloatType, IntType, leaves, show_ns

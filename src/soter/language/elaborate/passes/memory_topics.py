@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.system_numbers import TooLargeError
+from soter.language.elaborate.passes.system_numbers import TooLargeError
 from soter.language.model.system import Bound, Shield, Topic
 from soter.language.model.typed import TopicSymbol
 from soter.language.model.types import (

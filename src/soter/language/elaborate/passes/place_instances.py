@@ -19,7 +19,7 @@ from soter.language.model.tree_walk import topics_beside, topics_mentioned
 
 if TYPE_CHECKING:
     from soter.language.elaborate.passes.flattening import Bounds, Flattening, Wires
-    from soter.language.elaborate.system_numbers import Values
+    from soter.language.elaborate.passes.system_numbers import Values
     from soter.language.model.types import Value
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.field import listed
 from soter.language.elaborate.passes.flattening import PlacedInstance, ReplacedModule
-from soter.language.elaborate.stand_ins import ContractStandIn
+from soter.language.elaborate.passes.stand_ins import ContractStandIn
 from soter.language.elaborate.wellformed import check_messages
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes

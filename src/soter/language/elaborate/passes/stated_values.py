@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.distinguished import Readers
-from soter.language.elaborate.passes.topics import topic_at
-from soter.language.elaborate.passes.value_sets import require_in_set
-from soter.language.elaborate.stand_ins import (
+from soter.language.elaborate.passes.stand_ins import (
     StatedValues,
     field_path,
     give_step,
@@ -23,6 +21,8 @@ from soter.language.elaborate.stand_ins import (
     part_of,
     with_part,
 )
+from soter.language.elaborate.passes.topics import topic_at
+from soter.language.elaborate.passes.value_sets import require_in_set
 from soter.language.model import typed
 from soter.language.model.system import Property
 from soter.language.model.types import RecordType

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.field import listed
+from soter.language.elaborate.passes.system_numbers import TooLargeError
 from soter.language.elaborate.passes.value_sets import set_and_default
-from soter.language.elaborate.system_numbers import TooLargeError
 from soter.language.model import typed
 from soter.language.model.system import Topic
 from soter.language.model.types import ListType

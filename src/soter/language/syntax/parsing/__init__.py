@@ -1,4 +1,4 @@
-"""The parts of the parser, from a cursor over tokens up to systems and tests.
+"""The parser: `parser.py` makes the tree of a file, on top of the other files here.
 
 - `token_cursor.py` looks ahead, reports once, and finds where to go on after an error.
 - `literals_and_operators.py` and `expressions.py` read expressions, `types.py` types and sets,

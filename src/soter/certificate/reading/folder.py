@@ -29,7 +29,7 @@ import numpy as np
 
 from soter.certificate.report import NotRecheckedError, RecheckAssumption, RejectedError
 from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
-from soter.language.elaborate.system_numbers import has_param
+from soter.language.elaborate.passes.system_numbers import has_param
 from soter.language.front_end import check_file
 from soter.language.load.loader import load
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType

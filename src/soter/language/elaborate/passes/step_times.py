@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import the_other_way
-from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
+from soter.language.elaborate.passes.system_numbers import MAX_PERIOD_NS
 from soter.language.model.system import Fault
 from soter.language.model.types import FloatType, leaves, show_ns, write_ns
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.elaborate.passes.flattening import Flattening
-    from soter.language.elaborate.system_numbers import Numbers
+    from soter.language.elaborate.passes.system_numbers import Numbers
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import NodeSymbol

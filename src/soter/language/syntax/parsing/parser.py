@@ -1,4 +1,4 @@
-"""Parses whole files and their declarations: from tokens to a tree.
+"""Parses whole files, declaration by declaration: from tokens to a tree.
 
 Purpose: `parse(source, diagnostics)` makes one tree and reports every syntax error of the file in
 one pass, in the order of the text. A declaration with a mistake keeps what could be read of it; its

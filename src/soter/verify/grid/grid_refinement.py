@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.core.layout import Bools
-    from soter.verify.claims.case import Case
+    from soter.verify.grid.case import Case
     from soter.verify.problem.problem import Axis, Group, Interval, Problem
 
     Settle = Callable[[Problem, tuple[int, ...]], object]
@@ -267,7 +267,7 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
 def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
     """A note for each group whose Q is on smaller cells than the DM's table."""
     lines: dict[str, None] = {}
-    for part in (part for case in done for part in case.sets.groups):
+    for part in (proof.found for case in done for proof in case.proofs):
         if part.finer is None:
             continue
         size, group = part.finer

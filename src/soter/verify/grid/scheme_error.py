@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.enclose.compiled_enclosures import FORM
+from soter.verify.problem.problem import ORDER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from soter.core.layout import Floats
 
 
-NS = 1e-9
-ORDER = 4
 UP = 1.0 + 1e-12
 """A factor that covers the rounding of the few sums of nonnegative numbers here."""
 UNIT = 2.0**-53
