@@ -32,7 +32,7 @@ from soter.campaign.batch_flights import Fleet
 from soter.editor.documents import Overlay
 from soter.gym import Protected, make_vec
 from soter.gym.compiled_system import CompiledEnvironment, Roles
-from soter.gym.outside_roles import ObservedPart
+from soter.gym.environment_choices import ObservedPart
 from soter.gym.vector import BatchedStates
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file
@@ -185,7 +185,7 @@ def bare_worlds(count: int, actions: Any) -> Callable[[], object]:  # noqa: ANN4
     made = CompiledEnvironment(flat, Roles(driver.index), {}, [ObservedPart(topic)])
     worlds, nobody = BatchedStates(made, count), np.zeros(count, dtype=bool)
     worlds.seeds[:] = np.arange(count)
-    worlds.begin(np.ones(count, dtype=bool))
+    worlds.begin_episodes(np.ones(count, dtype=bool))
     return lambda: worlds.step(actions, nobody)
 
 

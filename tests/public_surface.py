@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import soter
-from soter.cli.main import COMMANDS, parser_of
+from soter.cli.main import COMMANDS, command_parser
 from soter.cli.terminal import command_outcome
 from soter.language.syntax.parsing.parser import EDITION
 
@@ -56,7 +56,7 @@ FORMATS = {
     "certificate": "soter.certificate.reading.folder.FORMAT",
     "trace": "soter.explore.trace.SCHEMA",
     "campaign.json": "soter.campaign.store.SCHEMA",
-    "channels.json": "soter.remote.topics.SCHEMA",
+    "channels.json": "soter.targets.CHANNELS_SCHEMA",
     "JSON documents": "soter.cli.terminal.command_outcome.SCHEMA",
 }
 MAPPING = "soter.mapping"
@@ -136,7 +136,7 @@ def parameter_text(parameter: inspect.Parameter) -> str:
 def commands() -> Iterator[str]:
     """Every option and argument of every command, as its parser has it."""
     for name in (n for n in COMMANDS if n != "help"):
-        for action in parser_of(name)._actions:
+        for action in command_parser(name)._actions:
             what = "/".join(action.option_strings) or str(action.dest).upper()
             takes = "" if action.nargs is None else f" nargs {action.nargs}"
             among = f" {{{','.join(map(str, action.choices))}}}" if action.choices else ""

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from soter.api import Program, load
-from soter.api.monitoring import judged
+from soter.api.monitoring import judge_modules
 from soter.report.tables import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -54,7 +54,7 @@ def one(program: Program, system: str, seed: int, known: dict[str, Any]) -> dict
     """A flight: its violations, the monitor's verdict, what |d| had to be."""
     began = time.perf_counter()
     run = program.simulate(system, seed=seed)
-    (verdict,) = judged(run.system, None, run, None, estimates=False)
+    (verdict,) = judge_modules(run.system, None, run, None, estimates=False)
     d, _ = needed(run, known)
     worst, level = d.max(axis=0), np.quantile(d.max(axis=1), QUANTILES)
     (module,) = run.modules.values()

@@ -351,11 +351,11 @@ LEFT_OUT = frozenset({"--tcp", "--real-time", "--hours", "--stdio"})
 
 def wrong_options(chance: Random, k: int) -> list[str]:
     """Command line `k`: every command in turn, with options that do not fit."""
-    from soter.cli.main import COMMANDS, parser_of  # noqa: PLC0415 - in the process that tries
+    from soter.cli.main import COMMANDS, command_parser  # noqa: PLC0415 - in the process that tries
 
     name = [*COMMANDS][k % len(COMMANDS)]
     words = list(QUICK.get(name, ()))
-    actions = [] if name == "help" else parser_of(name)._actions  # noqa: SLF001
+    actions = [] if name == "help" else command_parser(name)._actions  # noqa: SLF001
     for _ in range(chance.choice((1, 1, 2, 4))):
         options = [a for a in actions if a.option_strings]
         if not options or chance.random() < 0.1:

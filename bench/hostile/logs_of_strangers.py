@@ -30,7 +30,7 @@ os.environ.setdefault("MAVLINK20", "1")
 
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the path
 from soter.mapping.message_types import EMPTY_MEMBER  # noqa: E402 - the same
-from soter.monitor.log_files.csv_log import csv_head, csv_rows  # noqa: E402 - the same
+from soter.monitor.log_files.csv_log import csv_column_names, csv_rows  # noqa: E402 - the same
 from soter.monitor.log_files.log_columns import FileFacts  # noqa: E402 - the same
 from soter.monitor.log_files.read_columns import channel_messages  # noqa: E402 - the same
 from soter.monitor.log_survey import EVERY  # noqa: E402 - the same
@@ -150,13 +150,13 @@ def by_csv(path: Path) -> Iterator[Message]:
 def by_soter(path: Path, facts: FileFacts, *, partial: bool) -> Iterator[Message]:
     """The same from Soter's readers; SoterError."""
     if path.suffix.lower() == ".csv":
-        head = csv_head(path)
+        head = csv_column_names(path)
         rows = csv_rows(path, head, head[0], facts)
-        for _, _, cells in facts.readable(path, rows, partial=partial):
+        for _, _, cells in facts.readable_rows(path, rows, partial=partial):
             yield path.name, cells
         return
     messages = channel_messages(path, EVERY, facts)
-    for _, _, name, content in facts.readable(path, messages, partial=partial):
+    for _, _, name, content in facts.readable_rows(path, messages, partial=partial):
         if content is not None:
             yield name, dict(flat(content))
 

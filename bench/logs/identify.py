@@ -37,10 +37,10 @@ from soter.monitor.identification import (  # noqa: E402 - the same
     Episode,
     Identification,
     OpenParameter,
-    identified,
+    identified_parameters,
     open_parameters,
 )
-from soter.monitor.model_membership import Judgement, judge  # noqa: E402 - the same
+from soter.monitor.model_membership import Judgement, judge_run  # noqa: E402 - the same
 from soter.report.tables import table  # noqa: E402 - the same
 from soter.verify.problem.extract import extract_sets  # noqa: E402 - the same
 
@@ -169,13 +169,15 @@ class Program:
     def fit(self, episodes: Sequence[Episode]) -> Identification:
         """What all open parameters are fitted to."""
         opened = open_parameters(self.pose, self.declared, named=False)
-        return identified(self.pose, opened, episodes, estimates=self.estimates, truths=self.truths)
+        return identified_parameters(
+            self.pose, opened, episodes, estimates=self.estimates, truths=self.truths
+        )
 
     def judged(self, values: Mapping[str, float], episodes: Sequence[Episode]) -> list[Judgement]:
         """What the monitor says of each."""
         ((flat, module, problem),) = self.pose(values)
         how = {"estimates": self.estimates, "truths": self.truths}
-        return [judge(flat, module, problem, e.record, models=None, **how) for e in episodes]
+        return [judge_run(flat, module, problem, e.record, models=None, **how) for e in episodes]
 
     def leaving(self, values: Mapping[str, float], episodes: Sequence[Episode]) -> float:
         """The share of episodes that are not explained."""

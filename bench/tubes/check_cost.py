@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT))
 
 import soter  # noqa: E402 - needs the path
-from soter.api.deploying import image_of, stack_bound  # noqa: E402
+from soter.api.deploying import built_image, stack_bound  # noqa: E402
 from soter.codegen.unit import generate  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
@@ -144,7 +144,7 @@ def on_board(path: Path, board: str) -> list[str]:
         package = program.build("cortex-m", Path(name) / "out", board=board)
         stack = stack_bound(package, board)
         try:
-            image = image_of(package, board, stack)
+            image = built_image(package, board, stack)
         except SoterError as error:  # X015
             what = error.diagnostics[0].message.split(": ")[-1]
             return [path.stem, *["-"] * 4, "no", "-", what, "-"]

@@ -23,7 +23,7 @@ import soter
 from soter.certificate.extras.flight_check import open_flights
 from soter.certificate.report import UNCONFIRMED
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC, LogChannel, LogHeader, McapLog
-from soter.report.mcap_reading import messages, metadata
+from soter.report.mcap_reading import log_messages, log_metadata
 
 if TYPE_CHECKING:
     from types import SimpleNamespace
@@ -87,7 +87,7 @@ def with_one_changed(log: Path, other: Path, drawn: random.Random) -> int:
     control until the next one.
     """
     channels: dict[str, list[tuple[int, Any]]] = {}
-    for time_ns, channel, m in messages(log):
+    for time_ns, channel, m in log_messages(log):
         channels.setdefault(channel, []).append((time_ns, m))
     steps = channels[DECISIONS_TOPIC]
     at = drawn.randrange(len(steps))
@@ -101,7 +101,7 @@ def with_one_changed(log: Path, other: Path, drawn: random.Random) -> int:
         steps[at + 1][1]["mode_before"] = "AC"
     modes = [(0, "SC"), *((t, m["mode_after"]) for t, m in steps)]
     channels[MODES_TOPIC] = [(t, {"module": "Follow", "mode": mode}) for t, mode in modes]
-    said = metadata(log)
+    said = log_metadata(log)
     head = LogHeader(said["program_sha256"], said["system"], int(said["seed"]), "bench")
     schema = {"type": "object", "properties": {}}
     file = McapLog(other, [(name, schema) for name in channels], head)

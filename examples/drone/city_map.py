@@ -18,22 +18,22 @@ from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
     arm_group,
-    axis,
-    by_controller,
+    axis_style,
     decision_hover,
+    event_place,
     flight_indices,
     giveback_dot,
     givebacks,
-    layout,
-    line,
-    place,
+    line_style,
+    rows_of_controller,
+    shared_layout,
     takeover_dot,
     takeovers,
     violation_cross,
     violation_hover,
 )
 from soter.report.run.record import Figure, Json
-from soter.report.templates import numbers
+from soter.report.templates import rounded_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,9 +68,9 @@ def city_map(scene: Scene, flights: Sequence[Flight]) -> Figure:
         "map",
         "The city from above, with the trajectories coloured by who is in control",
         tuple(data),
-        layout(
-            xaxis=axis("x / m", range=[shown.x_min, shown.x_max], constrain="domain"),
-            yaxis=axis(
+        shared_layout(
+            xaxis=axis_style("x / m", range=[shown.x_min, shown.x_max], constrain="domain"),
+            yaxis=axis_style(
                 "y / m",
                 range=[shown.y_min, shown.y_max],
                 scaleanchor="x",
@@ -96,11 +96,11 @@ def _buildings(scene: Scene, shown: Window) -> list[Json]:
             {
                 "type": "scatter",
                 "mode": "lines",
-                "x": numbers(outline[:, 0]),
-                "y": numbers(outline[:, 1]),
+                "x": rounded_numbers(outline[:, 0]),
+                "y": rounded_numbers(outline[:, 1]),
                 "fill": "toself",
                 "fillcolor": f"@box-{level}",
-                "line": line("@box-line", 1),
+                "line": line_style("@box-line", 1),
                 "hoveron": "fills",
                 "hoverinfo": "text",
                 "text": f"building, {box[1, 2]:g} m high",
@@ -114,8 +114,8 @@ def _buildings(scene: Scene, shown: Window) -> list[Json]:
         {
             "type": "scatter",
             "mode": "text",
-            "x": numbers(centres[:, 0]),
-            "y": numbers(centres[:, 1]),
+            "x": rounded_numbers(centres[:, 0]),
+            "y": rounded_numbers(centres[:, 1]),
             "text": [f"{top:g} m" for top in scene.boxes[roomy, 1, 2].tolist()],
             "textfont": {"color": "@box-text", "size": 11},
             "hoverinfo": "skip",
@@ -142,11 +142,11 @@ def _tubes(scene: Scene) -> list[Json]:
             {
                 "type": "scatter",
                 "mode": "lines",
-                "x": numbers(outline[:, 0]),
-                "y": numbers(outline[:, 1]),
+                "x": rounded_numbers(outline[:, 0]),
+                "y": rounded_numbers(outline[:, 1]),
                 "fill": "toself",
                 "fillcolor": f"@{colour}-fill",
-                "line": line("rgba(0,0,0,0)", 0),
+                "line": line_style("rgba(0,0,0,0)", 0),
                 "hoverinfo": "skip",
                 "group": TUBE_GROUP,
             }
@@ -156,9 +156,9 @@ def _tubes(scene: Scene) -> list[Json]:
         {
             "type": "scatter",
             "mode": "lines",
-            "x": numbers(centre[:, 0]),
-            "y": numbers(centre[:, 1]),
-            "line": line("@muted", 1, "dot"),
+            "x": rounded_numbers(centre[:, 0]),
+            "y": rounded_numbers(centre[:, 1]),
+            "line": line_style("@muted", 1, "dot"),
             "hoverinfo": "skip",
             "group": TUBE_GROUP,
         }
@@ -179,11 +179,11 @@ def _ways(flight: Flight) -> list[Json]:
             {
                 "type": "scatter",
                 "mode": "lines+markers",
-                "x": numbers(rows[:, 0]),
-                "y": numbers(rows[:, 1]),
+                "x": rounded_numbers(rows[:, 0]),
+                "y": rounded_numbers(rows[:, 1]),
                 "text": texts,
                 "hovertemplate": f"<b>{escape(flight.title)}</b><br>%{{text}}<extra></extra>",
-                "line": line(colour, 1.4, dash),
+                "line": line_style(colour, 1.4, dash),
                 "marker": {"symbol": "circle", "size": 3, "color": colour},
                 "group": plans_group(flight.name, refused=refused),
             }
@@ -204,20 +204,20 @@ def _trajectory(flight: Flight, dash: str) -> list[Json]:
     )
     traces: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = by_controller(rows, flight.in_control[chosen], ac=ac)
+        part = rows_of_controller(rows, flight.in_control[chosen], ac=ac)
         if len(part) == 0:
             continue
-        details = [numbers(part[:, column]) for column in (3, 2, 4, 5)]
+        details = [rounded_numbers(part[:, column]) for column in (3, 2, 4, 5)]
         traces.append(
             {
                 "type": "scatter",
                 "mode": "lines",
-                "x": numbers(part[:, 0]),
-                "y": numbers(part[:, 1]),
+                "x": rounded_numbers(part[:, 0]),
+                "y": rounded_numbers(part[:, 1]),
                 "customdata": [list(row) for row in zip(*details, strict=True)],
                 "meta": who,
                 "hovertemplate": f"<b>{escape(flight.title)}</b><br>{FLIGHT_HOVER}",
-                "line": line(colour, 2.4, dash),
+                "line": line_style(colour, 2.4, dash),
                 "group": arm_group(flight.name),
             }
         )
@@ -231,7 +231,7 @@ def _events(flight: Flight) -> list[Json]:
         _decision_marks(flight, givebacks(flight.decisions), giveback_dot(), group),
         _decision_marks(flight, takeovers(flight.decisions), takeover_dot(), group),
     ]
-    places = [place(flight, v.time_s, v.position) for v in flight.violations]
+    places = [event_place(flight, v.time_s, v.position) for v in flight.violations]
     traces.append(
         _marks(places, [violation_hover(v) for v in flight.violations], violation_cross(), group)
     )
@@ -242,7 +242,7 @@ def _decision_marks(
     flight: Flight, decisions: Sequence[Decision], marker: Json, group: str
 ) -> Json:
     """Draw decisions where they were taken."""
-    places = [place(flight, d.time_s, d.position) for d in decisions]
+    places = [event_place(flight, d.time_s, d.position) for d in decisions]
     return _marks(places, [decision_hover(d) for d in decisions], marker, group)
 
 

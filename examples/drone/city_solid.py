@@ -27,17 +27,17 @@ from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
     arm_group,
-    by_controller,
     decision_hover,
+    event_place,
     flight_indices,
     givebacks,
-    layout,
-    place,
+    rows_of_controller,
+    shared_layout,
     takeovers,
     violation_hover,
 )
 from soter.report.run.record import Figure, Json
-from soter.report.templates import numbers
+from soter.report.templates import rounded_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,7 +66,7 @@ def city_solid(scene: Scene, flights: Sequence[Flight]) -> Figure:
         "solid",
         "The city in three dimensions, with the trajectories coloured by who is in control",
         tuple(data),
-        layout(margin={"l": 0, "r": 0, "t": 0, "b": 0}, scene=_stage(scene, flights)),
+        shared_layout(margin={"l": 0, "r": 0, "t": 0, "b": 0}, scene=_stage(scene, flights)),
     )
 
 
@@ -190,10 +190,10 @@ def _trajectory(flight: Flight) -> list[Json]:
     )
     traces: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = by_controller(rows, flight.in_control[chosen], ac=ac)
+        part = rows_of_controller(rows, flight.in_control[chosen], ac=ac)
         if len(part) == 0:
             continue
-        details = [numbers(part[:, column]) for column in (3, 2, 4, 5)]
+        details = [rounded_numbers(part[:, column]) for column in (3, 2, 4, 5)]
         traces.append(
             {
                 **_lines(part[:, :3], colour, 7.0),
@@ -212,17 +212,17 @@ def _events(flight: Flight) -> list[Json]:
     red, green = takeovers(flight.decisions), givebacks(flight.decisions)
     kinds = (
         (
-            [place(flight, d.time_s, d.position) for d in red],
+            [event_place(flight, d.time_s, d.position) for d in red],
             [decision_hover(d) for d in red],
             {"symbol": "circle", "size": 7, "color": "@takeover"},
         ),
         (
-            [place(flight, d.time_s, d.position) for d in green],
+            [event_place(flight, d.time_s, d.position) for d in green],
             [decision_hover(d) for d in green],
             {"symbol": "circle", "size": 7, "color": "@giveback"},
         ),
         (
-            [place(flight, v.time_s, v.position) for v in flight.violations],
+            [event_place(flight, v.time_s, v.position) for v in flight.violations],
             [violation_hover(v) for v in flight.violations],
             {"symbol": "x", "size": 6, "color": "@violation"},
         ),
@@ -271,9 +271,9 @@ def _mesh(lofts: Sequence[NDArray[np.float64]], colour: str, opacity: float) -> 
     vertices, triangles = loft_mesh(lofts)
     return {
         "type": "mesh3d",
-        "x": numbers(vertices[:, 0]),
-        "y": numbers(vertices[:, 1]),
-        "z": numbers(vertices[:, 2]),
+        "x": rounded_numbers(vertices[:, 0]),
+        "y": rounded_numbers(vertices[:, 1]),
+        "z": rounded_numbers(vertices[:, 2]),
         "i": triangles[:, 0].tolist(),
         "j": triangles[:, 1].tolist(),
         "k": triangles[:, 2].tolist(),
@@ -291,9 +291,9 @@ def _lines(points: NDArray[np.float64], colour: str, width: float) -> Json:
     return {
         "type": "scatter3d",
         "mode": "lines",
-        "x": numbers(points[:, 0]),
-        "y": numbers(points[:, 1]),
-        "z": numbers(points[:, 2]),
+        "x": rounded_numbers(points[:, 0]),
+        "y": rounded_numbers(points[:, 1]),
+        "z": rounded_numbers(points[:, 2]),
         "line": {"color": colour, "width": width},
         "hoverinfo": "skip",
     }

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from city_shapes import box_outline, height_levels, tube_outline, window
 
-from soter.report.run.figure_parts import flight_indices, givebacks, place, runs, takeovers
+from soter.report.run.figure_parts import (
+    event_place,
+    flight_indices,
+    givebacks,
+    mode_stretches,
+    takeovers,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +61,7 @@ def _lines(shown: Window, flight: Flight) -> list[str]:
     chosen = flight_indices(flight, POINTS_MAX)
     points = flight.position[chosen, :2]
     parts: list[str] = []
-    for first, last, is_ac in runs(flight.in_control[chosen]):
+    for first, last, is_ac in mode_stretches(flight.in_control[chosen]):
         if last > first:
             controller = "ac" if is_ac else "sc"
             path = _path(shown, points[first : last + 1])
@@ -73,13 +79,13 @@ def _events(shown: Window, flight: Flight) -> list[str]:
             ("takeover", takeovers(flight.decisions)),
         )
         for x, y in [
-            _spot(shown, place(flight, decision.time_s, decision.position))
+            _spot(shown, event_place(flight, decision.time_s, decision.position))
             for decision in decisions
         ]
     ]
     arm = radius * 1.25
     for violation in flight.violations:
-        x, y = _spot(shown, place(flight, violation.time_s, violation.position))
+        x, y = _spot(shown, event_place(flight, violation.time_s, violation.position))
         parts.append(
             f'<path class="cross" d="M{x - arm:.2f} {y - arm:.2f}L{x + arm:.2f} {y + arm:.2f}'
             f'M{x - arm:.2f} {y + arm:.2f}L{x + arm:.2f} {y - arm:.2f}"/>'

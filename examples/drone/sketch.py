@@ -13,7 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
-from soter.report.run.figure_parts import givebacks, runs, takeovers
+from soter.report.run.figure_parts import givebacks, mode_stretches, takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -193,7 +193,7 @@ def goals(panel: Panel, city: City) -> None:
 
 def two_tone(panel: Panel, position: NDArray[np.float64], ac: NDArray[np.bool_]) -> None:
     """A trajectory (n, 2 or 3) in the colours of whoever is in control, (n,)."""
-    stretches = runs(ac)
+    stretches = mode_stretches(ac)
     for style, mode in ((AC, True), (SC, False)):
         panel.lines([position[a : b + 1] for a, b, is_ac in stretches if is_ac is mode], style)
 
@@ -203,7 +203,9 @@ def shaded(panel: Panel, time_s: NDArray[np.float64], ac: NDArray[np.bool_]) -> 
     low, high = panel.y
     stretches = [
         np.array([[start, low], [end, low], [end, high], [start, high]])
-        for start, end in ((time_s[a], time_s[b]) for a, b, is_ac in runs(ac) if not is_ac)
+        for start, end in (
+            (time_s[a], time_s[b]) for a, b, is_ac in mode_stretches(ac) if not is_ac
+        )
     ]
     panel.union(stretches, "fill:var(--sc-shade)")
 

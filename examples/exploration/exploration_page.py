@@ -22,15 +22,15 @@ import soter
 from soter.report.html import document
 from soter.report.run.figure_parts import (
     POINTS_MAX,
-    crowded,
+    dot_size,
     givebacks,
     legend,
     mode_bar,
     mode_edges,
     takeovers,
-    thin,
+    thinned_indices,
 )
-from soter.report.templates import numbers, packed, script_json
+from soter.report.templates import packed_numbers, rounded_numbers, script_json
 from soter.report.wording import prose
 from soter.simulate.result_assumptions import run_assumptions
 
@@ -143,7 +143,7 @@ def _marks(panel: Panel, e: Exploration) -> None:
 def _dots(panel: Panel, at: list[list[float]], inside: str, around: str) -> None:
     """Round marks, (k, 2), as two paths of points: where there are many, they are one outline."""
     spots = dict.fromkeys("M{:.0f} {:.0f}h0".format(*panel.place(*p)) for p in at)
-    width = 2.0 * crowded(len(at), DOT_PX)
+    width = 2.0 * dot_size(len(at), DOT_PX)
     for colour, px in ((around, width + 2.4), (inside, width - 1.0)):
         style = f"stroke:var({colour});stroke-width:{px:.1f};stroke-linecap:round"
         panel.parts.append(f'<path d="{"".join(spots)}" style="{style}"/>')
@@ -157,7 +157,7 @@ def _place(e: Exploration, d: Decision) -> list[float]:
 def _chosen(e: Exploration) -> NDArray[np.intp]:
     """The samples that are drawn: sorted indices."""
     edges = mode_edges(e.in_control)
-    return thin(len(e.time_s), edges, points_max=POINTS_MAX + len(edges))
+    return thinned_indices(len(e.time_s), edges, points_max=POINTS_MAX + len(edges))
 
 
 def picture(e: Exploration) -> str:
@@ -339,10 +339,10 @@ def data(e: Exploration) -> dict[str, object]:
     """What the page's script is given; times in s, places in m, cells as base64 of uint32 ms."""
     chosen = _chosen(e)
     rows = {
-        "t": numbers(e.time_s[chosen], 3),
-        "x": numbers(e.position[chosen, 0], 2),
-        "y": numbers(e.position[chosen, 1], 2),
-        "v": numbers(e.speed[chosen], 2),
+        "t": rounded_numbers(e.time_s[chosen], 3),
+        "x": rounded_numbers(e.position[chosen, 0], 2),
+        "y": rounded_numbers(e.position[chosen, 1], 2),
+        "v": rounded_numbers(e.speed[chosen], 2),
         "ac": [int(a) for a in e.in_control[chosen]],
     }
     g = e.grid
@@ -353,7 +353,7 @@ def data(e: Exploration) -> dict[str, object]:
         "never": int(NEVER),
         "ages": age_limits_ms(e.known_ms),
         "walls": np.round(e.walls(), 3).tolist(),
-        "path": {name: packed(values) for name, values in rows.items()},
+        "path": {name: packed_numbers(values) for name, values in rows.items()},
         "flown": [[b.time_s, np.round(b.corners, 2).tolist()] for b in e.flown],
         "corridors": [[b.time_s, np.round(b.corners, 2).tolist()] for b in e.corridors],
         "decisions": [[d.time_s, d.to, *np.round(_place(e, d), 2).tolist()] for d in e.decisions()],

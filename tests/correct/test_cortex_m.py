@@ -28,7 +28,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.targets import cortex_m_package as target
-from soter.targets.cortex_m_board import SOFT, Replay, board_of, read_board
+from soter.targets.cortex_m_board import SOFT, Replay, parsed_board, read_board
 from soter.targets.cortex_m_package import build_image
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ def test_the_words_of_an_earlier_run_are_no_run(tmp_path: Path) -> None:
         done = make(package.folder, "run", given)
         assert done.returncode != 0, given
         assert "the same trace" not in done.stdout, given
-    nowhere = board_of("nowhere", board.text.replace('"mps2-an500"', '"nowhere"'))
+    nowhere = parsed_board("nowhere", board.text.replace('"mps2-an500"', '"nowhere"'))
     package = package_of(example(EXAMPLES["cart"]), nowhere, tmp_path)
     with pytest.raises(SoterError, match="unsupported machine type"):
         build_image(package, nowhere)
@@ -274,7 +274,7 @@ def test_a_run_that_does_not_end_is_refused(
         "void soter_board_start(void) {\n  for (volatile int i = 0; i == 0;) {\n  }\n}",
     )
     assert text != board.text
-    hung = board_of("hung", text)
+    hung = parsed_board("hung", text)
     package = package_of(example(EXAMPLES["cart"]), hung, tmp_path)
     monkeypatch.setenv("LIMIT_S", "1")
     with pytest.raises(SoterError) as caught:
@@ -492,7 +492,7 @@ def test_numbers_that_are_flushed_to_zero_are_refused(tmp_path: Path) -> None:
         "void soter_board_start(void) {}", f"void soter_board_start(void) {{ {flush} }}"
     )
     assert text != board.text
-    package = package_of(example(EXAMPLES["cart"]), board_of("flush", text), tmp_path)
+    package = package_of(example(EXAMPLES["cart"]), parsed_board("flush", text), tmp_path)
     done = make(package.folder, "run")
     assert done.returncode != 0
     assert "not run: " in done.stdout

@@ -22,7 +22,7 @@ from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 from soter.targets.cortex_m_board import Replay
 from soter.targets.cortex_m_package import cortex_m_package
-from soter.targets.leases_and_lateness import takeovers
+from soter.targets.leases_and_lateness import takeover_bounds
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def test_the_trusted_part_goes_on_and_sc_takes_over(
 ) -> None:
     board = wanted(name)
     system = hostile_system(tmp_path)
-    (bound,) = takeovers(system)
+    (bound,) = takeover_bounds(system)
     replay = Replay(UNTIL_NS, 1)
     package = cortex_m_package(system, lower(system), tmp_path / "out", board, replay).write()
     traced = ("LOOP=-DSOTER_TRACED", f"CFLAGS=-Os -DKIND={kind}")

@@ -17,7 +17,7 @@ import browser
 import legibility
 import processes
 from json_documents import MADE
-from soter.cli.main import COMMANDS, parser_of
+from soter.cli.main import COMMANDS, command_parser
 from soter.cli.terminal.command_line import HelpWantedError
 from tables import all_rows
 
@@ -161,7 +161,7 @@ def test_every_command_line_of_a_page_is_one(path: Path) -> None:
             continue
         try:
             with suppress(HelpWantedError):
-                parser_of(name).parse_args(rest)
+                command_parser(name).parse_args(rest)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with it
             wrong.append(f"{line}: {error}")
     assert wrong == []

@@ -150,4 +150,4 @@ def test_lines_go_on_from_when_samples_were_measured(tmp_path: Path) -> None:
     WRITERS["ros2_plain"](tmp_path / "a", flight)
     log_map = make_log_map(mapping("a", between="linear"), load(CART).flat("Protected"))
     (samples,) = read_samples(tmp_path / "a", log_map, read_columns(tmp_path / "a", log_map))
-    assert samples.at(500 * MS) == (pytest.approx(0.5, abs=1e-9), 1.0)
+    assert samples.value_at(500 * MS) == (pytest.approx(0.5, abs=1e-9), 1.0)

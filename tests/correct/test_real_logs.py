@@ -20,7 +20,7 @@ from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import IntType, leaves
-from soter.monitor.derived_signals import slopes
+from soter.monitor.derived_signals import window_slopes
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -205,14 +205,14 @@ def test_nothing_that_comes_later_counts(tmp_path: Path) -> None:
 def test_a_slope_is_that_of_the_samples_up_to_now(window_s: float) -> None:
     times = np.cumsum(np.where(np.arange(60) % 7, 0.1, 0.23))
     curve = 3.0 - 2.0 * times + 0.7 * times**2
-    slope_values = slopes(times, curve, window_s)
+    slope_values = window_slopes(times, curve, window_s)
     assert math.isnan(slope_values[0]), "one sample has no slope"
     assert slope_values[1] == pytest.approx((curve[1] - curve[0]) / (times[1] - times[0]))
     assert slope_values[2:] == pytest.approx(-2.0 + 1.4 * times[2:], abs=1e-9), (
         "exact of a parabola"
     )
     for k in range(3, 60):
-        assert slopes(times[:k], curve[:k], window_s)[-1] == slope_values[k - 1]
+        assert window_slopes(times[:k], curve[:k], window_s)[-1] == slope_values[k - 1]
 
 
 def test_reads_too_old_or_refused_or_empty_end_with_sc(tmp_path: Path) -> None:

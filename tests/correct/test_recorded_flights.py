@@ -17,7 +17,7 @@ import soter
 from generators.c_packages import CART, make
 from generators.channel_programs import Words, going, library, number_of
 from generators.posix_packages import owned, report
-from soter.report.mcap_reading import messages
+from soter.report.mcap_reading import log_messages
 from soter.simulate.flight_recording import END_BYTES
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def test_what_flew_is_what_runs_and_every_verdict_is_confirmed(
     run, flight = rechecked(lane, proof, flown(car, tmp_path / "flight.rec"))
     other = lane.simulate(seed=SEED, until=UNTIL, log=tmp_path / "run.mcap")
     assert (run.trace_sha256, run.seed, run.cut) == (other.trace_sha256, SEED, "")
-    logs = [list(messages(tmp_path / f"{name}.mcap")) for name in ("run", "flight")]
+    logs = [list(log_messages(tmp_path / f"{name}.mcap")) for name in ("run", "flight")]
     looks = [m for _, channel, m in logs[1] if channel == "soter/decisions"]
     for look in looks:
         late, done = look.pop("late_ns"), look.pop("done_ns")
@@ -137,7 +137,7 @@ def held_up(car: Path, folder: Path) -> Path:
 
 
 def steps(log: Path) -> list[dict[str, Any]]:
-    return [m for _, channel, m in messages(log) if channel == "soter/decisions"]
+    return [m for _, channel, m in log_messages(log) if channel == "soter/decisions"]
 
 
 def changed(

@@ -32,7 +32,7 @@ from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, Lis
 from soter.language.model.values import to_python
 from soter.native.compiler import WARNINGS, find
 from soter.remote.topics import Channel
-from soter.targets.firmware_interface import described
+from soter.targets.firmware_interface import described_type
 from soter.targets.world_interface import number_of_layout
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ ROOT = Path(__file__).resolve().parents[2]
 REMOTE = ROOT / "examples" / "wall" / "remote.soter"
 POLICY = ROOT / "examples" / "wall" / "remote_policy.py"
 TOPICS = 8
-NUMBER_OF_A_FLOAT = number_of_layout(described(FLOAT))
+NUMBER_OF_A_FLOAT = number_of_layout(described_type(FLOAT))
 FORGIVING = ("--misses", "1000000", "--late", "1000000")
 
 # ---------------------------------------------------------------- Python against C, leaf by leaf

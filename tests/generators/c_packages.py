@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import processes
 import soter
-from soter.api.deploying import image_of, stack_bound
+from soter.api.deploying import built_image, stack_bound
 from soter.native.cache import cached, digest
 from soter.native.compiler import find
 
@@ -216,7 +216,7 @@ def dm_and_gate(board: str) -> tuple[int, int]:
         (here / "fast.c").write_text(FAST_SOURCE)
         program = soter.load(here / "cart.soter")
         package = program.build("cortex-m", here / "out", "Protected", board=board)
-        image = image_of(package, board, stack_bound(package, board))
+        image = built_image(package, board, stack_bound(package, board))
     assert image is not None
     assert image.instant_most is not None, image.why
     steps = {s.name: s.most for s in image.steps}

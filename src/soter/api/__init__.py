@@ -83,7 +83,7 @@ LATER = {
 ALL = "SOTER_TRACEBACK"
 
 
-def _shown(error: SoterError) -> list[str]:
+def _shown_lines(error: SoterError) -> list[str]:
     """The lines that Python and IPython show for a SoterError that nobody caught."""
     from soter.diagnostics.render import traceback_lines  # noqa: PLC0415 - only then
 
@@ -94,10 +94,10 @@ def _print(kind: type[BaseException], error: BaseException, trace: TracebackType
     if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
         sys.__excepthook__(kind, error, trace)
         return
-    print("\n".join(_shown(error)), file=sys.stderr)
+    print("\n".join(_shown_lines(error)), file=sys.stderr)
 
 
-setattr(SoterError, "_render_traceback_", _shown)  # noqa: B010 - IPython asks for that name
+setattr(SoterError, "_render_traceback_", _shown_lines)  # noqa: B010 - IPython asks for that name
 if sys.excepthook is sys.__excepthook__:  # else another package shows errors
     sys.excepthook = _print
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.api.arguments import chosen_modules, complete
+from soter.api.arguments import chosen_modules, compute_ttf
 from soter.codegen.unit import generate
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import mistake
@@ -56,10 +56,7 @@ UNTIL_NS = 60 * 10**9
 
 @dataclass(frozen=True)
 class BufferRow:
-    """At one speed: where the DM gives control to SC, and how far SC goes on from there.
-
-    `room`: from there to the fence; `used`: how much of it SC takes.
-    """
+    """At a speed: where SC takes over, its `room` to the fence, and how much of that is `used`."""
 
     speed: float
     taken_at: float
@@ -102,7 +99,7 @@ def buffers(
         flying = program.declared(system, params)
         proved = faultless(without_held_topics(flying))
         problems = {m.name: extract(proved, m) for m in proved.modules if m.forced is None}
-        complete(flying)
+        compute_ttf(flying)
         chosen = [m for m in chosen_modules(flying, module) if m.name in problems]
         return tuple(_buffers_of(flying, m, problems[m.name], named) for m in chosen)
 
@@ -116,20 +113,20 @@ def _buffers_of(
     name is none of a state's, where nothing is found, or where `safe` has no end that way.
     """
     names = {
-        leaf_name(problem.system.topics[t].name, _path(problem, t, k)): s
+        leaf_name(problem.system.topics[t].name, _leaf_path(problem, t, k)): s
         for s, (t, k) in problem.topic_leaf_of_state.items()
     }
-    pairs = [*_found(problem, names)] if named is None else [named]
+    pairs = [*_position_speed_pairs(problem, names)] if named is None else [named]
     for name in pairs[0] if named else ():
         if name not in names:
             raise mistake("U001", f"`{name}` shows no state", *did_you_mean(name, names), NAME_THEM)
     for position, speed in pairs:
         asked = _Asked(flat, module, problem, names[position], names[speed])
-        fence = asked.fence()
+        fence = asked.find_fence()
         if fence is not None:
             units = [problem.quantities.states[names[n]].unit for n in (position, speed)]
             fastest = asked.fastest_in_ac()
-            rows = tuple(asked.rows(fence, fastest))
+            rows = tuple(asked.buffer_rows(fence, fastest))
             pair = units[0], units[1]
             return Buffers(module.name, position, speed, pair, fence, fastest, rows)
     problem_text = (
@@ -138,12 +135,12 @@ def _buffers_of(
     raise mistake("U001", f"{module.name}: {problem_text}", NAME_THEM)
 
 
-def _path(problem: Problem, topic: int, leaf: int) -> tuple[str, ...]:
+def _leaf_path(problem: Problem, topic: int, leaf: int) -> tuple[str, ...]:
     return tuple(list(leaves(problem.system.topics[topic].type))[leaf][0])
 
 
-def _found(problem: Problem, names: Mapping[str, int]) -> Iterator[tuple[str, str]]:
-    """Pairs of a number that `safe` reads, and one that its rate reads."""
+def _position_speed_pairs(problem: Problem, names: Mapping[str, int]) -> Iterator[tuple[str, str]]:
+    """Pairs of a number that `safe` reads, and one that the number's rate reads."""
     read = {problem.module.scope.topics[t] for t in topic_reads(problem.module.symbol.safe)}
     of_state = {s: n for n, s in names.items()}
     states = problem.quantities.states
@@ -159,7 +156,7 @@ def _found(problem: Problem, names: Mapping[str, int]) -> Iterator[tuple[str, st
 
 
 class _Asked:
-    """A DM and a model, asked about estimates in which two numbers are not as at the start."""
+    """Asks a DM and a model about estimates whose position and speed are not those of the start."""
 
     def __init__(
         self, flat: System, module: Module, problem: Problem, position: int, speed: int
@@ -172,66 +169,72 @@ class _Asked:
         by_name = {t.name: t.index for t in flat.topics}
         topics = problem.system.topics
         self.at = {
-            s: (by_name[topics[t].name], positions(topics[t].type, _path(problem, t, k)))
+            s: (by_name[topics[t].name], positions(topics[t].type, _leaf_path(problem, t, k)))
             for s, (t, k) in problem.topic_leaf_of_state.items()
         }
         self.fastest: float | None = None
         self.way = 1.0
         self.initial = {s: middle(problem.initial[s]) for s in self.at}
 
-    def topics(self, x: float, v: float) -> tuple[Value, ...]:
-        """The values of all topics where the estimate has this position and speed."""
+    def topic_values(self, x: float, v: float) -> tuple[Value, ...]:
+        """The values of all topics if the estimate has this position and speed."""
         values: list[Any] = [t.default for t in self.flat.topics]
         for state, number in {**self.initial, self.position: x, self.speed: v}.items():
             topic, where = self.at[state]
             values[topic] = with_number(values[topic], where, number) if where else number
         return tuple(values)
 
-    def keeps(self, x: float, v: float) -> bool:
-        """Whether the DM leaves control to AC."""
-        state = self.facts.state(self.unit, self.topics(x, v))
+    def keeps_ac(self, x: float, v: float) -> bool:
+        """Whether the DM leaves control to AC at this position and speed."""
+        state = self.facts.state(self.unit, self.topic_values(x, v))
         return self.dm.decide_when_fresh(self.module, state) == AC
 
-    def fence(self) -> float | None:
-        """The end of `safe` that way, at rest or (passive safety) at a speed; None: it has none."""
-        self.fastest = self._end(self.speed)
+    def find_fence(self) -> float | None:
+        """The end of `safe` on the way, at rest or else (passive safety) at a speed, or None."""
+        self.fastest = self._end_of_range(self.speed)
         if self.fastest is None:
             return None
-        self.way = math.copysign(1.0, self.flown(self.initial[self.position], self.fastest, 0.0))
-        start, last = self.initial[self.position], self._end(self.position)
+        self.way = math.copysign(
+            1.0, self.sc_distance(self.initial[self.position], self.fastest, 0.0)
+        )
+        start, last = self.initial[self.position], self._end_of_range(self.position)
         ends = [start + self.way * 2.0**k for k in range(FARTHEST_2)] if last is None else [last]
         for v, end in product((0.0, self.fastest), ends):
-            at = _last(start, end, partial(lambda v, x: self.facts.safe(self.topics(x, v)), v))
+            at = _last_holding(
+                start, end, partial(lambda v, x: self.facts.safe(self.topic_values(x, v)), v)
+            )
             if at is None or at != end:
                 return at
         return None
 
-    def rows(self, fence: float, fastest: float) -> Iterator[BufferRow]:
-        """A row a speed, up to the fastest one."""
+    def buffer_rows(self, fence: float, fastest: float) -> Iterator[BufferRow]:
+        """Gives a row for each speed, up to the fastest one."""
         for k in range(1, SPEEDS + 1):
             v = fastest * k / SPEEDS
-            at = _last(self.initial[self.position], fence, partial(self.keeps, v=v))
+            at = _last_holding(self.initial[self.position], fence, partial(self.keeps_ac, v=v))
             if at is not None:
-                yield BufferRow(v, at, abs(fence - at), self.flown(at, v, self.way))
+                yield BufferRow(v, at, abs(fence - at), self.sc_distance(at, v, self.way))
 
     def fastest_in_ac(self) -> float:
         """The highest speed at which AC has control at the position of the start."""
         assert self.fastest is not None
-        v = _last(0.0, self.fastest, lambda v: self.keeps(self.initial[self.position], v))
+        v = _last_holding(
+            0.0, self.fastest, lambda v: self.keeps_ac(self.initial[self.position], v)
+        )
         return 0.0 if v is None else v
 
-    def _end(self, state: int) -> float | None:
-        """The end of what a number may be, in the direction of the fence; None: there is none."""
+    def _end_of_range(self, state: int) -> float | None:
+        """The end of a number's range in the direction of the fence; None without an end."""
         topic, leaf = self.problem.topic_leaf_of_state[state]
         bound, of = self.problem.system.topics[topic].bounds[leaf], self.problem.states[state]
         low, high = (of.low, of.high) if bound is None else (bound.low, bound.high)
         end = high if state == self.speed or self.way > 0.0 else low
         return end if abs(end) < FARTHEST else None
 
-    def flown(self, x: float, v: float, way: float) -> float:
-        """How far SC goes on from there in the model; where `way` is 0 the first move instead."""
+    def sc_distance(self, x: float, v: float, way: float) -> float:
+        """How far SC goes on from there in the model; with `way` 0 its first move instead."""
         states = self.problem.quantities.states
-        changed = [self._calm(c, x, v) for c in self.flat.components if c.plant is not None]
+        changed = [self._undisturbed(c, x, v) for c in self.flat.components if c.plant is not None]
         system = derived_systems.with_components(self.flat, changed)
         system = derived_systems.forced(system, self.module.index, "sc")
         leaf = states[self.position]
@@ -243,8 +246,8 @@ class _Asked:
             return float(moves[np.flatnonzero(moves)[:1]].sum())
         return max(0.0, float((way * moves).max()))
 
-    def _calm(self, c: Component, x: float, v: float) -> Component:
-        """A plant that nothing disturbs, measured exactly, from this position and speed."""
+    def _undisturbed(self, c: Component, x: float, v: float) -> Component:
+        """A plant without disturbances and errors, from this position and speed."""
         assert c.plant is not None
         initial: list[Any] = list(c.initial)
         names = [d.name for d in c.plant.states]
@@ -265,8 +268,8 @@ class _Asked:
         )
 
 
-def _last(start: float, end: float, holds: Callable[[float], bool]) -> float | None:
-    """The last number on the way from `start` to `end` up to which it holds; None: not at all."""
+def _last_holding(start: float, end: float, holds: Callable[[float], bool]) -> float | None:
+    """The last number from `start` to `end` up to which `holds` is true; None without one."""
     if not holds(start):
         return None
     for k in range(STEPS):

@@ -44,10 +44,7 @@ if TYPE_CHECKING:
 
 
 def require_utf8(*names: object) -> None:
-    """`SoterError` U003 for a path that is not UTF-8: no report or document could print it.
-
-    The names of the current folder and of those above it do not count.
-    """
+    """Raises `SoterError` U003 for a path that is not UTF-8, the current folder apart."""
     here = ""
     with suppress(OSError):
         here = str(Path.cwd() / "_")[:-1]
@@ -70,8 +67,8 @@ def time_ns(name: str, time: float | str | None) -> int | None:
         raise mistake("U001", f"`{name}` cannot be `{str(time)[:40]}`: {error}") from error
 
 
-def end_of(system: System, until: float | str | None) -> int:
-    """When a run ends, in ns; `SoterError` U001 if neither caller nor system says."""
+def end_ns(system: System, until: float | str | None) -> int:
+    """The end of a run in ns, by `until` or by the system; `SoterError` U001 if neither says it."""
     from soter.simulate.run_options import until_ns  # noqa: PLC0415 - see `soter.api`
 
     if until is not None:
@@ -104,8 +101,8 @@ def add_stale_monitors(checked: CheckResult) -> None:
             checked.diagnostics.add(wrong)
 
 
-def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
-    """Full parameter name -> value, from what a caller gave; `SoterError` U001, U004."""
+def given_params(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
+    """The values of parameters that a caller gave, by full name; `SoterError` U001, U004."""
     if not params:
         return {}
     from soter.simulate.run_options import param_values  # noqa: PLC0415 - see `soter.api`
@@ -141,7 +138,7 @@ def params_from_json(
     return params
 
 
-def complete(
+def compute_ttf(
     system: System, known: Known | None = None, bound: Mapping[str, object] | None = None
 ) -> list[str]:
     """Computes `ttf` and `safer` for modules that have neither; returns a note on each.
@@ -194,8 +191,8 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
             require_writable(Path(path))
 
 
-def run_log(log: str | Path | RunLog | None) -> RunLog | None:
-    """The writer of a run's log while it goes on; None without a log; `SoterError` D007."""
+def opened_run_log(log: str | Path | RunLog | None) -> RunLog | None:
+    """Opens the writer of a run's log; None without a log; `SoterError` D007."""
     if not isinstance(log, (str, Path)):
         return log
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra

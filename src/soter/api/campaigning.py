@@ -15,7 +15,7 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_of, require_writable, time_ns
+from soter.api.arguments import end_ns, require_writable, time_ns
 from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, kept_measurement
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import RayCluster, cluster, fly, fly_batches, require_ray
@@ -71,10 +71,10 @@ def campaign(
     """
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core
-    until_ns = end_of(flat, until)
+    until_ns = end_ns(flat, until)
     count = _flight_count(hours, flights, until_ns)
     threads, horizon_ns = _thread_count(workers), _horizon_of_saves_ns(saves)
-    about = _identity(flat, path, until_ns, seed, horizon_ns)
+    about = _campaign_identity(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _default_folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
     about = replace(about, **fleet.code())
@@ -83,10 +83,12 @@ def campaign(
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=bound_alike(bindings, arm.system).core)
-        identity = _identity(arm.system, path, until_ns, seed, 0)
+        identity = _campaign_identity(arm.system, path, until_ns, seed, 0)
         identity = replace(identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
-    shares = [_part_of_progress(progress or _ignore, k, len(todo)) for k in range(len(todo))]
+    shares = [
+        _part_of_progress(progress or _ignore_progress, k, len(todo)) for k in range(len(todo))
+    ]
     with ExitStack() as held:
         crew = threads or held.enter_context(cluster())
         flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]
@@ -108,7 +110,7 @@ def campaign(
         params=about.params,
         asked_arms=tuple(arms),
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
-        faults=_faults(flat),
+        faults=_faults_with_assumptions(flat),
         occurred=count_faults(flat, [f.seed for f in ours.flights], until_ns),
         diagnostics=tuple(_warnings(flat, ours.result)),
         properties=tuple(f"{p.kind} {p.text}" for p in flat.properties),
@@ -170,7 +172,7 @@ def _thread_count(workers: int | str | None) -> int:
     return threads
 
 
-def _faults(flat: System) -> tuple[tuple[str, str], ...]:
+def _faults_with_assumptions(flat: System) -> tuple[tuple[str, str], ...]:
     """Faults by text, each with the assumption that it keeps if it does for all components."""
     places_by_fault: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
     for f in (f for f in flat.faults if f.on is None):
@@ -181,11 +183,11 @@ def _faults(flat: System) -> tuple[tuple[str, str], ...]:
 
 
 def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
-    """The default folder of a campaign of this system; SoterError U001..."""
-    return _default_folder(path, _identity(flat, path, end_of(flat, until), seed, 0))
+    """The default folder of a campaign of this system; SoterError U001 without an end."""
+    return _default_folder(path, _campaign_identity(flat, path, end_ns(flat, until), seed, 0))
 
 
-def _identity(
+def _campaign_identity(
     flat: System, path: str, until_ns: int, seed: int, horizon_ns: int
 ) -> CampaignIdentity:
     return CampaignIdentity(
@@ -239,7 +241,7 @@ def _fly_arm(
         store.close()
     wanted = store.flights[:count]
 
-    def again(other: System, numbers: Sequence[int]) -> Iterator[FlightOutcome]:
+    def fly_arm(other: System, numbers: Sequence[int]) -> Iterator[FlightOutcome]:
         compiled = Fleet(other, fleet.until_ns, core=fleet.core)  # with the same externs
         for some in fly_batches(compiled, numbers, about.first_seed, workers):
             yield from some
@@ -251,7 +253,7 @@ def _fly_arm(
         system=fleet.system,
         folder=folder,
         flights=tuple(wanted),
-        result=make_result(wanted, fleet.system, attributions(fleet.system, bad, again)),
+        result=make_result(wanted, fleet.system, attributions(fleet.system, bad, fly_arm)),
         flown=max(count - before, 0),
         wall_s=time.perf_counter() - began,
     )
@@ -261,7 +263,7 @@ def _part_of_progress(progress: Progress, k: int, count: int) -> Progress:
     return lambda share: progress((k + share) / count)
 
 
-def _ignore(_: float) -> None:
+def _ignore_progress(_: float) -> None:
     pass
 
 
@@ -288,13 +290,10 @@ def _default_folder(path: str, about: CampaignIdentity) -> Path:
     return Path(".soter") / f"campaign-{name}"
 
 
-def written(
+def write_campaign(
     flown_campaign: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
 ) -> list[Path]:
-    """Writes the page and the tables that are asked for; SoterError D006, D007.
-
-    `path`: of the program; `report`: "" for a page beside the flights.
-    """
+    """Writes the page ("": beside the flights) and tables of a program; SoterError D006, D007."""
     made: list[Path] = []
     if report is not None:
         target = Path(report or flown_campaign.folder / "report.html")
@@ -306,7 +305,7 @@ def written(
     return made
 
 
-def settings_of(args: Mapping[str, Any]) -> dict[str, Any]:
+def campaign_settings(args: Mapping[str, Any]) -> dict[str, Any]:
     """The keyword arguments for `campaign` among those of a command line."""
     names = ("hours", "flights", "until", "seed", "workers", "output", "arms", "saves")
     return {n: args[n] for n in names}

@@ -86,8 +86,8 @@ class TimingReport:
     assumed: str = ""
 
 
-def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
-    """Program hash, system, component -> `wcet_ns`, and `assumed` from a file of times.
+def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
+    """Reads a file of times: program hash, system, `wcet_ns` by component, and `assumed`.
 
     `SoterError` U011 if it is no such file; OSError if it cannot be read.
     """
@@ -110,13 +110,13 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
     return program, system, wcet_by_component, assumed
 
 
-def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
-    """Gives components without `wcet` the one of a file; `SoterError` U011 as `times_in`.
+def add_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
+    """Gives components without `wcet` the one of a file; `SoterError` U011 as `read_times`.
 
-    Returns system name -> what these times assume. U011 also if the file is of a program with
+    Returns what these times assume, by name of a system. U011 also if the file is of a program with
     another hash than `sha256`, or of a system or components that this program does not have.
     """
-    program, name, times, assumed = times_in(path)
+    program, name, times, assumed = read_times(path)
     components = systems[name].components if name in systems else ()
     unknown = [n for n in times if n not in {c.name for c in components}]
     note = ""
@@ -138,10 +138,7 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
 def timing_reports(
     systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
-    """Reports on every system with execution times, and errors of times that do not hold.
-
-    `assumed`: system name -> what its times assume.
-    """
+    """Reports on systems with execution times, and their errors; `assumed`: by system, in words."""
     timed = [s for s in systems if s.timed]
     if not timed:
         return (), ()
@@ -185,10 +182,7 @@ def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchRep
 
 
 def _systems_of_proofs(system: System) -> list[tuple[System, Module]]:
-    """Each module with the plants of its system, or of the system that its system deploys.
-
-    Both have the same trusted thread (M025); it gets the times known for the deployed one.
-    """
+    """Each module with its plants, of its system or of the one that this system deploys."""
     proved = system.proved
     if proved is None:
         return [(system, m) for m in system.modules]
@@ -276,10 +270,7 @@ class SystemReport:
 
 @dataclass(frozen=True)
 class StepReport:
-    """The highest cost of a step of a node, or of a decision of a module.
-
-    `externs`: functions it may call, whose own code is not counted.
-    """
+    """The highest cost of a step or decision, without the code of the functions `externs`."""
 
     name: str
     kind: str
@@ -336,7 +327,7 @@ def check_report(
 
         warnings += binding_warnings.binding_warnings(program, bound)
         warnings += binding_warnings.wide_actions(flat.values(), bound)
-    assumed = {} if times is None else with_times(flat, times, program.sha256)
+    assumed = {} if times is None else add_times(flat, times, program.sha256)
     steps, refused = step_reports(program, flat)
     warnings += tuple(dict.fromkeys(refused))
     timings, untimely = timing_reports(list(flat.values()), assumed)
@@ -346,10 +337,7 @@ def check_report(
 def step_reports(
     program: TypedProgram, flat: Mapping[str, System]
 ) -> tuple[tuple[StepReport, ...], list[Diagnostic]]:
-    """Costs of all steps, nodes first, in declared order, then of code that follows SC.
-
-    Also warnings of code that `verify` and deployed modules will refuse to follow.
-    """
+    """Costs of all steps, nodes first, and warnings of code that proofs will refuse to follow."""
     costs = {s.name: cost for s, cost in program.costs.items()}
     warned: list[Diagnostic] = []
     for system in flat.values():

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.addons import by_name
 from soter.api.arguments import write_sections
-from soter.api.rechecking import no_certificate
+from soter.api.rechecking import no_certificate_error
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import CheckResult, check_file, system_of, system_of_test
 from soter.language.model import typed
@@ -54,10 +54,7 @@ STANDS, AGAIN, GONE, NEW, OPEN = "stands", "again", "gone", "new", "open"
 
 @dataclass(frozen=True)
 class DeclarationChange:
-    """A declaration that means something else: `how` is "changed", "gone" or "new".
-
-    `lines`: those of the program that differ, `-` before old and `+` before new ones.
-    """
+    """A declaration that is "changed", "gone" or "new" (`how`); `lines`: `-` old, `+` new."""
 
     kind: str
     name: str
@@ -90,12 +87,12 @@ class Comparison:
 
     @property
     def again(self) -> tuple[Consequence, ...]:
-        """What has to be made again, or for the first time."""
+        """The consequences that have to be made again, or for the first time."""
         return tuple(c for c in self.consequences if c.status in (AGAIN, NEW))
 
     @property
     def headline(self) -> str:
-        """One sentence."""
+        """Says in one sentence what has to be made again."""
         if not self.again:
             return "Nothing has to be made again: no proof, flight or test depends on what differs"
         proofs = [c.status for c in self.consequences if c.what == "proof"]
@@ -137,8 +134,8 @@ class Version:
         assert self.checked.program is not None
         return self.checked.program
 
-    def lines(self, symbol: typed.Symbol | None) -> list[str]:
-        """The lines of a declaration; none of one that the program does not write down."""
+    def declaration_lines(self, symbol: typed.Symbol | None) -> list[str]:
+        """The lines of a declaration; none of one that the program does not write."""
         assert self.checked.loaded is not None
         if symbol is None:
             return []
@@ -151,15 +148,15 @@ class Version:
         ]
         return [x for s in whole[:1] for x in s.source.text[s.start : s.end].splitlines()]
 
-    def parts(self) -> dict[tuple[str, str], PosedProblem]:
-        """What is proved, timed, flown and tested, by kind and name."""
+    def posed_parts(self) -> dict[tuple[str, str], PosedProblem]:
+        """By kind and name: what is proved, timed, flown and tested."""
         parts: dict[tuple[str, str], PosedProblem] = {}
         posed = posed_problems(self.checked, self.params)
         for (system, module), problem in posed.items():
             parts["proof", f"{module} in {system}" if system else module] = problem
         for name in self.checked.systems or [""]:
             flat = system_of(self.checked, name, self.params, exact=False)
-            parts |= {("times", n): text for n, text in _timed(flat, posed).items()}
+            parts |= {("times", n): text for n, text in _timed_parts(flat, posed).items()}
             parts["runs", name or "the program"] = text_with_names(flat)
         for name in self.checked.tests:
             parts["test", name] = text_with_names(system_of_test(self.checked, name, self.params))
@@ -172,17 +169,17 @@ def compare(old: str | Path, new: str | Path, hazards: str | Path | None = None)
     `SoterError` with the diagnostics of a program with errors, D009 where a folder is no
     certificate, D006 and D021 for `hazards`.
     """
-    before, after = _version(Path(old)), _version(Path(new))
-    declarations = _declarations(before, after)
+    before, after = _read_version(Path(old)), _read_version(Path(new))
+    declarations = _declaration_changes(before, after)
     changed = {d.name for d in declarations}
-    olds, news = before.parts(), after.parts()
+    olds, news = before.posed_parts(), after.posed_parts()
     consequences = [_consequence(k, olds.get(k), news.get(k), changed) for k in {**olds, **news}]
     if hazards is not None:
-        consequences += _requirements(Path(hazards), consequences)
+        consequences += _requirement_results(Path(hazards), consequences)
     return Comparison(str(old), str(new), declarations, tuple(consequences))
 
 
-def _version(path: Path) -> Version:
+def _read_version(path: Path) -> Version:
     params: Mapping[str, Any] = {}
     if path.is_dir():
         from soter.certificate.reading import folder  # noqa: PLC0415 - needs NumPy
@@ -190,7 +187,7 @@ def _version(path: Path) -> Version:
         try:
             checked, params = folder.program_of(folder.read_certificate(path))
         except folder.NotACertificateError as error:
-            raise no_certificate(error) from None
+            raise no_certificate_error(error) from None
     else:
         checked = check_file(str(path))
     if not checked.ok:
@@ -201,7 +198,7 @@ def _version(path: Path) -> Version:
 # ---------------------------------------------------------------- declarations
 
 
-def _declarations(before: Version, after: Version) -> tuple[DeclarationChange, ...]:
+def _declaration_changes(before: Version, after: Version) -> tuple[DeclarationChange, ...]:
     changes = []
     for table, kind in KINDS.items():
         olds, news = getattr(before.program, table), getattr(after.program, table)
@@ -209,21 +206,23 @@ def _declarations(before: Version, after: Version) -> tuple[DeclarationChange, .
             old, new = olds.get(name), news.get(name)
             if old is None or new is None or _own_text(old) != _own_text(new):
                 how = "new" if old is None else "gone" if new is None else "changed"
-                patch = unified_diff(before.lines(old), after.lines(new), n=0, lineterm="")
+                patch = unified_diff(
+                    before.declaration_lines(old), after.declaration_lines(new), n=0, lineterm=""
+                )
                 lines = tuple(x for x in [*patch][2:] if x[0] in "+-" and x[1:].strip())
                 changes.append(DeclarationChange(kind, name, how, lines))
     return tuple(changes)
 
 
 def _own_text(symbol: typed.Symbol) -> str:
-    """The text of a declaration by itself: others are their names in it."""
+    """The text of a declaration by itself, in which other declarations are their names."""
 
-    def instead(part: object) -> object:
+    def name_instead(part: object) -> object:
         if isinstance(part, typed.Literal) and part.name is not None:
             return part.name
         return part.name if isinstance(part, typed.Symbol) and part is not symbol else part
 
-    return canonical_text(symbol, instead)
+    return canonical_text(symbol, name_instead)
 
 
 # ---------------------------------------------------------------- what hangs on them
@@ -241,8 +240,10 @@ def _consequence(
     return Consequence(*key, AGAIN, tuple(sorted(changed & (old.names | new.names))))
 
 
-def _timed(flat: System, posed: Mapping[tuple[str, str], PosedProblem]) -> dict[str, PosedProblem]:
-    """What the steps of the trusted thread are made of, and each DM, by `component in system`."""
+def _timed_parts(
+    flat: System, posed: Mapping[tuple[str, str], PosedProblem]
+) -> dict[str, PosedProblem]:
+    """By `component in system`: what each step of the trusted thread, and each DM, is made of."""
     where = f" in {flat.name}" if flat.name else ""
     timed = {c.name + where: step_text(flat, c) for c in flat.components if c.in_thread and c.node}
     for m in flat.modules:  # of one that poses no problem, all of its declaration
@@ -251,21 +252,21 @@ def _timed(flat: System, posed: Mapping[tuple[str, str], PosedProblem]) -> dict[
     return timed
 
 
-def _requirements(path: Path, found: list[Consequence]) -> list[Consequence]:
-    """Each hazard and requirement, by what it traces to."""
+def _requirement_results(path: Path, found: list[Consequence]) -> list[Consequence]:
+    """What becomes of each hazard and requirement, by the properties that it traces to."""
     rows_of = by_name("soter.api.assurance.hazard_traceability")
     rows = [r for r in rows_of.read_hazards(path).rows if r.kind != "assumption"]
     todo = {}
     for id_, properties in rows_of.reached_properties(rows).items():
         names = {p.rpartition(".")[0] or p for p in properties}
-        rests_on = [c for c in found if _is_of(c, names)]
+        rests_on = [c for c in found if _concerns(c, names)]
         because = tuple(f"{c.what} of {c.name}" for c in rests_on if c.status != STANDS)
         status = (AGAIN if because else STANDS) if rests_on else OPEN
         todo[id_] = Consequence("requirement", id_, status, because)
     return [todo[r.id] for r in rows]
 
 
-def _is_of(c: Consequence, names: set[str]) -> bool:
-    """Whether a property of one of these modules, tests or conditions rests on it."""
+def _concerns(c: Consequence, names: set[str]) -> bool:
+    """Whether a property of one of these modules, tests or conditions rests on a consequence."""
     flown = c.what == "runs" and any(n.startswith(("always ", "never ")) for n in names)
     return flown or (c.what in ("proof", "test") and c.name.partition(" in ")[0] in names)

@@ -1,9 +1,9 @@
 """Builds packages, and says which proof a deployed system inherits.
 
-Purpose: `deployed` checks the certificate again, compares it with the program and the parameters,
-and reports its verdicts for the modules of the deployed system that it covers. `build` makes the
-package. `recorded_inputs` records, for the replay of an image, the values of topics from outside in
-a run of the system that was proved, with its plants.
+Purpose: `inheritance_report` checks the certificate again, compares it with the program and the
+parameters, and reports its verdicts for the modules of the deployed system that it covers. `build`
+makes the package. `recorded_inputs` records, for the replay of an image, the values of topics from
+outside in a run of the system that was proved, with its plants.
 Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`),
 reading a recording (`runtime/cortex_m/soter_recording.c`).
 """
@@ -34,7 +34,7 @@ from soter.targets.cortex_m_package import (
     Image,
     build_image,
     cross_compiler,
-    replayed_until,
+    replay_end_ns,
     require_stack,
 )
 from soter.targets.package import TARGETS, Package, PackageFile, build_package, require_options
@@ -134,8 +134,8 @@ class DeploymentReport:
         return [PackageFile(FILE, json.dumps(self.document, indent=1) + "\n")]
 
 
-def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
-    """What a freshly flattened system inherits; an empty report if it deploys no other.
+def inheritance_report(here: System, cert: str | Path | None) -> DeploymentReport:
+    """Reports what a freshly flattened system inherits; empty if it deploys no other.
 
     `SoterError` D019 if something from outside is not covered, D020 if the certificate is rejected,
     not re-checked or about another program, D009 and D007 as `recheck`, U001 for a certificate and
@@ -236,7 +236,7 @@ def build(
     a certificate confirms. `mapping`: for targets with a middleware, a file or its content.
     `board`: for targets that are an image, the name of a board or its file.
 
-    `SoterError` as `deployed` and `build_package`.
+    `SoterError` as `inheritance_report` and `build_package`.
     """
     require_options(target, mapping=mapping is not None, board=board is not None)
     place = None if board is None else read_board(board)
@@ -250,8 +250,9 @@ def build(
     bare = bound(fresh)
     require_linked(bare)
     if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
-        build_package(target, bare.system, bare.core, output, fitted(bare.system), write=False)
-    inherits = deployed(fresh, cert)
+        here = bare.system, bare.core, output, fitted(bare.system)
+        build_package(target, *here, write=False)
+    inherits = inheritance_report(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
     bindings = bound(flat)
@@ -270,7 +271,7 @@ def build(
 def _replay_on_host(bindings: Bindings) -> Replay:
     """The run that an image repeats, done here; without its trace if an extern must answer."""
     system = bindings.system
-    until, seed = replayed_until(system), 1
+    until, seed = replay_end_ns(system), 1
     if any(x.extern and not (x.binding or "").startswith("c:") for x in system.components):
         return Replay(until, seed)
     recording = recorded_inputs(system, until, seed)
@@ -301,7 +302,7 @@ def _left_out_bindings(bindings: Bindings) -> list[str]:
     return notes
 
 
-def image_of(package: Package, board: str | None, stack: StackBound) -> Image | None:
+def built_image(package: Package, board: str | None, stack: StackBound) -> Image | None:
     """Builds the image of a package that is for a board; None for others. See `build_image`.
 
     `stack`: the bound of the package; SoterError X015 if the board has less.
@@ -445,7 +446,7 @@ def _local_names(proved: System, home: Path) -> dict[str, str]:
 
 
 def _confirmed_modules(report: Report, proved: System) -> dict[str, list[RecheckedModule]]:
-    """Module -> what was confirmed of it in the proved system, one for each view; D020."""
+    """By module of the proved system: what was confirmed of each of its views; D020."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - an extra
 
     short = proved.name.removeprefix(_prefix_of(proved.name))

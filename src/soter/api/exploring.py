@@ -1,8 +1,8 @@
 """Explores tests of a program, and checks before what a person asks of them.
 
 Purpose: `explore` chooses the tests, flattens their systems, has each searched, writes traces and
-pages, and makes one report. `chosen` finds tests by name, `with_times` gives a test another skew or
-horizon.
+pages, and makes one report. `chosen_tests` finds tests by name, `test_with_times` gives a test
+another skew or horizon.
 Non-goals: exploring one test (`explore/command.py`), the options themselves
 (`explore/search_options.py`).
 """
@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
+from soter.api.arguments import compute_ttf, given_params, params_as_json, time_ns, write_test_page
 from soter.diagnostics.command_records import made
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.explore.assumptions import replacements_in_test
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TestSymbol
 
 
-def chosen(
+def chosen_tests(
     tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
 ) -> list[TestSymbol]:
-    """The tests to explore, in the program's order; `SoterError` U010 where there is none."""
+    """The tests of these names, in the program's order; `SoterError` U010 where there is none."""
     wanted = [names] if isinstance(names, str) else names
     unknown = [n for n in wanted or () if n not in tests]
     if tests and not unknown:
@@ -51,7 +51,7 @@ def chosen(
     raise mistake("U010", f"there is no test `{unknown[0]}`", notes=(f"there are: {shown}",))
 
 
-def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
+def test_with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
     """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
     plan = test_plan(system)
     for word, ns, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
@@ -95,8 +95,8 @@ def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> Expl
         require_report_package()
     program = checked.program
     assert program is not None
-    tests = chosen(checked.tests, path, options.test)
-    values = values_of(program, options.params)
+    tests = chosen_tests(checked.tests, path, options.test)
+    values = given_params(program, options.params)
     systems = _flat_tests(checked, [t.name for t in tests], values, options)
     params = params_as_json(program, values)
     results: list[TestResult] = []
@@ -147,8 +147,8 @@ def _flat_tests(
             for d in error.diagnostics:
                 diagnostics.add(d)
         else:
-            systems.append(with_times(system, skew_ns, horizon_ns))
+            systems.append(test_with_times(system, skew_ns, horizon_ns))
     diagnostics.raise_errors()
     for system in systems:
-        complete(system)
+        compute_ttf(system)
     return systems

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import (
     chosen_modules,
+    given_params,
     may_replace,
     require_utf8,
     require_writable,
     time_ns,
-    values_of,
     write_sections,
 )
 from soter.api.monitoring import mapped_record
@@ -35,7 +35,7 @@ from soter.monitor.identification import (
     Episode,
     Identification,
     OpenParameter,
-    identified,
+    identified_parameters,
     open_parameters,
 )
 from soter.report.html import write_text
@@ -96,11 +96,11 @@ def identify(
         return [(flat, m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
 
     flat = program.declared(system, fixed)
-    declared = _parameters(flat, opened, fixed)
+    declared = _asked_parameters(flat, opened, fixed)
     parameters = open_parameters(pose, declared, named=bool(opened))
     how: dict[str, Any] = {"module": module, "system": system, "params": fixed}
     records = [
-        read_log(Path(log), flat) if mapping is None else _mapped(program, log, mapping, how)
+        read_log(Path(log), flat) if mapping is None else _mapped_run(program, log, mapping, how)
         for log in logs
     ]
     hashes = {str(log): _sha256(Path(log)) for log in logs}
@@ -113,7 +113,7 @@ def identify(
     if len(episodes) < 2:
         text = f"{len(episodes)} episode is too few: every second one is held out"
         raise mistake("U001", text, "give more logs, or cut this one: --episode 10s")
-    found = identified(
+    found = identified_parameters(
         pose,
         parameters,
         episodes,
@@ -128,7 +128,7 @@ def identify(
     )
 
 
-def _mapped(
+def _mapped_run(
     program: Program, log: str | Path, mapping: str | Path | Mapping[str, Any], how: dict[str, Any]
 ) -> RecordedRun:
     found = mapped_record(program.declared, log, mapping, **how)
@@ -139,13 +139,13 @@ def _mapped(
     return found.record
 
 
-def _parameters(
+def _asked_parameters(
     flat: System, opened: Sequence[str], fixed: Mapping[str, object]
 ) -> list[OpenParameter]:
     """The parameters that are asked for, or every float of the main file that nobody has set."""
     declared = flat.program.params
     floats = [n for n, p in declared.items() if "." not in n and isinstance(p.type, FloatType)]
-    values_of(flat.program, {n: flat.params.get(n, 0.0) for n in opened})  # U004
+    given_params(flat.program, {n: flat.params.get(n, 0.0) for n in opened})  # U004
     wrong = next((n for n in opened if n not in floats), None)
     if wrong is not None:
         raise mistake("U001", f"`{wrong}` is no parameter of type float of the main file")
@@ -193,8 +193,8 @@ def _sha256(log: Path) -> str:
 # ---------------------------------------------------------------- what is written
 
 
-def require_free(path: Path) -> None:
-    """SoterError D006 where a fit would replace another file."""
+def require_replaceable(path: Path) -> None:
+    """Raises SoterError D006 where a fit would replace another file."""
     require_utf8(path)
     if path.is_file() and not may_replace(path, BEGINS.encode()):
         text = f"cannot write `{path}`: it holds something else, which would be lost"
@@ -203,7 +203,7 @@ def require_free(path: Path) -> None:
 
 def write_fit(found: Identification, path: Path) -> None:
     """Writes the values as a data file of programs; SoterError D006."""
-    require_free(path)
+    require_replaceable(path)
     facts = {
         "held_out": found.held_out,
         "rate": found.rate,
@@ -220,8 +220,8 @@ def write_fit(found: Identification, path: Path) -> None:
     write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", path)
 
 
-def headline(found: Identification) -> str:
-    """What the fit says, in one sentence."""
+def fit_headline(found: Identification) -> str:
+    """Says in one sentence what the fit came to."""
     if found.alarm is not None:
         a, n = found.alarm, found.alarms
         return (
@@ -234,8 +234,8 @@ def headline(found: Identification) -> str:
     )
 
 
-def sections(found: Identification, name: str) -> list[PageSection]:
-    """What is told of the fit, for a page or a terminal; `name`: the path of `data`."""
+def fit_sections(found: Identification, name: str) -> list[PageSection]:
+    """The sections about a fit for a page or a terminal; `name`: the path of its data."""
     explained = found.alarm is None
     texts = [ALIKE] + [TOGETHER] * (found.cut_s is not None) if explained else [NOT_EXPLAINED]
     if found.never_excited:
@@ -253,7 +253,9 @@ def sections(found: Identification, name: str) -> list[PageSection]:
     inputs = [(n, f"{share:.1%}") for n, share in found.excitation.items()]
     fields = ", ".join(f"{n}: float" for n in values)
     lines = [f"type Fit = {{ {fields} }};", f'const FIT: Fit = data "{name}";']
-    lines += [f"param {n}: float = FIT.{n}{_range(found, n)};  // {v}" for n, v in values.items()]
+    lines += [
+        f"param {n}: float = FIT.{n}{_range_text(found, n)};  // {v}" for n, v in values.items()
+    ]
     return [
         PageSection("Values", tuple(texts), ("parameter", "", "declared", "fitted"), tuple(rows)),
         PageSection("Inputs", (), ("input", "share of its set that was seen"), tuple(inputs)),
@@ -261,7 +263,7 @@ def sections(found: Identification, name: str) -> list[PageSection]:
     ]
 
 
-def _range(found: Identification, name: str) -> str:
+def _range_text(found: Identification, name: str) -> str:
     ends = found.ranges.get(name, (-inf, inf))
     return f" in [{ends[0]}, {ends[1]}]" if max(map(abs, ends)) < inf else ""
 
@@ -276,4 +278,4 @@ def write_page(found: Identification, title: str, name: str, path: Path) -> None
     require_writable(path)
     logs = PageSection("Logs", (), ("log", "SHA-256"), tuple(found.logs.items()))
     verdict = "bad" if found.alarm is not None else "good"
-    write_sections(path, title, headline(found), verdict, [*sections(found, name), logs])
+    write_sections(path, title, fit_headline(found), verdict, [*fit_sections(found, name), logs])

@@ -1,6 +1,7 @@
 """Measures times of steps on this machine, or counts instructions on an emulated board.
 
-Purpose: `measure` and `measure_on_board` do what `soter measure` does; `written` writes the file.
+Purpose: `measure` and `measure_on_board` do what `soter measure` does; `write_measurement` writes
+the file.
 Non-goals: the stopwatch (`soter.measure`), the analysis of times (`soter.timing`).
 """
 
@@ -42,10 +43,7 @@ INSTRUCTION_MAX_NS = 10**6
 
 @dataclass(frozen=True)
 class Measured:
-    """The times of the steps of one system; `margin`: the factor for the longest one.
-
-    `assumed`: how counts of instructions became times; "" where times were measured.
-    """
+    """The times of a system's steps, the `margin` of the longest one, and what is `assumed`."""
 
     system: str
     program_sha256: str
@@ -78,7 +76,7 @@ def measure(
     trace = run.trace.view("u1").reshape(len(run.trace), run.layout.size)
     made = TimedUnit(run.system, bind(run.system, program.bound).core)
     steps = timed(made, trace, samples=samples, margin=margin, seed=seed, progress=progress)
-    return Measured(run.system.name, run.system.program.sha256, machine(), margin, steps)
+    return Measured(run.system.name, run.system.program.sha256, machine_words(), margin, steps)
 
 
 def measure_on_board(
@@ -93,10 +91,10 @@ def measure_on_board(
     """Counts instructions of single steps on a board that QEMU emulates, times a stated factor.
 
     `instruction`: the longest time of one on the board, as the caller states it (`"20ns"`).
-    `SoterError` as `Program.build` and `image_of`, U001 for a wrong factor, X004 if no image can
+    `SoterError` as `Program.build` and `built_image`, U001 for a wrong factor, X004 if no image can
     be made or run here.
     """
-    from soter.api.deploying import image_of, stack_bound  # noqa: PLC0415 - of this function alone
+    from soter.api.deploying import built_image, stack_bound  # noqa: PLC0415 - of this function alone
     from soter.targets.cortex_m_board import read_board  # noqa: PLC0415 - the same
 
     _require_margin(margin)
@@ -106,7 +104,7 @@ def measure_on_board(
     with TemporaryDirectory() as folder:
         package = program.build("cortex-m", Path(folder) / "out", system, params, board=board)
         place = read_board(board)
-        image = image_of(package, board, stack_bound(package, board))
+        image = built_image(package, board, stack_bound(package, board))
     assert image is not None
     if not image.steps:
         help_ = 'docs/bare-metal.md, "What you need"'
@@ -130,12 +128,12 @@ def _require_margin(margin: float) -> None:
         raise mistake("U001", f"a margin of {margin:g} is none", "say a number from 1 on")
 
 
-def machine() -> str:
+def machine_words() -> str:
     """This machine in words: its processor and system, without its or a user's name."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
 
 
-def _note(measurement: Measured) -> str:
+def _measurement_note(measurement: Measured) -> str:
     return COUNTS if measurement.assumed else NO_BOUND
 
 
@@ -146,7 +144,7 @@ def _percentiles(step: StepTimes) -> dict[str, int]:
 DOCUMENT = JsonObject(
     Measured,
     "system program_sha256 machine margin note assumed steps",
-    {"note": _note},
+    {"note": _measurement_note},
     beside={"file": str, "times": str},
     steps=JsonObject(
         StepTimes,
@@ -157,7 +155,7 @@ DOCUMENT = JsonObject(
 """The measurement as the file's JSON object; times in ns."""
 
 
-def written(measurement: Measured, path: str | Path) -> Path:
+def write_measurement(measurement: Measured, path: str | Path) -> Path:
     """Writes the file and returns its path; OSError if that fails."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

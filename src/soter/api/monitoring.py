@@ -1,6 +1,6 @@
 """Judges whether runs and logs fit the plants of their proofs.
 
-Purpose: `judged` is what `Program.monitor` does with a log or a run, `log_judged` what
+Purpose: `judge_modules` is what `Program.monitor` does with a log or a run, `judge_log` what
 `Program.judge_log` does with a log of another system, and `log_explained` what `--map` with
 `--estimates` does.
 Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/log_replay.py`).
@@ -18,13 +18,19 @@ from soter.language.elaborate.passes.step_times import is_measured
 from soter.language.evaluate.arithmetic import StepFault
 from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
 from soter.monitor.decidable_modules import decidable
-from soter.monitor.doubtful_topics import doubts
+from soter.monitor.doubtful_topics import doubt_notes
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.log_judgement import LogJudgement, units_taken
-from soter.monitor.log_replay import replay
-from soter.monitor.model_membership import Judgement, judge, needed_topics, note_alarm, topic_names
+from soter.monitor.log_judgement import LogJudgement, unit_notes
+from soter.monitor.log_replay import replay_log
+from soter.monitor.model_membership import (
+    Judgement,
+    judge_run,
+    needed_topics,
+    note_alarm,
+    topic_names,
+)
 from soter.monitor.typed_samples import read_samples
-from soter.report.mcap_reading import metadata
+from soter.report.mcap_reading import log_metadata
 from soter.report.wording import changed_parameters
 from soter.semantics.publication_gate import make_check
 from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
@@ -42,7 +48,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
 
-def judged(
+def judge_modules(
     flat: System, log: str | Path | None, run: Run | None, module: str | None, *, estimates: bool
 ) -> list[Judgement]:
     """Judges every module, or one, on a log of the system `flat` or on a traced run of it."""
@@ -51,17 +57,19 @@ def judged(
         flat, record = run.system, record_of_trace(run)
     else:
         assert log is not None
-        record, notes = read_log(Path(log), flat), _of_another_flight(Path(log), flat)
+        record, notes = read_log(Path(log), flat), _other_flight_note(Path(log), flat)
     chosen = chosen_modules(flat, module)
-    made = [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+    made = [judge_run(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
     return [replace(j, notes=(*j.notes, *notes)) for j in made]
 
 
-def _of_another_flight(log: Path, flat: System) -> tuple[str, ...]:
+def _other_flight_note(log: Path, flat: System) -> tuple[str, ...]:
     """A note where a log says that another program, system or values of parameters flew."""
     here_by_key = {f"param {name}": text for name, (text, _) in changed_parameters(flat).items()}
     here_by_key |= {"system": flat.name, "program_sha256": flat.program.sha256}
-    in_log = {k: v for k, v in metadata(log).items() if k in here_by_key or k.startswith("param ")}
+    in_log = {
+        k: v for k, v in log_metadata(log).items() if k in here_by_key or k.startswith("param ")
+    }
     pairs = [
         (k, in_log.get(k, "the default"), here_by_key.get(k, "the default"))
         for k in in_log | here_by_key
@@ -74,7 +82,7 @@ def _of_another_flight(log: Path, flat: System) -> tuple[str, ...]:
     return ("what is judged is not what flew: " + "; ".join(texts),) if in_log and texts else ()
 
 
-def log_judged(
+def judge_log(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
     log: str | Path | Sequence[str | Path],
     mapping: str | Path | Mapping[str, Any],
@@ -93,14 +101,16 @@ def log_judged(
     the mapping's own; `partial`: judge a damaged log up to the damage, which gives no verdict.
     SoterError D015, D016, U001, U003; D017 if no module can be decided.
     """
-    paths, flat, declared = _declared(flat_of, log, mapping, system, params, where)
+    paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
     plan = decidable(flat, [t.topic.index for t in declared.topics])
     if not set(plan.modules) & set(chosen):
-        raise SoterError(tuple(lost(flat.modules[m].name, plan.missing[m]) for m in chosen))
+        raise SoterError(
+            tuple(missing_error(flat.modules[m].name, plan.missing[m]) for m in chosen)
+        )
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)
-    judgement = replay(flat, samples, plan, ", ".join(map(str, paths)), progress)
+    judgement = replay_log(flat, samples, plan, ", ".join(map(str, paths)), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
     for found in judgement.modules:
         found.beyond_s = max(c.beyond_ns for c in columns.values()) / 1e9
@@ -135,12 +145,12 @@ def log_explained(
 ) -> list[Judgement]:
     """Judges whether some run of the proof's plants fits the measurements and commands of a log.
 
-    Arguments and errors as in `log_judged`; all driven topics and commands of a module have to be
+    Arguments and errors as in `judge_log`; all driven topics and commands of a module have to be
     mapped (D017), and its program has to determine a proof (R...).
     """
     found = mapped_record(flat_of, log, mapping, **how)
     flat, record = found.flat, found.record
-    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in found.problems]
+    made = [judge_run(flat, m, p, record, estimates=True, truths=False) for m, p in found.problems]
     for j, (m, p) in zip(made, found.problems, strict=True):
         for name, at_s in found.commands_outside(m, p):
             note_alarm(j, at_s, [f"{name}, outside of its set"])
@@ -179,21 +189,21 @@ def mapped_record(
     partial: bool = False,
 ) -> MappedRecord:
     """Reads a log for `log_explained`, which has its arguments and errors."""
-    paths, flat, declared = _declared(flat_of, log, mapping, system, params, where)
+    paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     mapped = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
     _require_given(flat, problems, mapped)
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)
     record, outside = _record_of_samples(flat, samples)
-    notes = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
+    notes = [*(text for s in samples for text in s.lost), *doubt_notes(flat, samples)]
     for name, found in outside.items():
         first = "the first: {:.3f} s: {}; the model has no such, unless `clip = true`".format(
             *found[0]
         )
         notes.append(f"outside of its set: {len(found):,} samples of {name}, {first}")
     notes += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
-    notes += units_taken([x for s in samples for x in s.assumed_units])
+    notes += unit_notes([x for s in samples for x in s.assumed_units])
     damage = next((c.damage for c in columns.values() if c.damage), None)
     begin, end = samples[0].log_ns
     return MappedRecord(flat, problems, record, outside, (begin, end), tuple(notes), damage)
@@ -222,7 +232,7 @@ def _record_of_samples(
             taken = not is_measured(system, topic.index)
         if taken:
             before = value if topic.name in waiting else topics[topic.name]
-            topics[topic.name] = samples[k].going_on(before, value)
+            topics[topic.name] = samples[k].unwrapped_value(before, value)
             since.add(topic.name)
             waiting.discard(topic.name)
         last = at + 1 == len(events) or events[at + 1][0] != time_ns
@@ -235,7 +245,7 @@ def _record_of_samples(
     return record, outside
 
 
-def _declared(
+def _files_and_mapping(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
     log: str | Path | Sequence[str | Path],
     mapping: str | Path | Mapping[str, Any],
@@ -252,7 +262,7 @@ def _declared(
     return paths, flat, make_log_map(table, flat, where, file)
 
 
-def lost(module: str, missing: Sequence[object]) -> Diagnostic:
-    """The error D017 for a module whose topics a log does not have."""
+def missing_error(module: str, missing: Sequence[object]) -> Diagnostic:
+    """Gives the error D017 for a module whose topics a log does not have."""
     notes = tuple(f"missing: {m}" for m in missing)
     return Diagnostic("D017", f"the log does not decide module `{module}`", notes=notes)

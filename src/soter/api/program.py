@@ -15,16 +15,16 @@ from soter.addons import by_name
 from soter.api.arguments import (
     add_stale_monitors,
     chosen_modules,
-    complete,
-    end_of,
+    compute_ttf,
+    end_ns,
     format_text,
+    given_params,
+    opened_run_log,
     read_text,
     require_no_certificate,
     require_utf8,
     require_writable,
     require_writers,
-    run_log,
-    values_of,
     write_advice,
 )
 from soter.api.check_report import CheckReport, check_report
@@ -191,14 +191,14 @@ class Program:
         how = made(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
         values = self._values(params)
         with telling_shares(how.progress):
-            prepared = self._prepared.of(self._checked, system, values, self._bound)
+            prepared = self._prepared.prepared_system(self._checked, system, values, self._bound)
         if how.arm is not None:
-            prepared = self._prepared.of_arm(prepared, how.arm, how.campaign)
-        log, writer = how.log, run_log(how.log)
+            prepared = self._prepared.system_of_arm(prepared, how.arm, how.campaign)
+        log, writer = how.log, opened_run_log(how.log)
         require_writers(log if isinstance(log, (str, Path)) else None, how.report)
         report = None if how.report is None else Path(how.report).absolute()  # externs may move
         how = replace(how, trace=how.trace if report is None else True)
-        until_ns = 0 if how.recorded is not None else end_of(prepared.system, until)
+        until_ns = 0 if how.recorded is not None else end_ns(prepared.system, until)
         bound = dict(self._bound)
         run = simulate(self._prepared, prepared, bound, how, until_ns=until_ns, writer=writer)
         if writer is not None and writer is not log and writer.problem is not None:
@@ -278,12 +278,14 @@ class Program:
         needless("beside `log`", until=None not in (log, until), seed=log is not None and seed != 1)
         flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
-        judged = by_name("soter.api.monitoring").judged(flat, log, run, module, estimates=estimates)
+        judged = by_name("soter.api.monitoring").judge_modules(
+            flat, log, run, module, estimates=estimates
+        )
         return cast("list[Judgement]", judged)
 
     def judge_log(self, log: Any, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
-        """Judges a log of another system by a mapping: see `soter.api.monitoring.log_judged`."""
-        judged = by_name("soter.api.monitoring").log_judged(self.flat, log, mapping, **how)
+        """Judges a log of another system by a mapping: see `soter.api.monitoring.judge_log`."""
+        judged = by_name("soter.api.monitoring").judge_log(self.flat, log, mapping, **how)
         return cast("LogJudgement", judged)
 
     def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
@@ -462,7 +464,7 @@ class Program:
         return self._checked.program
 
     def _values(self, params: Mapping[str, object] | None) -> dict[str, Value]:
-        return values_of(self._require_sound(), params)
+        return given_params(self._require_sound(), params)
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
         """A new flat system as it runs: all numbers known, instances named, predicates computed."""
@@ -480,7 +482,7 @@ class Program:
 
     @property
     def bound(self) -> Mapping[str, object]:
-        """Extern name -> what `bind` was given for it."""
+        """By name of an extern: what `bind` was given for it."""
         return dict(self._bound)
 
     def _completed(
@@ -492,7 +494,7 @@ class Program:
     ) -> tuple[System, list[str]]:
         """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
         system = self.declared(name, params)
-        return system, complete(system, known, bound)
+        return system, compute_ttf(system, known, bound)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.native.bindings import bind  # noqa: PLC0415 - see the docstring

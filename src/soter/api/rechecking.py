@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, params_from_json, write_trace_page
+from soter.api.arguments import compute_ttf, params_from_json, write_trace_page
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.arithmetic import require_plain
@@ -61,7 +61,7 @@ def recheck(
             flights = open_flights(Path(folder), list(map(str, logs))) if logs else None
             report = check(Path(folder))
         except NotACertificateError as error:
-            raise no_certificate(error) from None
+            raise no_certificate_error(error) from None
         if flights is not None:
             flights.add_to(report)
     return report
@@ -77,7 +77,7 @@ def require_flint() -> None:
         )
 
 
-def no_certificate(error: Exception) -> SoterError:
+def no_certificate_error(error: Exception) -> SoterError:
     """The error D009 for a folder that has no certificate."""
     message = f"this is no certificate: {error}"
     return mistake("D009", message, "`soter verify --cert DIR` makes one")
@@ -108,10 +108,7 @@ class ReplayReport:
     counterexample: CounterexampleRun | None = None
 
     def view(self) -> SequenceView:
-        """The trace as the records from which logs and tables are made.
-
-        `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
-        """
+        """The trace as records for logs and tables; SoterError U001 for a counterexample."""
         from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - see `soter.api`
 
         if self.trace is None:
@@ -123,10 +120,7 @@ class ReplayReport:
         return make_sequence_view(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
-        """Writes the run as a page that shows where it violates; `SoterError` D006, D007.
-
-        U001 if the run did not reproduce what the file says.
-        """
+        """Writes the run as a page; SoterError D006, D007, U001 if it was not reproduced."""
         if self.counterexample is None:
             view = self.view()
             assert self.trace is not None
@@ -147,7 +141,7 @@ def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> Report
     from soter.diagram.svg import picture  # noqa: PLC0415 - see `soter.api`
     from soter.report.run import counterexample_page as pages  # noqa: PLC0415 - needs NumPy
 
-    same, head, rows = table_of(run)
+    same, head, rows = counterexample_table(run)
     words, says = f"{report.outcome}.", (ROWS, same) if same else (ROWS,)
     page_words = pages.Told(
         title=report.program,
@@ -169,8 +163,10 @@ def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> Report
     return pages.counterexample_page(run.system, page_words, instants, run.time_ns / 1e9)
 
 
-def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """What is the same in a run's last instants; the head of a table of them, and its rows."""
+def counterexample_table(
+    run: CounterexampleRun,
+) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """What a run's last instants have in common, and a table's head and rows for the rest."""
     rows = _instant_rows(run)
     columns = {
         n: tuple(r.get(n, "") for r in rows) for n in dict.fromkeys(n for r in rows for n in r)
@@ -182,7 +178,7 @@ def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[
 
 
 def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
-    """What each instant shows, by name."""
+    """By name, the values that each instant shows."""
     from soter.explore.trace_view import value_text  # noqa: PLC0415 - see `soter.api`
 
     rows: list[dict[str, str]] = []
@@ -220,7 +216,7 @@ def replay(path: str | Path) -> ReplayReport:
 
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
-    from soter.api.exploring import with_times  # noqa: PLC0415 - the same
+    from soter.api.exploring import test_with_times  # noqa: PLC0415 - the same
     from soter.explore import trace as traces  # noqa: PLC0415 - see `soter.api`
     from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
 
@@ -238,8 +234,8 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
         raise traces.no_trace(file, "its program has no such test")
     params = params_from_json(checked.program, trace.params, file)
     system = system_of_test(checked, trace.test, params)
-    system = with_times(system, trace.skew_ns, trace.horizon_ns)
-    complete(system)
+    system = test_with_times(system, trace.skew_ns, trace.horizon_ns)
+    compute_ttf(system)
     replay_result = run(trace, system)
     return ReplayReport(
         str(file),

@@ -15,10 +15,10 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from functools import partial as partial_
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from soter.addons import by_name
-from soter.api.arguments import complete
+from soter.api.arguments import compute_ttf
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
@@ -51,7 +51,22 @@ if TYPE_CHECKING:
 
 
 KEPT_MAX = 16
-"""How many choices are kept; the least recently used one is dropped first."""
+T = TypeVar("T")
+
+
+class RecentlyUsed(OrderedDict[tuple[object, ...], T]):
+    """Keeps the results of the `KEPT_MAX` keys that were asked for last."""
+
+    def get_or_make(
+        self, key: tuple[object, ...], make: Callable[[], T], *, again: bool = False
+    ) -> T:
+        """The result that is kept for `key`; where there is none, or `again`, that of `make`."""
+        if again or key not in self:
+            self[key] = make()
+        self.move_to_end(key)
+        if len(self) > KEPT_MAX:
+            self.popitem(last=False)
+        return self[key]
 
 
 @dataclass(eq=False)
@@ -75,13 +90,13 @@ class PreparedSystems:
     """Keeps the systems that one `Program` has prepared."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[object, ...], PreparedSystem] = OrderedDict()
+        self._kept: RecentlyUsed[PreparedSystem] = RecentlyUsed()
         self._lock = threading.RLock()
 
     def __reduce__(self) -> tuple[type[PreparedSystems], tuple[()]]:
         return PreparedSystems, ()
 
-    def of(
+    def prepared_system(
         self,
         checked: CheckResult,
         name: str | None,
@@ -98,26 +113,19 @@ class PreparedSystems:
         texts = [(n, t if isinstance(t, str) else None) for n, t in targets.items()]
         chosen = name if default is None else default.name
         key = (chosen, repr(sorted(values.items())), tuple(texts))
-        with self._lock:
-            preparation = self._kept.get(key)
-            if preparation is None:
-                system = system_of(checked, name, values)
-                computed = tuple(complete(system, bound=targets))
-                preparation = self._kept[key] = PreparedSystem(
-                    system, computed, bind(system, targets)
-                )
-                if len(self._kept) > KEPT_MAX:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
-            return preparation
 
-    def of_arm(
+        def prepare() -> PreparedSystem:
+            system = system_of(checked, name, values)
+            computed = tuple(compute_ttf(system, bound=targets))
+            return PreparedSystem(system, computed, bind(system, targets))
+
+        with self._lock:
+            return self._kept.get_or_make(key, prepare)
+
+    def system_of_arm(
         self, prepared: PreparedSystem, name: str, folder: str | Path | None
     ) -> PreparedSystem:
-        """The system by the rules of an arm of the campaign in `folder`; it is not kept.
-
-        SoterError U001 for an unknown arm, D006 if the arm needs a folder that cannot be read.
-        """
+        """The system by the rules of a campaign's arm, not kept; SoterError U001, D006."""
         system = prepared.system
         named = by_name("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
         if named is system:
@@ -125,7 +133,7 @@ class PreparedSystems:
         bindings = bound_alike(prepared.bindings, named)
         return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
-    def native(self, prepared: PreparedSystem) -> NativeProgram:
+    def compiled(self, prepared: PreparedSystem) -> NativeProgram:
         """The compiled system; it is compiled again if the C of an extern has changed."""
         with self._lock:
             core = prepared.bindings.core
@@ -145,10 +153,7 @@ def simulate(
     until_ns: int,
     writer: RunLog | None,
 ) -> Run:
-    """Runs a system as `Program.simulate` says; `targets`: what externs are bound to.
-
-    `KeyboardInterrupt` if it is stopped, unless `partial`.
-    """
+    """Runs a system as `Program.simulate`, `targets` bound; KeyboardInterrupt unless `partial`."""
     stop, bindings = stop_request(), bind_again(prepared.bindings, targets)
     paced = ""
     if options.real_time:
@@ -161,7 +166,7 @@ def simulate(
     else:
         seed, engine, apart = options.seed, options.engine, options.apart and hasattr(os, "fork")
         bound = callables(bindings, engine, stop, apart=apart)
-        go = _engine(engine, preparations, prepared)
+        go = _engine_function(engine, preparations, prepared)
     answered = bindings.files()
     _begin_log(writer, bindings, answered, seed, engine)
     try:
@@ -198,7 +203,7 @@ def simulate(
 
 
 def _bound_engine(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
-    """Seed, name and function of the engine for a recorded flight or for real time."""
+    """Seed, name and function of the engine that flies a recording, or in real time."""
     from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
     from soter.simulate.real_time import run_real_time, run_recorded  # noqa: PLC0415 - only here
 
@@ -238,13 +243,13 @@ def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
         writer.end(run, signal_name(stop) if run.interrupted else run.cut)
 
 
-def _engine(
+def _engine_function(
     engine: str, preparations: PreparedSystems, prepared: PreparedSystem
 ) -> Callable[..., Run]:
     """The function that runs the system; lowering and compiling happen here, before the run."""
     if engine == "interp":
         return partial_(run_interpreted, prepared.system)
-    return partial_(preparations.native(prepared).run, observed=True)
+    return partial_(preparations.compiled(prepared).run, observed=True)
 
 
 def _inline_page(run: Run) -> str:
@@ -258,7 +263,7 @@ def _inline_page(run: Run) -> str:
 
 
 def _report_facts(run: Run, program: str) -> dict[str, str]:
-    """The facts about a run that its report shows: name -> text."""
+    """By name: the facts about a run that its report shows."""
     return {
         "program": program,
         "program sha256": run.system.program.sha256,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.cli.terminal.command_line import Pairs, UsageError
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.proof_hints import SEARCHES, print_tries
 from soter.cli.terminal.shared_options import MODULE, SET, file_option
 from soter.cli.terminal.stored_outcome import Printout
@@ -101,15 +101,15 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Runs the sweeps and tells their advice; UsageError for options that do not fit."""
-    levels = [int(x) for x in _numbers(args.levels, "--levels", 2.0)]
-    factors = _numbers(args.factors, "--factors", 1e-3)
-    program = loaded(args, console)
+    levels = [int(x) for x in _number_list(args.levels, "--levels", 2.0)]
+    factors = _number_list(args.factors, "--factors", 1e-3)
+    program = loaded_program(args, console)
     if args.delay:
-        return _delays(args, console, program)
+        return _tell_delays(args, console, program)
     if args.rest:
-        return _rests(args, console, program)
+        return _tell_rests(args, console, program)
     if args.buffer is not None:
-        return _buffers(args, console, program)
+        return _tell_buffers(args, console, program)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
     with ProgressBar(console) as progress:
         all_advice = program.advise(
@@ -122,7 +122,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             progress=progress,
         )
     for advice in all_advice:
-        _say(advice, console)
+        _say_advice(advice, console)
     if all_advice:
         console.say(f"\nfigure  {page}")
     else:
@@ -135,7 +135,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(fields=fields)
 
 
-def _delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
+def _tell_delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """Finds and tells, for `--delay`, how late commands of each module may act."""
     with ProgressBar(console) as progress:
         delays = program.largest_delays(
@@ -152,7 +152,7 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
     return CommandOutcome(fields=fields)
 
 
-def _rests(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
+def _tell_rests(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """Finds and tells, for `--rest`, a clause `rest` of each module that it proves."""
     with ProgressBar(console) as progress:
         choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
@@ -164,7 +164,7 @@ def _rests(args: argparse.Namespace, console: Console, program: Program) -> Comm
             print_tries(search, printed)
         found = f"found   {printed.paint('green', str(search.found))}" if search.proved else ""
         printed.say("\n" + (found or (NONE_PROVES if search.tries else NO_REST)))
-    printed.show(console)
+    printed.print_to(console)
     if not searches:
         from soter.verify.search.searched_program import NOT_LOOKED_FOR  # noqa: PLC0415 - rarely
 
@@ -176,7 +176,7 @@ def _rests(args: argparse.Namespace, console: Console, program: Program) -> Comm
     return CommandOutcome(fields=fields)
 
 
-def _buffers(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
+def _tell_buffers(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """Tells, for `--buffer`, where each module takes over, with a bar a speed."""
     named = tuple(args.buffer.split(",")) if args.buffer else None
     if named is not None and len(named) != 2:
@@ -203,7 +203,7 @@ def _buffers(args: argparse.Namespace, console: Console, program: Program) -> Co
     return CommandOutcome(fields={"buffers": {b.module: BUFFERS.of(b) for b in found}})
 
 
-def _numbers(text: str, option: str, least: float) -> list[float]:
+def _number_list(text: str, option: str, least: float) -> list[float]:
     """The numbers of an option's list, each from `least` to LARGEST; UsageError for others."""
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -215,7 +215,7 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
     return numbers
 
 
-def _say(advice: Advice, console: Console) -> None:
+def _say_advice(advice: Advice, console: Console) -> None:
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
 
     head, table = advice.table()
@@ -233,11 +233,11 @@ def _say(advice: Advice, console: Console) -> None:
     console.say(f"\n{advice.summary}")
 
 
-def _rows(advice: Advice) -> list[dict[str, object]]:
+def _row_documents(advice: Advice) -> list[dict[str, object]]:
     return [ROW.of(r) | {"verifies": r.verifies(advice.levels), "why": r.why} for r in advice.rows]
 
 
-def _tried(delay: DelayAdvice) -> list[dict[str, object]]:
+def _tried_delays(delay: DelayAdvice) -> list[dict[str, object]]:
     return [
         {"acts_s": ns / 1e9, "proved": not why, "why": why} for ns, why in delay.why_not.items()
     ]
@@ -251,12 +251,12 @@ ROW = JsonObject(
 ADVICE = JsonObject(
     "soter.verify.advice.Advice",
     "period_s=delta_ns/s levels summary best_s=best_ns/s rows",
-    {"rows": _rows},
+    {"rows": _row_documents},
 )
 DELAY = JsonObject(
     "soter.verify.advice.DelayAdvice",
     "declared_s=declared_ns/s largest_s=largest_ns/s refused_s=refused_ns/s summary tried",
-    {"tried": _tried},
+    {"tried": _tried_delays},
 )
 BUFFERS = JsonObject(
     "soter.api.advising.Buffers",

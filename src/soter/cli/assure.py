@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import Pairs, given
+from soter.cli.terminal.command_line import Pairs, keyword_arguments
 from soter.cli.terminal.command_outcome import (
     FINE,
     NOT_RECHECKED,
@@ -19,7 +19,7 @@ from soter.cli.terminal.command_outcome import (
     CommandOutcome,
 )
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import (
     CAMPAIGN_FOLDER,
     CERTIFICATE_FOLDER,
@@ -85,11 +85,15 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Makes the case, tells it and writes its files."""
-    program = loaded(args, console)
+    program = loaded_program(args, console)
     with ProgressBar(console) as progress:
-        how = {**given(args, Options), "progress": progress, "tell": partial(_tell, console)}
+        how = {
+            **keyword_arguments(args, Options),
+            "progress": progress,
+            "tell": partial(_tell_missing, console),
+        }
         assurance = program.assure(args.output, **how)
-    _say(assurance, console)
+    _say_case(assurance, console)
     code = (
         VIOLATED
         if assurance.refuted
@@ -99,19 +103,19 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if assurance.case.supported and assurance.returns and assurance.case.traceability.covered
         else UNDECIDED
     )
-    return CommandOutcome(code, fields=_fields(assurance))
+    return CommandOutcome(code, fields=_document_fields(assurance))
 
 
-def _tell(console: Console, why: str) -> None:
+def _tell_missing(console: Console, why: str) -> None:
     """Says at once what keeps goals undeveloped: the rest of the case may take minutes."""
     console.note(f"soter: {visible(why)}; its goals stay undeveloped")
 
 
-def _say(assurance: Assurance, console: Console) -> None:
+def _say_case(assurance: Assurance, console: Console) -> None:
     from soter.report.tables import Entry, Styled  # noqa: PLC0415 - needs NumPy
 
     case = assurance.case
-    word = _verdict(assurance, console)
+    word = _verdict_line(assurance, console)
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
     )
@@ -144,7 +148,7 @@ def _say(assurance: Assurance, console: Console) -> None:
     console.say("\n".join(f"written  {path}" for path in assurance.files))
 
 
-def _verdict(assurance: Assurance, console: Console) -> str:
+def _verdict_line(assurance: Assurance, console: Console) -> str:
     case = assurance.case
     word = console.paint("green", "SUPPORTED")
     if not case.supported:
@@ -175,7 +179,7 @@ def _say_open(assurance: Assurance, console: Console) -> None:
     console.say()
 
 
-def _fields(assurance: Assurance) -> dict[str, object]:
+def _document_fields(assurance: Assurance) -> dict[str, object]:
     case = assurance.case
     return {
         "program_sha256": case.program_sha256,

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from soter.api.deploying import image_of, stack_bound
+from soter.api.deploying import built_image, stack_bound
 from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import loaded, warned_of_files
+from soter.cli.terminal.program_loading import loaded_program, warn_of_extern_files
 from soter.cli.terminal.shared_options import CERTIFICATE_FOLDER, SET, SYSTEM, file_option
 from soter.diagnostics.command_records import option
 from soter.native.stack_bound import OPTIMISE, StackBound
@@ -43,7 +43,7 @@ DEFAULT = next(iter(TARGETS))
 NAMES = " or ".join(f"{t} (the default)" if t == DEFAULT else t for t in TARGETS)
 
 
-def _names(*, mapped: bool = False, boarded: bool = False) -> str:
+def _target_names(*, mapped: bool = False, boarded: bool = False) -> str:
     """The names of the targets that take a mapping or a board, joined by commas."""
     return ", ".join(n for n, t in TARGETS.items() if (t.mapped, t.boarded) == (mapped, boarded))
 
@@ -62,19 +62,21 @@ class Options:
         "of a system that `deploys` another: the certificate of that one; checked again",
     )
     board: str | None = option(
-        "--board B", None, f"of {_names(boarded=True)}: a board, or its file (docs/bare-metal.md)"
+        "--board B",
+        None,
+        f"of {_target_names(boarded=True)}: a board, or its file (docs/bare-metal.md)",
     )
     map: str | None = option(
         "--map FILE",
         None,
-        f"of {_names(mapped=True)}: which topic is which of its messages (docs/mapping.md)",
+        f"of {_target_names(mapped=True)}: which topic is which of its messages (docs/mapping.md)",
     )
     params: Pairs = option(*SET)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Writes the package and tells it; an image for a board is built, too."""
-    program = warned_of_files(loaded(args, console), console)
+    program = warn_of_extern_files(loaded_program(args, console), console)
     if program.externs and args.board is not None:  # they answer in the run that an image repeats
         fork_into_child(console, lambda _: ())
     with ProgressBar(console) as progress:
@@ -89,8 +91,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             progress=progress,
         )
         stack = stack_bound(package, args.board)
-        image = image_of(package, args.board, stack)
-    _say(package, stack, image, console)
+        image = built_image(package, args.board, stack)
+    _say_package(package, stack, image, console)
     fields: dict[str, object] = {
         "target": package.target,
         "output": str(package.folder),
@@ -106,7 +108,9 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(fields=fields)
 
 
-def _say(package: Package, stack: StackBound, image: Image | None, console: Console) -> None:
+def _say_package(
+    package: Package, stack: StackBound, image: Image | None, console: Console
+) -> None:
     text = f"{len(package.written)} files, target {package.target}"
     console.say(f"{console.paint('green', 'built')}  {package.folder}  {text}")
     for name in package.kept:
@@ -120,7 +124,7 @@ def _say(package: Package, stack: StackBound, image: Image | None, console: Cons
         rest = f", and of {', '.join(stack.not_counted)}" if stack.not_counted else ""
         console.say(f"stack  at most {stack.bytes:,} bytes{rest} ({stack.compiler}{optimised})")
         console.say(f"       {' > '.join(stack.way)}")
-    for line in [] if image is None else image.lines():
+    for line in [] if image is None else image.text_lines():
         console.say(f"image  {line}")
     for note in package.notes:
         console.say(f"{console.paint('yellow', 'note')}   {note}")

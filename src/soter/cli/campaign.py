@@ -15,7 +15,7 @@ from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_line import Pairs, at_least_one
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import CAMPAIGN_FOLDER, SET, SYSTEM, file_option
 from soter.diagnostics.command_records import (
     SWITCH,
@@ -63,11 +63,11 @@ KEPT = "what was flown is kept: the same command goes on, or says why it cannot"
 RAY_KEPT = f"Ray ends a process whose cluster's head is gone; {KEPT}"
 
 
-def _workers(text: str) -> int | str:
+def _worker_count(text: str) -> int | str:
     return text if text in ("local", "ray") else at_least_one(text)
 
 
-def _names(text: str) -> tuple[str, ...]:
+def _name_list(text: str) -> tuple[str, ...]:
     return tuple(n.strip() for n in text.split(",") if n.strip())
 
 
@@ -82,13 +82,13 @@ class Options:
     until: str | None = option("--until TIME", None, "of each; by default the system's own")
     seed: int = option("--seed N", 1, "of the first (1)", Kind("seed"))
     workers: int | str | None = option(
-        "--workers N", None, "threads, `local`: one a core, or `ray`", read_by(_workers)
+        "--workers N", None, "threads, `local`: one a core, or `ray`", read_by(_worker_count)
     )
     arms: tuple[str, ...] = option(
         "--arms A,B",
         (),
         "also fly the same seeds by other rules: ac, paper, swept",
-        read_by(_names),
+        read_by(_name_list),
     )
     saves: str | None = option(
         "--saves TIME", None, "count saves: fly AC on for so long where it is taken off"
@@ -102,12 +102,12 @@ class Options:
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Flies the campaign, tells its totals and writes its pages; VIOLATED after a violation."""
     from soter.api.campaigning import (  # noqa: PLC0415 - needs NumPy
-        settings_of,
-        written,
+        campaign_settings,
+        write_campaign,
     )
     from soter.campaign.store import require_parquet  # noqa: PLC0415 - only to fly
 
-    program = loaded(args, console)
+    program = loaded_program(args, console)
     if program.externs or args.workers == "ray":  # linked C may crash; Ray may end its process
         fork_into_child(console, lambda _: (RAY_KEPT if args.workers == "ray" else KEPT,))
     try:
@@ -115,20 +115,20 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             require_parquet()
         with ProgressBar(console) as progress:
             campaign = program.campaign(
-                args.system, dict(args.params), progress=progress, **settings_of(vars(args))
+                args.system, dict(args.params), progress=progress, **campaign_settings(vars(args))
             )
-            pages = written(campaign, program.path, args.report, parquet=args.parquet)
+            pages = write_campaign(campaign, program.path, args.report, parquet=args.parquet)
     except KeyboardInterrupt:
         console.note(KEPT)
         raise
-    _say(campaign, console)
+    _say_campaign(campaign, console)
     for page in pages:
         console.say(f"written {page}")
     code = VIOLATED if campaign.result.violations else FINE
     return CommandOutcome(code, campaign.diagnostics, DOCUMENT.of(campaign))
 
 
-def _say(campaign: Campaign, console: Console) -> None:
+def _say_campaign(campaign: Campaign, console: Console) -> None:
     from soter.campaign import tables  # noqa: PLC0415 - only here
 
     r = campaign.result
@@ -202,7 +202,7 @@ class CampaignFault:
     times: int | None
 
 
-def _finite(*numbers: float) -> list[float | None]:
+def _finite_or_none(*numbers: float) -> list[float | None]:
     return [x if isfinite(x) else None for x in numbers]
 
 
@@ -211,14 +211,14 @@ def _hours_counted(c: Flown) -> str:
 
 
 def _violations_per_hour(c: Flown) -> list[float | None]:
-    return _finite(*c.result.per_hour)
+    return _finite_or_none(*c.result.per_hour)
 
 
 def _violated_outside(c: Flown) -> int:
     return c.result.flights_violated - c.result.violated_inside
 
 
-def _excused(c: Flown) -> dict[str, ExcusingFault]:
+def _excusing_faults(c: Flown) -> dict[str, ExcusingFault]:
     return {text: ExcusingFault(n, met) for text, n, met in c.result.excused}
 
 
@@ -230,51 +230,51 @@ def _episodes(c: Flown) -> int:
     return sum(m.episodes for m in c.result.modules)
 
 
-def _counted(c: Flown) -> bool:
+def _counts_saves(c: Flown) -> bool:
     return bool(c.result.modules) and c.result.modules[0].saves is not None
 
 
 def _saves(c: Flown) -> int | None:
-    return sum(m.saves or 0 for m in c.result.modules) if _counted(c) else None
+    return sum(m.saves or 0 for m in c.result.modules) if _counts_saves(c) else None
 
 
 def _precautions(c: Flown) -> int | None:
-    return sum(m.precautions or 0 for m in c.result.modules) if _counted(c) else None
+    return sum(m.precautions or 0 for m in c.result.modules) if _counts_saves(c) else None
 
 
-def _modules(c: Flown) -> dict[str, ModuleStatistics]:
+def _modules_by_name(c: Flown) -> dict[str, ModuleStatistics]:
     return {m.name: m for m in c.result.modules}
 
 
 def _episodes_per_hour(m: ModuleStatistics) -> list[float | None]:
-    return _finite(*m.per_hour)
+    return _finite_or_none(*m.per_hour)
 
 
-def _measures(c: Flown) -> dict[str, MetricResult]:
+def _measures_by_name(c: Flown) -> dict[str, MetricResult]:
     return {m.name: m for m in c.result.measures}
 
 
-def _mean(m: MetricResult) -> float | None:
-    return _finite(m.mean)[0]
+def _mean_or_none(m: MetricResult) -> float | None:
+    return _finite_or_none(m.mean)[0]
 
 
-def _least(m: MetricResult) -> float | None:
-    return _finite(m.least)[0]
+def _least_or_none(m: MetricResult) -> float | None:
+    return _finite_or_none(m.least)[0]
 
 
-def _most(m: MetricResult) -> float | None:
-    return _finite(m.most)[0]
+def _most_or_none(m: MetricResult) -> float | None:
+    return _finite_or_none(m.most)[0]
 
 
 def _violated_flights(c: Flown) -> list[ViolatedFlight]:
     return [ViolatedFlight(*x) for x in zip(c.result.worst, c.result.blames, strict=True)]
 
 
-def _arms(c: Campaign) -> dict[str, FlownArm]:
+def _arms_by_name(c: Campaign) -> dict[str, FlownArm]:
     return {a.name: a for a in c.arms}
 
 
-def _faults(c: Campaign) -> list[CampaignFault]:
+def _campaign_faults(c: Campaign) -> list[CampaignFault]:
     return [CampaignFault(text, keeps or None, c.occurred[text]) for text, keeps in c.faults]
 
 
@@ -292,13 +292,13 @@ MADE = {
     "hours_of": _hours_counted,
     "violations_per_hour": _violations_per_hour,
     "violated_outside": _violated_outside,
-    "excused": _excused,
+    "excused": _excusing_faults,
     "disengagements": _disengagements,
     "episodes": _episodes,
     "saves": _saves,
     "precautions": _precautions,
-    "modules": _modules,
-    "measures": _measures,
+    "modules": _modules_by_name,
+    "measures": _measures_by_name,
     "violated_flights": _violated_flights,
 }
 SHAPES: Mapping[str, Shape] = {
@@ -315,7 +315,7 @@ SHAPES: Mapping[str, Shape] = {
     "measures": JsonObject(
         "soter.campaign.result.MetricResult",
         "mean least most edges histogram=bins",
-        {"mean": _mean, "least": _least, "most": _most},
+        {"mean": _mean_or_none, "least": _least_or_none, "most": _most_or_none},
     ),
     "violated_flights": JsonObject(
         ViolatedFlight,
@@ -327,7 +327,7 @@ DOCUMENT = JsonObject(
     "soter.campaign.result.Campaign",
     f"program_sha256 system {FIGURES} flight_s=until_s seed=first_seed saves_horizon_s=horizon_s? "
     "arms lateness=lateness? faults folder wall_s workers",
-    {**MADE, "arms": _arms, "faults": _faults},
+    {**MADE, "arms": _arms_by_name, "faults": _campaign_faults},
     beside={"file": str},
     shapes=SHAPES,
     arms=JsonObject(

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from soter.api import CheckReport, ModuleReport, StepReport, SystemReport, load
 from soter.api.check_report import SwitchReport, ThreadRow, TimingReport
 from soter.cli.terminal.command_line import Pairs, UsageError
-from soter.cli.terminal.command_outcome import DIAGNOSTICS, FINE, CommandOutcome, exit_of, failed
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, FINE, CommandOutcome, exit_code, failure
 from soter.cli.terminal.console import Console, LineOfProgress
-from soter.cli.terminal.program_loading import STDIN, bound, standard_input
+from soter.cli.terminal.program_loading import STDIN, bound_program, standard_input
 from soter.cli.terminal.shared_options import FORMAT, SET, file_option
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
@@ -31,7 +31,7 @@ HEAD = ("thread", "every", "wcet", "jitter", "starts by", "ends by", "slack")
 
 def say_timing(report: TimingReport, console: Console) -> None:
     """Tells the steps of the trusted thread as a table, its load, and P1c of every module."""
-    console.say("\n" + console.table(HEAD, [_row(r) for r in report.rows]))
+    console.say("\n" + console.table(HEAD, [_thread_row(r) for r in report.rows]))
     share = 100 * report.busy_ns / report.hyperperiod_ns
     bound = "" if report.exact else ", bounds only"
     lines = [f"the thread of `{report.system}` {_WORDS[report.verdict]}: {share:.1f}% busy{bound}"]
@@ -52,7 +52,7 @@ _WORDS = {
 }
 
 
-def _row(r: ThreadRow) -> list[str]:
+def _thread_row(r: ThreadRow) -> list[str]:
     times = (r.wcet_ns, r.jitter_ns, r.start_ns, r.response_ns, r.slack_ns)
     return [r.name, show_ns(r.period_ns), *("?" if t is None else show_ns(t) for t in times)]
 
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         try:
             outcomes.append(_check_file(name, args, console))
         except SoterError as error:
-            outcomes.append(failed(error))
+            outcomes.append(failure(error))
             outcomes[-1].fields["file"] = name
     together = tuple(dict.fromkeys(d for outcome in outcomes for d in outcome.diagnostics))
     files = [{"exit": o.exit, "ok": o.exit == FINE, **o.fields} for o in outcomes]
@@ -126,20 +126,22 @@ def _check_file(file: str, args: argparse.Namespace, console: Console) -> Comman
     text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
         program = load(file, line) if text is None else load(STDIN, line, text)
-    bound(program, args)
+    bound_program(program, args)
     if not program.ok:
         fields: dict[str, object] = {"file": program.path, "program_sha256": program.sha256}
-        return CommandOutcome(exit_of(program.diagnostics), program.diagnostics, fields)
+        return CommandOutcome(exit_code(program.diagnostics), program.diagnostics, fields)
     report = program.check(dict(args.params), times=args.times)
-    _say(report, console)
+    _say_report(report, console)
     diagnostics = (*report.warnings, *report.untimely)
-    return CommandOutcome(exit_of(diagnostics), diagnostics, DOCUMENT.of(report))
+    return CommandOutcome(exit_code(diagnostics), diagnostics, DOCUMENT.of(report))
 
 
-def _say(report: CheckReport, console: Console) -> None:
-    modules = _modules(report)
-    ok = console.paint(*(("red", "late") if exit_of(report.untimely) else ("green", "ok")))
-    counted = f"{_count(len(report.systems), 'system')}, {_count(len(modules), 'module')}"
+def _say_report(report: CheckReport, console: Console) -> None:
+    modules = _modules_by_name(report)
+    ok = console.paint(*(("red", "late") if exit_code(report.untimely) else ("green", "ok")))
+    counted = (
+        f"{_counted_noun(len(report.systems), 'system')}, {_counted_noun(len(modules), 'module')}"
+    )
     proved = ""
     if modules:
         names = [p for p, v in next(iter(modules.values())).verdicts.items() if v == "proved"]
@@ -147,7 +149,7 @@ def _say(report: CheckReport, console: Console) -> None:
     console.say(f"{ok}  {visible(report.path)}  {counted}{proved}  {report.program_sha256[:12]}")
     timed = {s.module for t in report.timings for s in t.switches if s.verdict == "holds"}
     unproved = dict.fromkeys(_without_p1c(x, timed) for s in report.systems for x in s.unproved)
-    for line in (*unproved, *_steps(report)):
+    for line in (*unproved, *_step_lines(report)):
         console.say(console.paint("muted", f"    {line}"))
     for timing in report.timings:
         say_timing(timing, console)
@@ -158,7 +160,7 @@ def _without_p1c(line: str, timed: set[str]) -> str:
     return line.replace(" P1c", "", 1) if {*line.partition(": ")[0].split(", ")} <= timed else line
 
 
-def _steps(report: CheckReport) -> list[str]:
+def _step_lines(report: CheckReport) -> list[str]:
     """Lines for the longest steps: at most how many operations and bytes of locals each takes."""
     ordered = sorted(report.steps, key=lambda s: -s.operations)
     lines = []
@@ -172,19 +174,19 @@ def _steps(report: CheckReport) -> list[str]:
     return lines
 
 
-def _count(n: int, noun: str) -> str:
+def _counted_noun(n: int, noun: str) -> str:
     return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def _modules(report: CheckReport) -> dict[str, ModuleReport]:
+def _modules_by_name(report: CheckReport) -> dict[str, ModuleReport]:
     return {m.name: m for s in report.systems for m in s.modules}
 
 
-def _assumed(_: ModuleReport) -> str:
+def _assumed_verdict(_: ModuleReport) -> str:
     return "assumed"
 
 
-def _itself(verdict: str) -> str:
+def _same_verdict(verdict: str) -> str:
     return verdict
 
 
@@ -192,7 +194,7 @@ VERDICT = one_of("proved", "assumed")
 DOCUMENT = JsonObject(
     CheckReport,
     "file=path program_sha256 systems steps timings modules",
-    {"modules": _modules},
+    {"modules": _modules_by_name},
     program_sha256={"type": ["string", "null"]},
     systems=JsonObject(
         SystemReport,
@@ -209,8 +211,8 @@ DOCUMENT = JsonObject(
     modules=JsonObject(
         ModuleReport,
         "verdict properties=verdicts",
-        {"verdict": _assumed},
+        {"verdict": _assumed_verdict},
         verdict=VERDICT,
-        properties=JsonObject(str, "verdict", {"verdict": _itself}, verdict=VERDICT),
+        properties=JsonObject(str, "verdict", {"verdict": _same_verdict}, verdict=VERDICT),
     ),
 )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome
 from soter.cli.terminal.console import ProgressBar
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import MODULE, SET, SYSTEM, report_option, report_path
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, option
 from soter.diagnostics.render import safe
@@ -67,8 +67,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Fits, tells, and writes the values where they explain every step; SoterError U001."""
     from soter.api import identifying  # noqa: PLC0415 - needs NumPy
 
-    identifying.require_free(Path(args.output))
-    program = loaded(args, console)
+    identifying.require_replaceable(Path(args.output))
+    program = loaded_program(args, console)
     with ProgressBar(console, timed=False):
         found = identifying.identify(
             program,
@@ -82,8 +82,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             params=dict(args.params),
         )
     data = identifying.data_path(args.file, args.output)
-    console.say(f"{console.paint('bold', safe(identifying.headline(found)))}\n")
-    values, inputs, lines = identifying.sections(found, data)
+    console.say(f"{console.paint('bold', safe(identifying.fit_headline(found)))}\n")
+    values, inputs, lines = identifying.fit_sections(found, data)
     for part in (values, inputs):
         console.say(console.table(part.head, part.rows) + "\n")
         for text in part.says:

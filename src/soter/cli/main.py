@@ -25,7 +25,7 @@ from soter.cli.terminal.command_outcome import (
     INTERRUPTED,
     USAGE,
     CommandOutcome,
-    failed,
+    failure,
 )
 from soter.cli.terminal.console import ChildResult, Console
 from soter.cli.terminal.shared_options import format_of
@@ -83,12 +83,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         console.words = arguments
         try:
             code = _run_and_print(name, arguments, console, wanted)
-            console.hand_over(code)
+            console.hand_over_output(code)
         except ChildResult as done:
             console.write(done.text)
             code = done.exit
         console.flush()
-        return _after_output(code, console)
+        return _exit_after_output(code, console)
 
 
 def _run_and_print(
@@ -96,28 +96,28 @@ def _run_and_print(
 ) -> int:
     """Runs the command, prints its outcome in the format wanted, and returns its exit code."""
     if "--json" in arguments:
-        format_ = None  # `_run` refuses both, and `--json` decides how that is told
-    outcome = _outcome_of(name, arguments, console)
+        format_ = None  # `_run_command` refuses both, and `--json` decides how that is told
+    outcome = _outcome_of_line(name, arguments, console)
     console.write_diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
-        from soter.cli.terminal.ci_formats import written  # noqa: PLC0415 - only then
+        from soter.cli.terminal.ci_formats import formatted_outcome  # noqa: PLC0415 - only then
 
-        if text := written(format_, name, outcome):
+        if text := formatted_outcome(format_, name, outcome):
             console.write_document(text)
     elif console.json:
         import json  # noqa: PLC0415 - only with --json
 
-        document = outcome.document(name if name in COMMANDS else None)
+        document = outcome.json_document(name if name in COMMANDS else None)
         console.write_document(json.dumps(document, indent=2, allow_nan=False))
     return outcome.exit
 
 
-def _outcome_of(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
+def _outcome_of_line(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     """The outcome of a command line; every exception but `ChildResult` becomes one."""
     try:
         _require_utf8(arguments)
         _require_own_folder()
-        return _run(name, arguments, console)
+        return _run_command(name, arguments, console)
     except ChildResult:
         raise
     except HelpWantedError as wanted:
@@ -127,13 +127,13 @@ def _outcome_of(name: str | None, arguments: list[str], console: Console) -> Com
         problem = Diagnostic("U003", str(error), helps=(f"usage: {error.usage}",))
         return CommandOutcome(USAGE, (problem,))
     except SoterError as error:
-        return failed(error)
+        return failure(error)
     except KeyboardInterrupt as stopped:
         for line in ("interrupted", *getattr(stopped, "__notes__", ())):
             console.note(line)
         return CommandOutcome(INTERRUPTED)
     except OSError as error:
-        return CommandOutcome(DIAGNOSTICS, (_os_problem(error),))
+        return CommandOutcome(DIAGNOSTICS, (_os_diagnostic(error),))
     except Exception as error:  # noqa: BLE001 - a defect: apologise, keep the details
         return CommandOutcome(INTERNAL, (apologise(error, arguments),))
 
@@ -154,7 +154,7 @@ def _require_own_folder() -> None:
         require_no_links(own_place(Path(), ".soter"))
 
 
-def _run(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
+def _run_command(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     if name is None:
         return _without_command(arguments, console)
     rest = list(arguments)
@@ -164,37 +164,37 @@ def _run(name: str | None, arguments: list[str], console: Console) -> CommandOut
     if "--json" in rest and format_of(name, rest) is not None:
         raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
-        return _done(name, rest, console)
+        return _complete_outcome(name, rest, console)
     raise _unknown_command(name)
 
 
-def _done(name: str, rest: list[str], console: Console) -> CommandOutcome:
+def _complete_outcome(name: str, rest: list[str], console: Console) -> CommandOutcome:
     """Runs a command; adds its program's diagnostics, and what it is about, to the outcome."""
-    parser = parser_of(name)
-    args = parser.read(rest)
+    parser = command_parser(name)
+    args = parser.read_line(rest)
     if problems := unused(parser.record, vars(args), args.written, flags=True):
-        return CommandOutcome(USAGE, problems, parser.subject(args))
+        return CommandOutcome(USAGE, problems, parser.subject_fields(args))
     try:
-        outcome = command_of(name).run(args, console)
+        outcome = command_module(name).run(args, console)
     except UsageError as error:
         error.usage = error.usage or parser.usage_line
         raise
     except SoterError as error:
-        outcome = failed(error)
+        outcome = failure(error)
     outcome.diagnostics = (*console.of_program, *outcome.diagnostics)
-    outcome.fields = parser.subject(args) | outcome.fields
+    outcome.fields = parser.subject_fields(args) | outcome.fields
     return outcome
 
 
-def command_of(name: str) -> Command:
+def command_module(name: str) -> Command:
     """The module that implements a command; `help` has none."""
     room = "soter.cli.tool" if name in TOOL else "soter.cli"
     return cast("Command", by_name(f"{room}.{name}"))
 
 
-def parser_of(name: str) -> CommandParser:
+def command_parser(name: str) -> CommandParser:
     """The parser of a command's line; `help` has none."""
-    return CommandParser(name, command_of(name))
+    return CommandParser(name, command_module(name))
 
 
 def _help_for(rest: list[str], console: Console) -> CommandOutcome:
@@ -204,10 +204,10 @@ def _help_for(rest: list[str], console: Console) -> CommandOutcome:
     if wrong:
         raise UsageError(f"`{wrong}` is too much", "soter help [COMMAND]")
     if not asked or asked[0] == "help":
-        raise HelpWantedError(_help(console))
+        raise HelpWantedError(_help_text(console))
     if asked[0] not in COMMANDS:
         raise _unknown_command(asked[0])
-    raise HelpWantedError(parser_of(asked[0]).format_help().rstrip())
+    raise HelpWantedError(command_parser(asked[0]).format_help().rstrip())
 
 
 def _unknown_command(name: str) -> UsageError:
@@ -221,16 +221,16 @@ def _without_command(arguments: list[str], console: Console) -> CommandOutcome:
         console.say(f"soter {__version__}")
         return CommandOutcome(fields={"version": __version__})
     if {"-h", "--help"} & set(arguments):
-        raise HelpWantedError(_help(console))
+        raise HelpWantedError(_help_text(console))
     if unknown := [a for a in arguments if a != "--json"]:
         raise UsageError(f"there is no option `{unknown[0]}`", "soter COMMAND ...; soter --help")
     if not console.json:
-        console.note(_help(console))
+        console.note(_help_text(console))
         return CommandOutcome(USAGE)
     raise UsageError("which command?", "soter COMMAND ...; soter --help")
 
 
-def _help(console: Console) -> str:
+def _help_text(console: Console) -> str:
     def row(name: str, about: str) -> str:
         return f"  {console.paint('bold', name)}{' ' * (12 - len(name))}{about}"
 
@@ -253,7 +253,7 @@ def _help(console: Console) -> str:
     )
 
 
-def _after_output(exit_code: int, console: Console) -> int:
+def _exit_after_output(exit_code: int, console: Console) -> int:
     """The exit code, or 1 where standard output could not take the result."""
     error = console.output_error
     if error is None or isinstance(error, BrokenPipeError):
@@ -262,7 +262,7 @@ def _after_output(exit_code: int, console: Console) -> int:
     return exit_code if exit_code != FINE else DIAGNOSTICS
 
 
-def _os_problem(error: OSError) -> Diagnostic:
+def _os_diagnostic(error: OSError) -> Diagnostic:
     where = f" `{error.filename}`" if error.filename else ""
     return Diagnostic("D006", f"the system refused{where}: {reason(error)}")
 

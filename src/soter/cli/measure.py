@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import SET, SYSTEM, file_option
 from soter.diagnostics.command_records import Kind, option, read_by
 from soter.language.model.types import show_ns
@@ -42,7 +42,7 @@ exit codes: 0 measured, 1 diagnostics, 2 usage
 """
 
 
-def _factor(text: str) -> float:
+def _margin_factor(text: str) -> float:
     """The factor that `--margin` gives; ArgumentTypeError for other text."""
     try:
         return float(text)
@@ -62,7 +62,10 @@ class Options:
         "--samples N", SAMPLES, f"steps that are timed of each ({SAMPLES:,})", Kind("bound")
     )
     margin: float = option(
-        "--margin X", MARGIN, f"what the longest is multiplied with ({MARGIN:g})", read_by(_factor)
+        "--margin X",
+        MARGIN,
+        f"what the longest is multiplied with ({MARGIN:g})",
+        read_by(_margin_factor),
     )
     board: str | None = option("--board B", None, "count instructions there (docs/bare-metal.md)")
     instruction: str | None = option(
@@ -74,10 +77,10 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Measures and tells it."""
-    from soter.api.measuring import DOCUMENT, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
+    """Measures the steps, tells their times and writes the file."""
+    from soter.api.measuring import DOCUMENT, measure, measure_on_board, write_measurement  # noqa: PLC0415 - needs NumPy
 
-    program = loaded(args, console)
+    program = loaded_program(args, console)
     if program.externs:
         fork_into_child(console, lambda _: ())
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
@@ -89,12 +92,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         else:
             choices |= {"until": args.until, "samples": args.samples, "seed": args.seed}
             measurement = measure(program, progress=progress, **choices)
-    written(measurement, path)
-    _say(measurement, path, console)
+    write_measurement(measurement, path)
+    _say_measurement(measurement, path, console)
     return CommandOutcome(fields={"times": str(path), **DOCUMENT.of(measurement)})
 
 
-def _say(measurement: Measured, path: Path, console: Console) -> None:
+def _say_measurement(measurement: Measured, path: Path, console: Console) -> None:
     from soter.api.measuring import COUNTS, NO_BOUND  # noqa: PLC0415 - as above
 
     if not measurement.steps:

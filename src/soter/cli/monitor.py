@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from soter.api.arguments import write_sections
 from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.ci_findings import CiFinding, Kind
-from soter.cli.terminal.command_line import Pairs, seed
+from soter.cli.terminal.command_line import Pairs, seed_number
 from soter.cli.terminal.command_outcome import (
     FINE,
     UNDECIDED,
@@ -31,15 +31,15 @@ from soter.cli.terminal.log_judgement import (
     DAMAGE,
     FOREIGN_LOG,
     NOTHING,
-    lines,
-    lost_of,
-    of_the_log,
-    sections,
-    undecided,
-    unheard,
-    verdict_of,
+    judgement_lines,
+    judgement_sections,
+    lost_lines,
+    share_words,
+    undecided_warning,
+    unheard_sentence,
+    verdict_line,
 )
-from soter.cli.terminal.program_loading import bound, loaded, opened
+from soter.cli.terminal.program_loading import bound_program, loaded_program, opened_program
 from soter.cli.terminal.shared_options import (
     FORMAT,
     MODULE,
@@ -52,7 +52,7 @@ from soter.cli.terminal.shared_options import (
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.render import safe
-from soter.report.judged_curves import JudgedTimes, drawing
+from soter.report.judged_curves import JudgedTimes, drawing_html
 from soter.report.templates import PageSection
 from soter.version import VERSION
 
@@ -68,11 +68,11 @@ if TYPE_CHECKING:
 RULE = "monitor"
 
 
-def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
+def judgement_findings(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
     """A finding for each module: whether its plant, as proved, explains each step."""
     findings = []
     for j in judged:
-        how = f"judged on {j.source}{of_the_log(j.judged_share)}"
+        how = f"judged on {j.source}{share_words(j.judged_share)}"
         text = f"{j.module}: the model explains each of {j.steps:,} steps, {how}"
         if j.alarms:
             text = (
@@ -90,17 +90,17 @@ def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
     return tuple(findings)
 
 
-def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
+def log_findings(judged: LogJudgement) -> tuple[CiFinding, ...]:
     """A finding for each module: whether a read lay outside `safe`, with what is assumed."""
     findings = []
     for m in judged.modules:
-        text = f"{m.module}: {verdict_of(m)}"
+        text = f"{m.module}: {verdict_line(m)}"
         if not m.decided:
             missing = tuple(f"missing: {name}" for name in m.missing)
             findings.append(CiFinding("open", RULE, m.module, text, m.span, missing))
             continue
-        lost = (t.strip() for t in lost_of(judged))
-        details = (*unheard(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
+        lost = (t.strip() for t in lost_lines(judged))
+        details = (*unheard_sentence(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
         kind: Kind = "fail" if m.violated else "pass" if m.judged else "open"
         kind = "open" if m.damage is not None else kind
         findings.append(CiFinding(kind, RULE, m.module, text, m.span, details))
@@ -156,10 +156,10 @@ OFFSETS = (
 ENDING = "-monitor.html"
 
 
-def _seeds(text: str) -> range:
+def _seed_range(text: str) -> range:
     """The seeds of `N` or of a range such as `1..9`; ArgumentTypeError for other text."""
     first, dots, last = text.partition("..")
-    seeds = range(seed(first), (seed(last) if dots else seed(first)) + 1)
+    seeds = range(seed_number(first), (seed_number(last) if dots else seed_number(first)) + 1)
     if not 0 < len(seeds) <= SEEDS_MAX:
         raise argparse.ArgumentTypeError(f"`{text}`: A..B are 1 to {SEEDS_MAX:,} seeds, A first")
     return seeds
@@ -187,7 +187,7 @@ class Options:
         "--seed N|A..B",
         range(1, 2),
         "of a fresh run, or of one for each from A to B; by default 1",
-        read_by(_seeds),
+        read_by(_seed_range),
     )
     estimates: bool = option(
         "--estimates", False, "judge what was measured, not the true states", SWITCH
@@ -213,10 +213,10 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         return _judge_foreign_log(args, logs, console)
     if len(logs) > 1:
         raise mistake("U001", "several logs are one where `--map` describes them")
-    program = opened(args, console)
+    program = opened_program(args, console)
     if program.externs and args.log is None and args.emit is None:
         fork_into_child(console, lambda _: ())
-    bound(program, args)
+    bound_program(program, args)
     choices = {"system": args.system, "params": dict(args.params)}
     if args.emit is not None:
         program.emit_monitor(args.emit, args.module, alarm=args.alarm, **choices)
@@ -237,13 +237,15 @@ def _say_runs(
     program: Program,
 ) -> CommandOutcome:
     """Tells a line for each run and module, and one for each module over all runs."""
-    rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
-    together = [_combine_runs(of) for of in zip(*by_seed, strict=True)]
-    rows += [("all", *_row(j)) for j in together]
-    return _outcome(together, (("seed", *HEAD), rows), args, console, program)
+    rows = [
+        (str(s), *_module_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged
+    ]
+    together = [_joined_judgement(of) for of in zip(*by_seed, strict=True)]
+    rows += [("all", *_module_row(j)) for j in together]
+    return _tell_table(together, (("seed", *HEAD), rows), args, console, program)
 
 
-def _combine_runs(of: Sequence[Judgement]) -> Judgement:
+def _joined_judgement(of: Sequence[Judgement]) -> Judgement:
     """One judgement for a module in several runs: sums, first alarm, step with largest share."""
     states = Counter[str]()
     for j in of:
@@ -266,24 +268,26 @@ def _tell_judgements(
     judged: list[Judgement], args: argparse.Namespace, console: Console, program: Program
 ) -> CommandOutcome:
     """Tells the judgements of one run or log."""
-    return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, program)
+    return _tell_table(judged, (HEAD, [_module_row(j) for j in judged]), args, console, program)
 
 
-def _drawn(judged: Sequence[Judgement], args: argparse.Namespace) -> Iterator[PageSection]:
+def _offset_sections(
+    judged: Sequence[Judgement], args: argparse.Namespace
+) -> Iterator[PageSection]:
     """For a page of one run: how far its states were from what the model allows, over time."""
     asked = args.report is not None and len(args.seed) == 1
     for j in (j for j in judged if asked and j.offsets):
         times = JudgedTimes(j.offset_times_s[0], j.offset_times_s[-1], changes=j.modes)
-        times.alarms.update(map(times.column, j.alarm_times_s))
+        times.alarms.update(map(times.column_at, j.alarm_times_s))
         for at_s, offsets in zip(j.offset_times_s, j.offsets, strict=True):
             for name, x in zip(j.state_names, offsets.tolist(), strict=True):
                 share = 100.0 * min(max(x, -OFFSET_MAX), OFFSET_MAX)
-                times.note((name, "%", ALLOWED), at_s, share, (-100.0, 100.0), alarm=True)
+                times.note_value((name, "%", ALLOWED), at_s, share, (-100.0, 100.0), alarm=True)
         title = f"{j.module}: its states beside the model"
-        yield PageSection(title, (OFFSETS,), drawn=drawing(times, "alarms"))
+        yield PageSection(title, (OFFSETS,), drawn=drawing_html(times, "alarms"))
 
 
-def _outcome(
+def _tell_table(
     judged: Sequence[Judgement],
     table: tuple[tuple[str, ...], list[tuple[str, ...]]],
     args: argparse.Namespace,
@@ -291,7 +295,7 @@ def _outcome(
     program: Program,
 ) -> CommandOutcome:
     source, part = judged[0].source, min(j.judged_share for j in judged)
-    says = f"{args.log or args.file}  judged on {source}{of_the_log(part)}"
+    says = f"{args.log or args.file}  judged on {source}{share_words(part)}"
     head, rows = table
     alarms = sum(j.alarms for j in judged)
     empty = [j.module for j in judged if not j.judged]
@@ -301,7 +305,7 @@ def _outcome(
     if empty:
         notes.append(f"{', '.join(empty)}: {NOTHING}")
     fields = DOCUMENT.of(Monitored(judged=tuple(judged)))
-    found = of_judgements(judged)
+    found = judgement_findings(judged)
     code = exit_of_kinds(f.kind for f in found)
     damage = next((j.damage for j in judged if j.damage is not None), None)
     headline = _headline(code, part, damage, alarms)
@@ -314,11 +318,11 @@ def _outcome(
         console.say(f"\n{text}")
     sections_ = [
         PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
-        *_drawn(judged, args),
+        *_offset_sections(judged, args),
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
-    fields |= _report(args, headline, _headline_tone(code, part), sections_, console)
+    fields |= _write_page(args, headline, _headline_tone(code, part), sections_, console)
     return CommandOutcome(code, (), fields, found)
 
 
@@ -327,7 +331,7 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
     if damage is not None:
         return f"{damage}: {alarms:,} alarms there"
     headlines = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
-    return headlines.get(code, f"the model explains every step{of_the_log(part)}")
+    return headlines.get(code, f"the model explains every step{share_words(part)}")
 
 
 def _judge_foreign_log(
@@ -337,7 +341,7 @@ def _judge_foreign_log(
     wrong = next((pair for pair in args.where if "=" not in pair), None)
     if wrong is not None:
         raise mistake("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
-    program = loaded(args, console)
+    program = loaded_program(args, console)
     choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
     choices |= {"where": dict(pair.split("=", 1) for pair in args.where), "partial": args.partial}
     if args.estimates:
@@ -347,25 +351,25 @@ def _judge_foreign_log(
         return _tell_judgements(explained, args, console, program)
     with ProgressBar(console) as progress:
         judged = program.judge_log(logs, args.map, progress=progress, **choices)
-    console.say("\n".join(lines(judged, console)))
-    items = tuple(undecided(m) for m in judged.modules if not m.decided)
-    found = of_log(judged)
+    console.say("\n".join(judgement_lines(judged, console)))
+    items = tuple(undecided_warning(m) for m in judged.modules if not m.decided)
+    found = log_findings(judged)
     code = exit_of_kinds(f.kind for f in found)
     fields = DOCUMENT.of(Monitored(log=judged))
-    headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
-    page = [*sections(judged), PageSection("Provenance", _provenance(program))]
+    headline = "; ".join(f"{m.module}: {verdict_line(m)}" for m in judged.modules)
+    page = [*judgement_sections(judged), PageSection("Provenance", _provenance(program))]
     part = min((m.judged_share for m in judged.modules), default=0.0)
-    fields |= _report(args, headline, _headline_tone(code, part), page, console)
+    fields |= _write_page(args, headline, _headline_tone(code, part), page, console)
     return CommandOutcome(code, items, fields, found)
 
 
-def _report(
+def _write_page(
     args: argparse.Namespace, headline: str, colour: str, of: list[PageSection], console: Console
 ) -> dict[str, object]:
     """Writes the page if `--report` asks for it; SoterError D006 if it cannot be written."""
     if args.report is None:
         return {}
-    title = f"{Path(args.file).name}: {Path(args.log).name if args.log else _seeds_of(args)}"
+    title = f"{Path(args.file).name}: {Path(args.log).name if args.log else _seeds_text(args)}"
     path = report_path(args.report, args.file, ENDING)
     write_sections(path, title, headline, colour, of)
     console.say(f"\nreport  {path}")
@@ -382,12 +386,12 @@ def _provenance(program: Program) -> tuple[str, ...]:
     return (f"Program {program.path}, SHA-256 {program.sha256}.", f"Judged by soter {VERSION}.")
 
 
-def _seeds_of(args: argparse.Namespace) -> str:
+def _seeds_text(args: argparse.Namespace) -> str:
     first, last = args.seed[0], args.seed[-1]
     return f"seed {first}" if first == last else f"seeds {first} to {last}"
 
 
-def _row(j: Judgement) -> tuple[str, ...]:
+def _module_row(j: Judgement) -> tuple[str, ...]:
     """A module's cells in the table with the headers `HEAD`."""
     return (
         j.module,
@@ -411,7 +415,7 @@ class Monitored:
     log: LogJudgement | None = None
 
 
-def _modules(m: Monitored) -> dict[str, Judgement]:
+def _modules_by_name(m: Monitored) -> dict[str, Judgement]:
     return {j.module: j for j in m.judged}
 
 
@@ -422,7 +426,7 @@ def _largest_share(j: Judgement) -> float | None:
 DOCUMENT = JsonObject(
     Monitored,
     "emitted modules log",
-    {"modules": _modules},
+    {"modules": _modules_by_name},
     beside={"file": str, "report?": str},
     modules=JsonObject(
         "soter.monitor.model_membership.Judgement",

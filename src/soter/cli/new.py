@@ -84,18 +84,18 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     name = _checked_name(folder, args.name)
     names = {"name": name, "prefix": program_prefix(name)}
     if args.robot is not None:
-        survey = _survey(args) if args.logs else None
+        survey = _surveyed_logs(args) if args.logs else None
         texts = texts_of_kind(args.robot, names, args.figures, survey)
         _require_sound(f"{name}.soter", texts)
-        commands = _commands(folder, name, kind=True)
+        commands = _next_commands(folder, name, kind=True)
     elif args.logs:
         texts, commands = _files_of_log(name, args), _commands_of_log(folder, name, args.logs)
     else:
         texts = {f.format(**names): _filled_template(t, names) for t, f in FILES.items()}
-        commands = _commands(folder, name, kind=False)
-    _make(folder, texts)
+        commands = _next_commands(folder, name, kind=False)
+    _make_folder(folder, texts)
     files = sorted(texts)
-    _say(folder, files, commands, console)
+    _say_made(folder, files, commands, console)
     fields: dict[str, object] = {
         "folder": str(folder),
         "files": files,
@@ -116,8 +116,8 @@ def _require_sound(program: str, texts: Mapping[str, str]) -> None:
 
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
-    """File name -> text of a mapping and the head of a program; SoterError D016, D007."""
-    drafts, found = by_name("soter.monitor.survey_drafts"), _survey(args)
+    """The texts, by file name, of a mapping and a program's head; SoterError D016, D007."""
+    drafts, found = by_name("soter.monitor.survey_drafts"), _surveyed_logs(args)
     log = ", ".join(Path(log).name for log in args.logs)
     return {
         f"{name}.soter": drafts.program_head(found, log, name),
@@ -125,11 +125,11 @@ def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     }
 
 
-def _survey(args: argparse.Namespace) -> Any:  # noqa: ANN401 - of an add-on
+def _surveyed_logs(args: argparse.Namespace) -> Any:  # noqa: ANN401 - of an add-on
     """What stands in the logs; SoterError D016, D007."""
     require_utf8(*args.logs)
     survey = by_name("soter.monitor.log_survey")
-    return survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
+    return survey.survey_of_logs([Path(log) for log in args.logs], partial=args.partial)
 
 
 def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple[str, str]]:
@@ -160,7 +160,7 @@ def _filled_template(template: str, names: dict[str, str]) -> str:
     return text
 
 
-def _make(folder: Path, texts: dict[str, str]) -> None:
+def _make_folder(folder: Path, texts: dict[str, str]) -> None:
     """Fills a folder under a hidden name, then renames it; SoterError D006 leaves nothing."""
     hidden = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
     try:
@@ -176,7 +176,7 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
         raise
 
 
-def _commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, str]]:
+def _next_commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, str]]:
     """Commands to type next, in the same folder and this order, each with what it does."""
     at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
     proof = shlex.quote(str(folder / "proof"))
@@ -197,7 +197,9 @@ def _commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, str]]:
     ]
 
 
-def _say(folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console) -> None:
+def _say_made(
+    folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console
+) -> None:
     console.say(f"{console.paint('green', 'made')}  {folder}/  {'  '.join(files)}\n\nnext")
     width = max(len(c) for c, _ in commands)
     for command, about in commands:

@@ -45,7 +45,7 @@ exit codes: 0 told or written, 1 diagnostics, 2 usage
 WIDTH = len("observation")
 
 
-def _sizes(text: str) -> list[float]:
+def _size_list(text: str) -> list[float]:
     """Sizes of observations, finite and not negative; ArgumentTypeError for other text."""
     try:
         sizes = [float(part) for part in text.split(",")]
@@ -68,7 +68,7 @@ class Options:
         "--within LIST",
         None,
         "how large observations are at most, one number or one each: for the bound",
-        read_by(_sizes),
+        read_by(_size_list),
     )
     output: str | None = option("-o --output FILE", None, "write the network as Soter, or as C")
     node: str | None = option(
@@ -84,10 +84,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.output is not None and args.output.endswith(".c") != (args.node is not None):
         help_ = "C of a node: --node PROGRAM:NAME -o FILE.c; a function of Soter: -o FILE.soter"
         raise mistake("U001", f"`{args.output}` has the ending of another language", help_)
-    policy = _read(Path(args.file), args.statistics)
-    box = _box(policy, args.within)
+    policy = _read_policy(Path(args.file), args.statistics)
+    box = _input_box(policy, args.within)
     bound = None if box is None else float(error_bound(policy.network, *box).max())
-    facts = {**policy.facts, "layers": _layers(policy), "float64": _bound_told(policy, box, bound)}
+    facts = {
+        **policy.facts,
+        "layers": _layers_text(policy),
+        "float64": _bound_text(policy, box, bound),
+    }
     for name, text in [*facts.items(), *(("assumed", text) for text in policy.assumed)]:
         console.say(f"{console.paint('muted', name.ljust(WIDTH))}  {text}")
     fields: dict[str, object] = {
@@ -102,14 +106,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if args.node is not None:
             fields["bind"] = _write_c(Path(args.output), policy, args.node)
         else:
-            _write(Path(args.output), policy, args.file, facts)
+            _write_soter(Path(args.output), policy, args.file, facts)
         console.say(f"\nwritten  {args.output}")
         if args.node is not None:
             console.say(f"bind it  --bind {fields['bind']}")
     return CommandOutcome(fields=fields)
 
 
-def _read(path: Path, statistics: str | None) -> Policy:
+def _read_policy(path: Path, statistics: str | None) -> Policy:
     if path.suffix != ".onnx":
         from soter.policy.sb3_file import read_sb3  # noqa: PLC0415 - needs NumPy
 
@@ -121,7 +125,7 @@ def _read(path: Path, statistics: str | None) -> Policy:
     return read_onnx(path)
 
 
-def _box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
+def _input_box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
     """The box of observations: as `--within` gives it, else as the file; None if neither does."""
     import numpy as np  # noqa: PLC0415 - as above
 
@@ -134,7 +138,7 @@ def _box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] 
     return -sizes, sizes
 
 
-def _layers(policy: Policy) -> str:
+def _layers_text(policy: Policy) -> str:
     from soter.policy.network import Affine  # noqa: PLC0415 - as above
 
     names = []
@@ -144,7 +148,7 @@ def _layers(policy: Policy) -> str:
     return f"{policy.network.inputs} numbers, {', '.join(names)}"
 
 
-def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
+def _bound_text(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
     from soter.policy.network import Tanh  # noqa: PLC0415 - as above
     from soter.policy.soter_source import not_written  # noqa: PLC0415 - as above
 
@@ -162,7 +166,7 @@ def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: floa
     return f"within {float(above):.3g} of float32{caveat}, for observations in {inside}"
 
 
-def _write(path: Path, policy: Policy, file: str, facts: dict[str, str]) -> None:
+def _write_soter(path: Path, policy: Policy, file: str, facts: dict[str, str]) -> None:
     from soter.policy.policy_errors import read_policy_bytes  # noqa: PLC0415 - as above
     from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
 

@@ -108,7 +108,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Checks it and tells the verdict; SoterError U001 for a page inside the certificate."""
+    """Checks the certificate and tells the verdict; SoterError U001 for a page inside of it."""
     report_file = None
     if args.report is not None:
         report_file = report_path(args.report, args.folder, ENDING)
@@ -117,20 +117,20 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             raise mistake("U001", text, "write the page elsewhere")
     with ProgressBar(console) as progress:
         report = recheck(args.folder, progress, args.logs)
-    _say(report, args.folder, console)
+    _say_result(report, args.folder, console)
     _say_flights(report, console)
     fields = DOCUMENT.of(report)
     if report_file is not None:
-        colour, headline = _verdict(report, args.folder)
+        colour, headline = _colour_and_verdict(report, args.folder)
         verdict = {"green": "good", "red": "bad"}.get(colour, "")
         title = f"soter recheck {Path(args.folder).resolve().name}"
-        write_sections(report_file, title, headline, verdict, list(_sections(report)))
+        write_sections(report_file, title, headline, verdict, list(_page_sections(report)))
         console.say(f"\nreport  {report_file}")
         fields["report"] = str(report_file)
-    return CommandOutcome(_exit(report), (), fields)
+    return CommandOutcome(_exit_code(report), (), fields)
 
 
-def _exit(report: Report) -> int:
+def _exit_code(report: Report) -> int:
     if any(f.interrupted for f in report.flights):
         return INTERRUPTED
     verdicts = {report.verdict, *(f.verdict for f in report.flights)}
@@ -142,7 +142,7 @@ def _exit(report: Report) -> int:
     return FINE if complete else UNDECIDED
 
 
-def _verdict(report: Report, folder: str) -> tuple[str, str]:
+def _colour_and_verdict(report: Report, folder: str) -> tuple[str, str]:
     """The colour of the verdict, and the verdict in words."""
     if not report.accepted:
         colour = "red" if report.verdict == REJECTED else "yellow"
@@ -169,12 +169,12 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
 
 
 def _headline(report: Report, folder: str, console: Console) -> str:
-    colour, text = _verdict(report, folder)
+    colour, text = _colour_and_verdict(report, folder)
     word, rest = text.split(f"  {folder}", 1)
     return f"{console.paint(colour, word)}  {folder}{rest}"
 
 
-def _sections(report: Report) -> Iterator[PageSection]:
+def _page_sections(report: Report) -> Iterator[PageSection]:
     """Yields the sections of the page: modules, program, flights, assumptions, gaps."""
     yield from (_module_section(m, report) for m in report.modules)
     program = f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."
@@ -183,7 +183,7 @@ def _sections(report: Report) -> Iterator[PageSection]:
     yield PageSection("What was checked", program_lines + reason)
     for flight in report.flights:
         yield PageSection(visible(f"Flight {flight.log}"), tuple(_flight_lines(flight)))
-    texts = tuple(f"{number}: {visible(text)}" for number, text in _numbered(report))
+    texts = tuple(f"{number}: {visible(text)}" for number, text in _numbered_assumptions(report))
     yield PageSection("Under these assumptions, derived from the program", texts)
     yield PageSection("Not covered", tuple(visible(remark.text) for remark in report.not_covered))
 
@@ -241,7 +241,7 @@ def _say_flights(report: Report, console: Console) -> None:
             console.say(f"  and {len(others) - SHOWN:,} more (--json has all)")
 
 
-def _say(report: Report, folder: str, console: Console) -> None:
+def _say_result(report: Report, folder: str, console: Console) -> None:
     """Tells the result; `visible` keeps texts of the certificate from moving the cursor."""
     folder = visible(folder)
     hash_ = report.program_sha256[:12]
@@ -264,14 +264,14 @@ def _say(report: Report, folder: str, console: Console) -> None:
         for colour, text in _remarks(module):
             console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
-    for number, text in _numbered(report):
+    for number, text in _numbered_assumptions(report):
         console.say(console.paint("muted", f"  {number:<3} {visible(text)}"))
     console.say("\nnot covered")
     for remark in report.not_covered:
         console.say(console.paint("muted", f"  {visible(remark.text)}"))
 
 
-def _numbered(report: Report) -> list[tuple[str, str]]:
+def _numbered_assumptions(report: Report) -> list[tuple[str, str]]:
     """The derived assumptions, each behind its number, in the order of the numbers."""
     derived = set(report.assumptions)
     return [(n, text) for text, n in report.assumption_numbers.items() if text in derived]
@@ -311,7 +311,7 @@ def _module_name(module: RecheckedModule, report: Report) -> str:
     return f"{module.system}.{module.name}" if several else module.name
 
 
-def _modules(report: Report) -> dict[str, RecheckedModule]:
+def _modules_by_name(report: Report) -> dict[str, RecheckedModule]:
     return {_module_name(m, report): m for m in report.modules}
 
 
@@ -320,7 +320,7 @@ DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
     "accepted verdict safe returns reason program_sha256 seconds program modules assumptions "
     "assumption_keys=said.key not_covered flights",
-    {"modules": _modules},
+    {"modules": _modules_by_name},
     beside={"certificate": str, "report?": str},
     verdict=one_of(*VERDICTS),
     modules=JsonObject(

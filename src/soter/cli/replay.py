@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import ReplayReport, replay
-from soter.api.rechecking import table_of
-from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
+from soter.api.rechecking import counterexample_table
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_code
 from soter.cli.terminal.shared_options import file_option, report_option, report_path
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -50,20 +50,20 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.html is not None:
         args.html = str(report_path(args.html, args.trace, ENDING))
     report = replay(args.trace)
-    _say(report, console)
-    written, problems = _files(report, args)
+    _say_steps(report, console)
+    written, problems = _write_files(report, args)
     for kind, path in written.items():
         console.say(f"{kind:<6} {path}")
     code = FINE if report.reproduced else VIOLATED
     if problems:
-        code = exit_of(problems)
-    return CommandOutcome(code, problems, {**_fields(report), **written})
+        code = exit_code(problems)
+    return CommandOutcome(code, problems, {**_document_fields(report), **written})
 
 
-def _files(
+def _write_files(
     report: ReplayReport, args: argparse.Namespace
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Kind -> path of each file written, and diagnostics of files that could not be."""
+    """The path of each file written, by kind; and diagnostics of those that could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     for kind, write in (("html", report.write_html), ("mcap", report.write_mcap)):
@@ -81,7 +81,7 @@ def _files(
 # ---------------------------------------------------------------- for people
 
 
-def _say(report: ReplayReport, console: Console) -> None:
+def _say_steps(report: ReplayReport, console: Console) -> None:
     if console.json:
         return
     from soter.report.wording import visible  # noqa: PLC0415 - only then
@@ -92,10 +92,10 @@ def _say(report: ReplayReport, console: Console) -> None:
     console.say(console.paint("muted", visible(title)))
     word = ("green", "REPRODUCED") if report.reproduced else ("red", "NOT REPRODUCED")
     console.say(f"{console.paint(*word)}  {visible(report.outcome)}")
-    console.say("\n".join(("", *_steps(report, console))))
+    console.say("\n".join(("", *_step_lines(report, console))))
 
 
-def _steps(report: ReplayReport, console: Console) -> list[str]:
+def _step_lines(report: ReplayReport, console: Console) -> list[str]:
     if report.trace is not None:
         from soter.report.sequence_view import table_text  # noqa: PLC0415 - needs NumPy
         from soter.report.wording import visible  # noqa: PLC0415 - the same
@@ -105,7 +105,7 @@ def _steps(report: ReplayReport, console: Console) -> list[str]:
         return [*lines, visible(view.remark)] if view.remark else lines
     if report.counterexample is None:
         return []
-    same, head, rows = table_of(report.counterexample)
+    same, head, rows = counterexample_table(report.counterexample)
     return [*([same, ""] if same else []), console.table(head, rows)]
 
 
@@ -139,7 +139,7 @@ DOCUMENT = JsonObject(
 )
 
 
-def _fields(report: ReplayReport) -> dict[str, object]:
+def _document_fields(report: ReplayReport) -> dict[str, object]:
     fields = DOCUMENT.of(report)
     if report.trace is not None:
         return fields | STEPS.of(report.trace)

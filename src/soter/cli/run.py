@@ -19,7 +19,7 @@ from soter import __version__
 from soter.addons import by_name
 from soter.api import Program, require_writers
 from soter.cli.terminal.child_process import fork_into_child
-from soter.cli.terminal.command_line import given
+from soter.cli.terminal.command_line import keyword_arguments
 from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
     FINE,
@@ -29,7 +29,7 @@ from soter.cli.terminal.command_outcome import (
     CommandOutcome,
 )
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import bound, opened
+from soter.cli.terminal.program_loading import bound_program, opened_program
 from soter.cli.terminal.shared_options import CAMPAIGN_FOLDER, file_option
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.simulate.run_options import RunOptions
@@ -58,7 +58,7 @@ reports share (soter-plotly-....js)
 
 {CAMPAIGN_FOLDER}"""
 NAME_MAX = 150
-"""Most characters of a file name that `_own_name` makes; file systems allow 255 bytes."""
+"""Most characters of a file name that `_default_name` makes; file systems allow 255 bytes."""
 OWN_PLACE = ""
 """The value of --log and --report without a path."""
 
@@ -72,27 +72,27 @@ class Options(RunOptions):
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Runs the system and tells it."""
-    program = opened(args, console)
+    program = opened_program(args, console)
     if program.externs:
         fork_into_child(console, lambda process: _mend_logs(args, process))
     first_seed = args.seed
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
-    console.listen()
+    console.listen_to_signals()
     args.home = Path.cwd()  # an extern may change the current folder
-    bound(program, args)
+    bound_program(program, args)
     if args.arm == "paper" and args.campaign is None:
-        args.campaign = _campaign(program, args, first_seed)
-    _look_ahead(args)
-    log = _log(args)
-    return _finish(program, _simulate(program, args, console, log), args, console, log)
+        args.campaign = _campaign_folder(program, args, first_seed)
+    _require_folder(args)
+    log = _opened_log(args)
+    return _tell_run(program, _simulate(program, args, console, log), args, console, log)
 
 
 def _simulate(
     program: Program, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> Run:
     with ProgressBar(console) as progress:
-        how = {**given(args, Options), "log": log, "report": None, "progress": progress}
+        how = {**keyword_arguments(args, Options), "log": log, "report": None, "progress": progress}
         apart, trace = console.own_process, args.report is not None
         result = program.simulate(**how, trace=trace, partial=True, apart=apart)
     if result.timing is not None:
@@ -100,22 +100,22 @@ def _simulate(
     return result
 
 
-def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
+def _campaign_folder(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
     """The default folder of the campaign that the flight to repeat is of."""
     flat = program.flat(args.system, dict(args.params))
     own_folder = by_name("soter.api.campaigning").own_folder
     return cast("Path", own_folder(flat, program.path, args.until, first_seed))
 
 
-def _finish(
+def _tell_run(
     program: Program, result: Run, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> CommandOutcome:
     """Prints the summary, then writes files, so that a failure there does not hide the result."""
-    from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
+    from soter.cli.terminal.run_summary import run_summary  # noqa: PLC0415 - needs NumPy
     from soter.simulate.run_fields import DOCUMENT  # noqa: PLC0415 - needs NumPy
 
-    console.say(summary(result, args.file, console, why=args.why))
-    written, problems = _files(program, result, args, log, console)
+    console.say(run_summary(result, args.file, console, why=args.why))
+    written, problems = _write_files(program, result, args, log, console)
     lines = [f"{kind:<7} {path}" for kind, path in written.items()]
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
@@ -126,20 +126,20 @@ def _finish(
     return CommandOutcome(code, problems, {**DOCUMENT.of(result), **written})
 
 
-def _look_ahead(args: argparse.Namespace) -> None:
+def _require_folder(args: argparse.Namespace) -> None:
     """Raises SoterError before the run if its log or report could not be written after it."""
     probe = Path(args.output) / "probe"
     log, report = (probe if p == OWN_PLACE else p for p in (args.log, args.report))
     require_writers(log, report)
-    if args.log and args.report and _same(args.log, args.report):
+    if args.log and args.report and _are_one_file(args.log, args.report):
         raise mistake("U001", f"log and report cannot both be `{args.log}`")
 
 
-def _same(log: str, report: str) -> bool:
+def _are_one_file(log: str, report: str) -> bool:
     return log not in {OWN_PLACE, os.devnull} and Path(log).resolve() == Path(report).resolve()
 
 
-def _own_name(args: argparse.Namespace, system: System) -> str:
+def _default_name(args: argparse.Namespace, system: System) -> str:
     """A file name of program, system, seed, arm and settings: no sweep overwrites itself."""
     parts = [Path(args.file).stem, system.name, str(args.seed)]
     parts[2:] = [Path(args.recorded).stem] if args.recorded is not None else parts[2:]
@@ -151,44 +151,44 @@ def _own_name(args: argparse.Namespace, system: System) -> str:
     return name
 
 
-def _path(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
-    """The path of the log or report (`kind`): as given, else `_own_name` in the output folder."""
+def _path_of_output(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
+    """The path of log or report (`kind`): the given one, else the default one in the folder."""
     path: str = getattr(args, kind)
     if path == OWN_PLACE:
-        return str(Path(args.output) / f"{_own_name(args, system)}{ending}")
+        return str(Path(args.output) / f"{_default_name(args, system)}{ending}")
     return path
 
 
-def _log(args: argparse.Namespace) -> RunLog | None:
+def _opened_log(args: argparse.Namespace) -> RunLog | None:
     """The writer of the log while the run goes on; None without `--log`."""
     if args.log is None:
         return None
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
 
-    return RunLog(lambda system: Path(_path(args, system, "log", ".mcap")), __version__)
+    return RunLog(lambda system: Path(_path_of_output(args, system, "log", ".mcap")), __version__)
 
 
 def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
     """Mends the unfinished logs that the ended process `process` left; a sentence for each."""
     if args.log is None:
         return ()
-    from soter.report.atomic_write import left_behind  # noqa: PLC0415 - only after a crash
-    from soter.report.mcap_log import mended  # noqa: PLC0415 - only after a crash
+    from soter.report.atomic_write import files_left_by  # noqa: PLC0415 - only after a crash
+    from soter.report.mcap_log import mend_log  # noqa: PLC0415 - only after a crash
 
     folder = Path(args.output) if args.log == OWN_PLACE else Path(args.log).resolve().parent
     saved = []
-    for part, path in left_behind(folder, process):
-        if mended(part):
+    for part, path in files_left_by(folder, process):
+        if mend_log(part):
             part.replace(path)
             where = os.path.relpath(path) if args.log == OWN_PLACE else args.log
             saved.append(f"the log until then is `{where}`")
     return tuple(saved)
 
 
-def _files(
+def _write_files(
     program: Program, result: Run, args: argparse.Namespace, log: RunLog | None, console: Console
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Kind -> path of each file written, and diagnostics of files that could not be."""
+    """The path of each file written, by kind; and diagnostics of those that could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:
@@ -198,11 +198,11 @@ def _files(
                 f"an unfinished log of an earlier run: `{where}` (`mcap recover` reads it)"
             )
         if log.problem is None:
-            written["log"] = _path(args, result.system, "log", ".mcap")
+            written["log"] = _path_of_output(args, result.system, "log", ".mcap")
         else:
             problems += log.problem.diagnostics
     if args.report is not None:
-        path = _path(args, result.system, "report", ".html")
+        path = _path_of_output(args, result.system, "report", ".html")
         try:
             place = Path(args.home, path)
             program.write_report(result, place, self_contained=args.self_contained)

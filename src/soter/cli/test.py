@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.ci_findings import CiFinding, Kind
-from soter.cli.terminal.ci_formats import document_of_problems, document_of_tests
-from soter.cli.terminal.command_line import given
+from soter.cli.terminal.ci_formats import junit_of_problems, junit_of_tests
+from soter.cli.terminal.command_line import keyword_arguments
 from soter.cli.terminal.command_outcome import INTERRUPTED, CommandOutcome, exit_of_kinds
-from soter.cli.terminal.console import Console, LineOfProgress, rounded, size
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.console import Console, LineOfProgress, memory_size, rounded_rate
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import FORMAT, file_option
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -73,7 +73,7 @@ def write_problems_as_junit(
 ) -> None:
     """Writes as JUnit's XML why no test was explored; `SoterError` with D006 if it cannot."""
     try:
-        write_text(document_of_problems(file, (*warnings, *why.diagnostics)), path)
+        write_text(junit_of_problems(file, (*warnings, *why.diagnostics)), path)
     except SoterError as error:
         raise SoterError((*why.diagnostics, *error.diagnostics)) from error
 
@@ -108,12 +108,12 @@ class Options(SearchOptions):
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Explores the tests and tells the results; also writes the file of `--junit`."""
-    console.listen()
+    console.listen_to_signals()
     try:
-        program = loaded(args, console)
+        program = loaded_program(args, console)
         with LineOfProgress(console) as line:
             report = program.explore(
-                **given(args, Options),
+                **keyword_arguments(args, Options),
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
@@ -121,12 +121,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if args.junit is not None:
             write_problems_as_junit(args.file, error, args.junit, console.of_program)
         raise
-    _say(report, console)
+    _say_report(report, console)
     if args.junit is not None:
-        console.say(f"\njunit  {write_text(document_of_tests(report), args.junit)}")
+        console.say(f"\njunit  {write_text(junit_of_tests(report), args.junit)}")
     found = of_tests(report)
     code = INTERRUPTED if report.interrupted else exit_of_kinds(f.kind for f in found)
-    junit = document_of_tests(report) if args.format == "junit" else ""
+    junit = junit_of_tests(report) if args.format == "junit" else ""
     return CommandOutcome(code, (), DOCUMENT.of(report), found, junit)
 
 
@@ -143,28 +143,28 @@ def progress_text(looked: object) -> str:
     more = f", covered to {show_ns(looked.covered_ns)}" if looked.covered_ns else ""
     more += f", {looked.answers:,} answers of one step" if looked.answers else ""
     return (
-        f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
-        f"{size(looked.bytes)}{more}"
+        f"{looked.test}{doing}  {count:,} {noun}, {rounded_rate(rate)}/s, depth {looked.depth}, "
+        f"{memory_size(looked.bytes)}{more}"
     )
 
 
 # ---------------------------------------------------------------- for people
 
 
-def _say(report: ExploreReport, console: Console) -> None:
+def _say_report(report: ExploreReport, console: Console) -> None:
     console.say(console.paint("muted", f"{report.path}  {report.program_sha256[:12]}"))
     for test in report.tests:
-        console.say("\n".join(("", *_lines(test, console))))
+        console.say("\n".join(("", *_test_lines(test, console))))
     if len(report.tests) + len(report.not_started) > 1:
-        console.say("\n".join(("", *_summary(report, console))))
+        console.say("\n".join(("", *_summary_lines(report, console))))
 
 
-def _summary(report: ExploreReport, console: Console) -> list[str]:
+def _summary_lines(report: ExploreReport, console: Console) -> list[str]:
     """A line for each test, then what holds for all of them."""
     width = max(map(len, (*(test.name for test in report.tests), *report.not_started)))
     lines = ["all tests"]
     for test in report.tests:
-        word, colour, more = _verdict(test)
+        word, colour, more = _verdict_words(test)
         more = more or report.unsettled(test)
         lines.append(
             f"  {test.name:<{width}}  {console.paint(colour, f'{word:<19}')}  {more}".rstrip()
@@ -176,7 +176,7 @@ def _summary(report: ExploreReport, console: Console) -> list[str]:
     return lines + [f"  {whole.text}" for whole in wholes(report.tests)]
 
 
-def _verdict(test: TestResult) -> tuple[str, str, str]:
+def _verdict_words(test: TestResult) -> tuple[str, str, str]:
     """The verdict in a word, the word's colour, and a few words more or ""."""
     if test.verdict == "violated":
         assert test.broken is not None
@@ -187,26 +187,26 @@ def _verdict(test: TestResult) -> tuple[str, str, str]:
     return word, "yellow", "" if test.bound == "interrupted" else str(test.bound)
 
 
-def _lines(test: TestResult, console: Console) -> list[str]:
+def _test_lines(test: TestResult, console: Console) -> list[str]:
     """All lines about one test."""
     muted = "muted"
-    lines = [_headline(test, console), console.paint(muted, _figures(test))]
+    lines = [_test_headline(test, console), console.paint(muted, _figures_text(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
-    lines += ["", *_coverage(test, console)]
+    lines += ["", *_coverage_lines(test, console)]
     if test.replayed is not None:
-        lines += ["", *_trace(test, console)]
+        lines += ["", *_trace_lines(test, console)]
     for other in test.others:
-        lines += ["", *_other_violation(other, console)]
+        lines += ["", *_other_violation_lines(other, console)]
     if test.options.all_properties and test.replayed is not None:
-        lines += ["", console.paint("muted", _rest(test))]
+        lines += ["", console.paint("muted", _other_properties_line(test))]
     lines += ["", "rests on"]
     vacuous = {v.text for v in test.vacuous}
     lines += [console.paint(muted, f"  {text}") for text in test.assumptions if text not in vacuous]
     return lines
 
 
-def _headline(test: TestResult, console: Console) -> str:
-    word, colour, text = _verdict(test)
+def _test_headline(test: TestResult, console: Console) -> str:
+    word, colour, text = _verdict_words(test)
     if test.verdict == "exhausted":
         text = f"every execution was covered, none violates a property{test.for_ever}"
         cannot = sum(v.cannot_fail for v in test.vacuous)
@@ -223,7 +223,7 @@ def _headline(test: TestResult, console: Console) -> str:
     return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {text}"
 
 
-def _figures(test: TestResult) -> str:
+def _figures_text(test: TestResult) -> str:
     options = test.options
     parts = [f"{test.states:,} states"] if test.states else []
     parts.append(f"{test.transitions:,} transitions")
@@ -233,9 +233,9 @@ def _figures(test: TestResult) -> str:
     if test.minimise_s:
         prefix = "" if test.minimal else "not found in "
         parts.append(f"shortest trace {prefix}{test.minimise_s:.2f} s")
-    parts.append(f"{rounded(test.states_per_s)} {'states' if test.states else 'steps'}/s")
+    parts.append(f"{rounded_rate(test.states_per_s)} {'states' if test.states else 'steps'}/s")
     if test.states:
-        parts.append(f"{test.bits} bits a state, {size(test.total_bytes)}")
+        parts.append(f"{test.bits} bits a state, {memory_size(test.total_bytes)}")
     how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
     if options.strategy in SAMPLING:
         how = f"{options.strategy}, seed {options.seed}"
@@ -247,7 +247,7 @@ def _figures(test: TestResult) -> str:
     return f"{', '.join(parts)}\n{how}{test.divided}"
 
 
-def _coverage(test: TestResult, console: Console) -> list[str]:
+def _coverage_lines(test: TestResult, console: Console) -> list[str]:
     """Lines for how much was reached, what never was, and which parts of the test cannot fail."""
     from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
@@ -262,14 +262,14 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
     return lines + [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
 
 
-def _other_violation(test: TestResult, console: Console) -> list[str]:
+def _other_violation_lines(test: TestResult, console: Console) -> list[str]:
     """Lines about another property that can be violated, with its trace."""
-    word, colour, text = _verdict(test)
+    word, colour, text = _verdict_words(test)
     head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {text}"
-    return [head, "", *_trace(test, console)] if test.replayed is not None else [head]
+    return [head, "", *_trace_lines(test, console)] if test.replayed is not None else [head]
 
 
-def _rest(test: TestResult) -> str:
+def _other_properties_line(test: TestResult) -> str:
     """A line for what the search for violations of other properties came to."""
     count = 1 + len(test.others)
     head = f"{count} {'property' if count == 1 else 'properties'} violated"
@@ -278,7 +278,7 @@ def _rest(test: TestResult) -> str:
     return f"{head}; there may be others: {bound_text(test.others_bound, test.options)}"
 
 
-def _trace(test: TestResult, console: Console) -> list[str]:
+def _trace_lines(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - loaded above, too
     from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - only for a trace
     from soter.report.sequence_view import table_text  # noqa: PLC0415 - needs NumPy
@@ -294,15 +294,15 @@ def _trace(test: TestResult, console: Console) -> list[str]:
 # --- as JSON; a list of words has `field` or `field=path.in.record` each, ? as in JsonObject
 
 
-def _steps(t: TestResult) -> int | None:
+def _step_count(t: TestResult) -> int | None:
     return None if t.replayed is None else len(t.replayed.steps)
 
 
-def _minimal(t: TestResult) -> bool | None:
+def _is_minimal(t: TestResult) -> bool | None:
     return None if t.replayed is None else t.minimal
 
 
-def _itself(t: TestResult) -> TestResult:
+def _memory_of_test(t: TestResult) -> TestResult:
     return t
 
 
@@ -310,7 +310,7 @@ VERDICTS = one_of(EXHAUSTED, VIOLATED, BOUND)
 SAYS_NOTHING = "property premise contract module fault input replacement"
 TRACE = "trace page steps minimal not_shortest? unshown=not_shown? shrunk_from? minimise_s"
 OPTIONS = " ".join(f"{o.told}=options.{n}" for n, o in options_of(SearchOptions).items() if o.told)
-MADE = {"steps": _steps, "minimal": _minimal, "memory": _itself}
+MADE = {"steps": _step_count, "minimal": _is_minimal, "memory": _memory_of_test}
 COVERED = JsonObject(CoverageKind, "reached total unreached", named="covered")
 KINDS = "properties actors modes switches branches values"
 TEST = JsonObject(

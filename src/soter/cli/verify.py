@@ -15,7 +15,7 @@ from soter.cli.terminal.ci_findings import CiFinding, Kind
 from soter.cli.terminal.command_line import TIMES, Pairs
 from soter.cli.terminal.command_outcome import CommandOutcome, exit_of_kinds
 from soter.cli.terminal.console import Console, ProgressBar
-from soter.cli.terminal.program_loading import loaded, warned_of_files
+from soter.cli.terminal.program_loading import loaded_program, warn_of_extern_files
 from soter.cli.terminal.proof_hints import (
     SEARCHES,
     print_search,
@@ -108,7 +108,7 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Proves the modules and tells the verdicts, or tells those of the cache again."""
-    console.listen()
+    console.listen_to_signals()
     words = _cache_key(args, console)
     if (stored := _tell_stored(args, words, console)) is not None:
         return stored
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     report, written = _prove(args, console)
     _save_runs(report)
     printed, fields = _printout(report), DOCUMENT.of(report)
-    printed.show(console)
+    printed.print_to(console)
     _say_files(report, args, console)
     paths = [str(p) for p in written]
     if args.write and (path := write_hints(report, console)) is not None:
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
     """Proves; returns the verdicts, and the files of controllers synthesized before."""
-    program = warned_of_files(loaded(args, console), console)
+    program = warn_of_extern_files(loaded_program(args, console), console)
     choices: Any = {"module": args.module, "system": args.system, "params": dict(args.params)}
     written: tuple[Path, ...] = ()
     with ProgressBar(console, timed=False) as progress:
@@ -162,11 +162,7 @@ def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tu
 
 
 def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
-    """The options that the outcome depends on, a key of the cache; () if it may not be stored.
-
-    It may not where another program calls `main`, as Soter may be changed in its process, nor with
-    `--synthesize` or bindings.
-    """
+    """The options that the outcome depends on; () where it may not be stored or told again."""
     if not console.own_process or args.synthesize or args.bindings or args.write:
         return ()
     asked = (args.module, args.system, args.params, args.no_refute, args.budget)
@@ -181,10 +177,10 @@ def _tell_stored(
     stored = stored_outcome(args.file, words) if words and not any(files) else None
     if stored is None:
         return None
-    if stored.warned and loaded(args, console).sha256 != stored.fields["program_sha256"]:
+    if stored.warned and loaded_program(args, console).sha256 != stored.fields["program_sha256"]:
         return None
     console.note(TOLD_AGAIN)
-    stored.printed.show(console)
+    stored.printed.print_to(console)
     return CommandOutcome(stored.exit, (), stored.fields)
 
 
@@ -224,14 +220,14 @@ def _printout(report: VerifyReport) -> Printout:
     for search in report.searches:
         print_search(search, report.command, printed)
     for module in report.modules:
-        printed.say(f"\n{_headline(module, printed)}\n")
+        printed.say(f"\n{_module_headline(module, printed)}\n")
         _print_table(module, printed)
         printed.say("\n".join((*_detail_lines(module, printed), "", "under these assumptions")))
         for text in (a.text for a in module.assumptions):
             printed.say(printed.paint("muted", f"  {numbers[text]:<3} {text}"))
     if not report.modules:
         printed.say("there is no module to be verified")
-    for line in _coverage(report):
+    for line in _coverage_lines(report):
         printed.say(line)
     if report.composed:
         _print_joint_verdict(report, printed)
@@ -251,7 +247,7 @@ def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console)
         console.say(f"\nrun     {path}")
 
 
-def _coverage(report: VerifyReport) -> list[str]:
+def _coverage_lines(report: VerifyReport) -> list[str]:
     """Lines for what the verdicts cover: parameters, systems alike; and what they do not."""
     coverage, lines = report.coverage, []
     if coverage.params:
@@ -281,12 +277,12 @@ def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
     how_long = "at all times" if lawful else "for as long as the trusted part runs"
     says = ["", f"in every run that keeps what is assumed, {how_long}", *says]
     says = says if report.together in HOLDING else []
-    head = f"all of them together (Theorem 4.1)  {verdict}{_open_clauses(report, taken)}"
+    head = f"all of them together (Theorem 4.1)  {verdict}{_open_clauses_text(report, taken)}"
     printed.say("\n".join(("", head, *says, "")))
     printed.add_table(("module", "takes for granted", "because"), rows)
 
 
-def _open_clauses(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
+def _open_clauses_text(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
     """What the verdict on all modules together leaves open, in words; "" for nothing."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
@@ -332,7 +328,7 @@ def _save_runs(report: VerifyReport) -> None:
         save_runs(report)
 
 
-def _headline(module: ModuleResult, printed: Printout) -> str:
+def _module_headline(module: ModuleResult, printed: Printout) -> str:
     held = module.verdict in ("proved", "assumed")
     verdict = printed.paint(PAINTS[module.verdict], module.verdict.upper())
     verdict += module.whilst if held else ""
@@ -405,11 +401,11 @@ def _failure_lines(name: str, finding: Finding, printed: Printout) -> list[str]:
 # --- as JSON; a list of words has `field` or `field=path.in.record` each, ? and * as in JsonObject
 
 
-def _params(report: VerifyReport) -> dict[str, object]:
+def _parameters(report: VerifyReport) -> dict[str, object]:
     return dict(report.coverage.params)
 
 
-def _modules(report: VerifyReport) -> dict[str, ModuleResult]:
+def _modules_by_name(report: VerifyReport) -> dict[str, ModuleResult]:
     return {m.name: m for m in report.modules}
 
 
@@ -421,16 +417,16 @@ def _needed_s(module: ModuleResult) -> float | None:
     return module.problem.times.h_star / 1e9 if module.problem.kind != "nodes" else None
 
 
-def _run(finding: Finding) -> list[str]:
+def _run_lines(finding: Finding) -> list[str]:
     return [] if finding.counterexample is None else str(finding.counterexample).splitlines()
 
 
-def _times(run: LeavingRun) -> list[float]:
+def _run_times(run: LeavingRun) -> list[float]:
     return list(run.time_s.tolist())
 
 
-def _states(run: LeavingRun) -> dict[str, list[float]]:
-    """State name -> its values along the run."""
+def _run_states(run: LeavingRun) -> dict[str, list[float]]:
+    """The values along the run, by name of a state."""
     return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
 
 
@@ -444,7 +440,7 @@ FINDING = JsonObject(
     f"{RESULTS}.Finding",
     "verdict seconds method text hint counts where=regions counterexample=saved run causes tried "
     "cost leaving",
-    {"run": _run},
+    {"run": _run_lines},
     verdict=VERDICT,
     where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),
     causes=JsonObject(f"{RESULTS}.Cause", "kind text hint numbers*"),
@@ -452,7 +448,7 @@ FINDING = JsonObject(
     leaving=JsonObject(
         f"{RESULTS}.LeavingRun",
         "text axis side safe chosen time_s states",
-        {"text": str, "time_s": _times, "states": _states},
+        {"text": str, "time_s": _run_times, "states": _run_states},
         side=one_of(-1, 1),
     ),
 )
@@ -476,7 +472,7 @@ DOCUMENT = JsonObject(
     f"{RESULTS}.VerifyReport",
     "file=path program_sha256 system verdict together seconds modules params also=coverage.also "
     "not_covered=coverage.rest guarantees=coverage.guarantees searches",
-    {"modules": _modules, "params": _params},
+    {"modules": _modules_by_name, "params": _parameters},
     beside={"cert?": str, "report?": str, "written?": list[str]},
     verdict=VERDICT,
     together=VERDICT,

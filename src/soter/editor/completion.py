@@ -54,7 +54,7 @@ class CursorContext:
 
 
 def cursor_at(text: str, offset: int) -> CursorContext:
-    """The context of the cursor at a character offset."""
+    """What is around the cursor at a character offset."""
     tokens = lex(Source("", text[:offset]))
     for start, end in tokens.comments:
         if start < offset <= end and not text[start:end].endswith("*/"):
@@ -171,52 +171,48 @@ TYPED = {"let", "var", "const", "param", "topic", "input", "state", "disturbance
 """Words that lead an item in which a type follows the first `:`."""
 
 
-def completed(
+def completion_items(
     text: str, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> list[lsp.CompletionItem]:
-    """The items for the cursor at a character offset of `text`.
-
-    `file` and `index` are of the present text; `good` is of the last text that parsed, in which the
-    locals of a broken declaration are found.
-    """
+    """The items for the cursor; `good`: names of the last text that parsed, for its locals."""
     cursor = cursor_at(text, offset)
     if cursor.quiet:
         return []
     item_by_label: dict[str, lsp.CompletionItem] = {}
-    for item in _items(cursor, offset, file, index, good):
+    for item in _cursor_items(cursor, offset, file, index, good):
         item_by_label.setdefault(item.label, item)
     return list(item_by_label.values())
 
 
-def _items(
+def _cursor_items(
     cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> Iterator[lsp.CompletionItem]:
-    names = _names(cursor, offset, file, index, good)
-    wanted = _wanted(cursor) if cursor.item else None
+    names = _visible_names(cursor, offset, file, index, good)
+    wanted = _wanted_kinds(cursor) if cursor.item else None
     if not cursor.item:
-        yield from (_word(w, cursor.body) for w in language_words.PLACES.get(cursor.body, ()))
+        yield from (_word_item(w, cursor.body) for w in language_words.PLACES.get(cursor.body, ()))
         kinds = {"variable", "state"} if cursor.body == "block" else set()
-        yield from _of_kinds(names, kinds, "0")
+        yield from _items_of_kinds(names, kinds, "0")
     elif cursor.item[-1] == ".":
-        yield from _behind_dots(cursor, names, index)
+        yield from _member_items(cursor, names, index)
     elif wanted == {"a type"}:
-        yield from (_word(w, "type") for w in language_words.TYPES)
-        yield from _of_kinds(names, {"type", "import"}, "1")
+        yield from (_word_item(w, "type") for w in language_words.TYPES)
+        yield from _items_of_kinds(names, {"type", "import"}, "1")
     elif wanted is None:
-        yield from (_named(d, _sort_key(d, file)) for d in names.values() if _is_value(d))
+        yield from (_name_item(d, _sort_key(d, file)) for d in names.values() if _is_value(d))
         words = (*language_words.BUILTINS, *language_words.SPECIALS, *language_words.VALUES)
-        yield from (_word(word, "value") for word in words)
+        yield from (_word_item(word, "value") for word in words)
     elif wanted != {"new"}:
-        yield from _of_kinds(names, {*wanted, "import"}, "0")
+        yield from _items_of_kinds(names, {*wanted, "import"}, "0")
 
 
-def _of_kinds(
+def _items_of_kinds(
     names: dict[str, Definition], kinds: set[str], rank: str
 ) -> Iterator[lsp.CompletionItem]:
-    return (_named(d, rank) for d in names.values() if d.kind in kinds)
+    return (_name_item(d, rank) for d in names.values() if d.kind in kinds)
 
 
-def _wanted(cursor: CursorContext) -> set[str] | None:
+def _wanted_kinds(cursor: CursorContext) -> set[str] | None:
     """The kinds of names that can stand here; None: any value; {"new"}: a new name."""
     last, first = cursor.item[-1], cursor.item[0]
     before = cursor.item[-2] if len(cursor.item) > 1 else ""
@@ -225,7 +221,7 @@ def _wanted(cursor: CursorContext) -> set[str] | None:
     if last == "(" and before in AFTER:
         return AFTER[before]
     if last == ":":
-        return _after_colon(cursor)
+        return _kinds_after_colon(cursor)
     if last == "," and first in LISTS:
         return {"topic"}
     if last in AFTER and (last, first) != ("by", "rest"):
@@ -233,7 +229,7 @@ def _wanted(cursor: CursorContext) -> set[str] | None:
     return None
 
 
-def _after_colon(cursor: CursorContext) -> set[str] | None:
+def _kinds_after_colon(cursor: CursorContext) -> set[str] | None:
     first = cursor.item[0]
     if cursor.body == "system":
         return {"plant", "module", "system", "node"}
@@ -241,7 +237,7 @@ def _after_colon(cursor: CursorContext) -> set[str] | None:
     return {"a type"} if typed else None
 
 
-def _names(
+def _visible_names(
     cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> dict[str, Definition]:
     """All visible names, of equal ones the innermost."""
@@ -252,15 +248,15 @@ def _names(
             definition_by_name |= {n: d for n, d in declared.items() if not n.startswith("_")}
     definition_by_name |= index.declared_in(file)
     if good is not None:
-        home, decl = _declaration(cursor, good, file)
+        home, decl = _enclosing_declaration(cursor, good, file)
         definition_by_name |= _instances(good, decl)
         reached = [] if home is None or decl is None else good.reach.get(id(home.source), [])
         definition_by_name |= {d.name: d for _, _, d in reached if d.owner is decl}
-    definition_by_name |= _instances(index, _declaration(cursor, index, file)[1])
+    definition_by_name |= _instances(index, _enclosing_declaration(cursor, index, file)[1])
     return definition_by_name | index.locals_at(file.source, offset)
 
 
-def _declaration(
+def _enclosing_declaration(
     cursor: CursorContext, index: NameIndex, file: LoadedFile
 ) -> tuple[LoadedFile | None, Definition | None]:
     """The file as the index has it, and the definition of the declaration around the cursor."""
@@ -280,7 +276,7 @@ def _is_value(d: Definition) -> bool:
 
 
 def _sort_key(d: Definition, file: LoadedFile) -> str:
-    """The sort key: locals first, then this file, then imports and the prelude."""
+    """A key that sorts locals first, then this file, then imports and the prelude."""
     if not isinstance(d.node, tree.Decl):
         return "0"
     return "1" if d.file is file else "2"
@@ -289,7 +285,7 @@ def _sort_key(d: Definition, file: LoadedFile) -> str:
 # ---------------------------------------------------------------- behind dots
 
 
-def _behind_dots(
+def _member_items(
     cursor: CursorContext, names: dict[str, Definition], index: NameIndex
 ) -> Iterator[lsp.CompletionItem]:
     if not cursor.dotted:
@@ -301,37 +297,37 @@ def _behind_dots(
     if first == "Mode" and first not in names:
         yield from (lsp.CompletionItem(m, kind=KIND.EnumMember) for m in ("AC", "SC"))
     for name in rest:
-        of = members.after(of, name)
-    wanted = _wanted_behind(cursor)
-    for name, detail, kind in members.inside(of):
+        of = members.meaning_of_member(of, name)
+    wanted = _kinds_behind_import(cursor)
+    for name, detail, kind in members.members_of(of):
         if wanted is None or kind in wanted or kind in {"field", "member", "state", "len"}:
             yield lsp.CompletionItem(name, kind=ICONS.get(kind, KIND.Field), detail=detail)
 
 
-def _wanted_behind(cursor: CursorContext) -> set[str] | None:
-    """The kinds that can follow `import.` here."""
+def _kinds_behind_import(cursor: CursorContext) -> set[str] | None:
+    """The kinds of names that can follow `import.` here."""
     item = cursor.item[: len(cursor.item) - 2 * len(cursor.dotted)]
     if not item:
         return None
-    return _wanted(CursorContext(cursor.body, cursor.head, item, (), "", cursor.start))
+    return _wanted_kinds(CursorContext(cursor.body, cursor.head, item, (), "", cursor.start))
 
 
 # ---------------------------------------------------------------- items
 
 
-def _word(word: str, body: str) -> lsp.CompletionItem:
+def _word_item(word: str, body: str) -> lsp.CompletionItem:
     parts = word.split()
     first = parts[-1] if parts[0] in {"on", "order"} else parts[0]
     builtin = word in language_words.BUILTINS
     return lsp.CompletionItem(
         word,
         kind=KIND.Function if builtin else KIND.Keyword,
-        detail=language_words.meaning(first),
+        detail=language_words.word_meaning(first),
         sort_text=f"{'0' if body not in {'value', 'type'} else '3'}{word}",
     )
 
 
-def _named(d: Definition, near: str) -> lsp.CompletionItem:
+def _name_item(d: Definition, near: str) -> lsp.CompletionItem:
     detail = type_text(d) if not isinstance(d.node, tree.Decl) else _one_line(head(d))
     return lsp.CompletionItem(
         d.name, kind=ICONS.get(d.kind, KIND.Variable), detail=detail, sort_text=f"{near}{d.name}"

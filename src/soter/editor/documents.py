@@ -21,7 +21,7 @@ from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
 from soter.editor.name_resolution import index_of
-from soter.editor.protocol_conversions import Lines, by_file, path_of, path_of_span, uri_of
+from soter.editor.protocol_conversions import Lines, path_of, path_of_span, shown_by_file, uri_of
 from soter.language.front_end import CheckResult, check_file
 from soter.language.load.loader import LoadedFile, LoadedProgram, SourceAccess, load
 
@@ -87,11 +87,8 @@ class Overlay(SourceAccess):
         return known
 
     def constants(self, file: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """The known constants of an imported file, kept while its text and imports do not change.
-
-        The checker reads `data` before it looks here, and a changed data file clears all constants.
-        """
-        texts = _texts(file) if file.library else None
+        """The known constants of an imported file, kept while no text or data file changes."""
+        texts = _texts_with_imports(file) if file.library else None
         if texts is None:
             return {}
         if texts not in self._constants:
@@ -102,7 +99,7 @@ class Overlay(SourceAccess):
         return self._constants[texts]
 
 
-def _texts(file: LoadedFile) -> tuple[str, ...] | None:
+def _texts_with_imports(file: LoadedFile) -> tuple[str, ...] | None:
     """Paths and texts of a file and of all its imports; None if one could not be read."""
     texts: list[str] = []
     todo, seen = [file], {id(file)}
@@ -170,7 +167,7 @@ class Documents:
     def __iter__(self) -> Iterator[Document]:
         return iter(tuple(self._open.values()))
 
-    def get(self, uri: str) -> Document | None:
+    def document_of(self, uri: str) -> Document | None:
         """The open document that a URI means."""
         return self._open.get(whole(path_of(uri)))
 
@@ -185,44 +182,44 @@ class Documents:
         return document.uri if document is not None else uri_of(Path(os.path.normpath(path)))
 
     def open(self, uri: str, version: int | None, text: str) -> None:
-        """A document was opened, or opened again."""
+        """Notes that a document was opened, or opened again."""
         path = path_of(uri)
         self._open[whole(path)] = Document(uri, path, version, text)
-        self.touch([path])
+        self.mark_changed([path])
 
     def update(self, uri: str, version: int | None, text: str) -> None:
-        """A document got a new text."""
-        document = self.get(uri)
+        """Notes that a document got a new text."""
+        document = self.document_of(uri)
         if document is None:
             self.open(uri, version, text)
             return
         document.version = version
         document.text = text
-        self.touch([document.path])
+        self.mark_changed([document.path])
 
     def close(self, uri: str) -> None:
-        """A document was closed: what is on the disk counts from now on."""
+        """Notes that a document was closed: the file on the disk counts from now on."""
         document = self._open.pop(whole(path_of(uri)), None)
         if document is None:
             return
         self._waiting.pop(whole(document.path), None)
-        self._tell(document.found)
-        self.touch([document.path])
+        self._publish_found(document.found)
+        self.mark_changed([document.path])
 
     # ------------------------------------------------------------ checking
 
-    def touch(self, paths: Iterable[Path]) -> None:
-        """Files have changed: open documents that they are part of wait for a check."""
+    def mark_changed(self, paths: Iterable[Path]) -> None:
+        """Notes that files have changed: open documents that have them wait for a check."""
         for path in paths:
             key = whole(path)
             if key in self._open:
                 self._waiting.setdefault(key)
             for other, document in self._open.items():
-                if other != key and key in self._files(document):
+                if other != key and key in self._files_of(document):
                     self._waiting.setdefault(other)
 
-    def touch_data(self) -> None:
-        """A file that is no program was written: all documents wait, as any may read it."""
+    def mark_all_changed(self) -> None:
+        """Notes that a data file was written: all documents wait, as any may read it."""
         self._waiting.update(dict.fromkeys(self._open))
 
     @property
@@ -235,8 +232,8 @@ class Documents:
         if self._waiting:
             self._check(self._open[next(iter(self._waiting))])
 
-    def settle(self, document: Document) -> None:
-        """Checks a document now if it waits, so that the next answer is about its present text."""
+    def check_if_waiting(self, document: Document) -> None:
+        """Checks a document now if it waits, so that answers are about its present text."""
         if whole(document.path) in self._waiting:
             self._check(document)
 
@@ -247,10 +244,10 @@ class Documents:
         if checked.ok:
             document.good = checked
         before = document.found
-        document.found = by_file(checked.diagnostics.items, document.path, self.lines_of)
-        self._tell({document.path: [], **document.found, **before})
+        document.found = shown_by_file(checked.diagnostics.items, document.path, self.lines_of)
+        self._publish_found({document.path: [], **document.found, **before})
 
-    def _tell(self, files: Iterable[Path]) -> None:
+    def _publish_found(self, files: Iterable[Path]) -> None:
         """Publishes what all checks together found in each of some files."""
         for key in dict.fromkeys(whole(path) for path in files):
             items: dict[str, lsp.Diagnostic] = {}
@@ -262,18 +259,18 @@ class Documents:
             version = None if document_here is None else document_here.version
             self._publish(self.uri(key), version, list(items.values()))
 
-    def _files(self, document: Document) -> set[Path]:
+    def _files_of(self, document: Document) -> set[Path]:
         """The files that a document was made of when it was last checked or parsed."""
         loaded = None if document.checked is None else document.checked.loaded
         return set() if loaded is None else {whole(f.path) for f in loaded.files}
 
     # ------------------------------------------------------------ for questions
 
-    def loaded(self, document: Document) -> LoadedProgram:
+    def parsed_program(self, document: Document) -> LoadedProgram:
         """The trees of a document's text as it is now, and of what it imports."""
         return self.parsed_names(document)[0]
 
-    def index(self, document: Document) -> NameIndex:
+    def name_index(self, document: Document) -> NameIndex:
         """The names of a document's text as it is now, and of what it imports."""
         return self.parsed_names(document)[1]
 
@@ -302,10 +299,10 @@ class Documents:
                 paths.setdefault(whole(path), path)
         return list(paths.values())
 
-    def mentioning(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
+    def programs_naming(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
         """The programs whose main file contains a name, and the document itself."""
         word = re.compile(rf"\b{re.escape(name)}\b")
-        programs = [(about.path, self.index(about))]
+        programs = [(about.path, self.name_index(about))]
         for path in self.programs(about):
             if whole(path) == whole(about.path):
                 continue

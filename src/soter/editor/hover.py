@@ -1,6 +1,6 @@
 """Makes the text that an editor shows for a declaration whose name is under the mouse.
 
-Purpose: `described` shows a declaration at a glance: its head as it is written, the comment above
+Purpose: `hover_text` shows a declaration at a glance: its head as it is written, the comment above
 it, its type, set, age and period, and the numbers that the last good check computed.
 Non-goals: where the mouse is (`requests.py`); words of the language (`language_words.py`).
 """
@@ -36,10 +36,10 @@ BUDGETS = (20_000, 200_000)
 """Most operations for one number, and for all numbers, as a person waits for them."""
 
 
-def described(d: Definition, checked: CheckResult | None) -> str:
+def hover_text(d: Definition, checked: CheckResult | None) -> str:
     """Markdown about a definition; `checked` is the last good check of the program."""
     parts = [f"```soter\n{head(d)}\n```"]
-    parts += facts(d, checked)
+    parts += fact_lines(d, checked)
     if comment := comment_above(d):
         parts.append(comment)
     return "\n\n".join(parts)
@@ -51,9 +51,9 @@ def head(d: Definition) -> str:
     if isinstance(node, (tree.NodeDecl, tree.PlantDecl, tree.RtaDecl)):
         return _shown_lines(node.span.text, _shown_words(node))
     if isinstance(node, (tree.SystemDecl, tree.TestDecl)):
-        return _first(node.span.text, "{").rstrip() + " { ... }"
+        return _text_before(node.span.text, "{").rstrip() + " { ... }"
     if isinstance(node, tree.FunDecl) and d.kind == "function":
-        return " ".join(_first(node.span.text, "{").split()).rstrip(";")
+        return " ".join(_text_before(node.span.text, "{").split()).rstrip(";")
     if d.kind in {"field", "argument"}:
         return f"({d.kind}) {d.name}: {type_text(d)}"
     if d.kind == "member":
@@ -63,7 +63,7 @@ def head(d: Definition) -> str:
         return f"({d.kind}) {d.name}: {type_text(d)}"
     text = getattr(node, "span", d.span).text
     if d.kind == "instance":
-        text = _first(text, "{").rstrip()
+        text = _text_before(text, "{").rstrip()
     lines = text.splitlines()
     if len(lines) > LINES_MAX:
         lines = [*lines[:LINES_MAX], "  ..."]
@@ -85,17 +85,17 @@ def _shown_words(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[s
 def _shown_lines(text: str, words: tuple[str, ...]) -> str:
     """The head of a body, and the lines in it that begin with one of the words."""
     lines = [line.rstrip() for line in text.splitlines()]
-    kept = [line for line in lines[1:] if line.split(" ", 1)[0:1] and _word(line) in words]
+    kept = [line for line in lines[1:] if line.split(" ", 1)[0:1] and _first_word(line) in words]
     shown = [f"  {line.strip()}" for line in kept[: LINES_MAX - 2]]
     return "\n".join([lines[0], *shown, "}" if len(lines) > 1 else ""]).rstrip()
 
 
-def _word(line: str) -> str:
+def _first_word(line: str) -> str:
     parts = line.split()
     return parts[0] if parts else ""
 
 
-def _first(text: str, sign: str) -> str:
+def _text_before(text: str, sign: str) -> str:
     return text.split(sign, 1)[0]
 
 
@@ -118,7 +118,7 @@ def comment_above(d: Definition) -> str:
     return " ".join(line for line in lines if line.strip("-= "))
 
 
-def facts(d: Definition, checked: CheckResult | None) -> list[str]:
+def fact_lines(d: Definition, checked: CheckResult | None) -> list[str]:
     """Lines with what a check computed: values, periods, sets."""
     program = None if checked is None else checked.program
     if program is None or checked is None or checked.loaded is None:
@@ -131,7 +131,7 @@ def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
     number = _Numbers(program)
     if kind == "constant" and name in program.consts:
         const = program.consts[name]
-        yield f"value: `{shown(const.type, const.value)}`"
+        yield f"value: `{value_text(const.type, const.value)}`"
     elif kind == "parameter" and name in program.params:
         yield f"default: `{number(program.params[name].default)}`"
     elif kind == "topic" and name in program.topics:
@@ -159,10 +159,10 @@ def _neighbours(topic: TopicSymbol, program: TypedProgram) -> str:
     writers += [p.name for p in plants if topic in [t for t, _ in p.drives]]
     readers = [n.name for n in nodes if topic in [s.topic for s in n.subscribes]]
     readers += [p.name for p in plants if topic in p.reads]
-    return f"published by {_listed(writers)}; read by {_listed(readers)}"
+    return f"published by {_name_list(writers)}; read by {_name_list(readers)}"
 
 
-def _listed(names: list[str]) -> str:
+def _name_list(names: list[str]) -> str:
     return ", ".join(f"`{n}`" for n in names) if names else "nobody"
 
 
@@ -178,10 +178,10 @@ class _Numbers:
     def __call__(self, expr: TypedExpr) -> str:
         """The number as text; its source text if it cannot be computed."""
         value = self._calculator.value(expr, "")
-        return " ".join(expr.span.text.split()) if value is None else shown(expr.type, value)
+        return " ".join(expr.span.text.split()) if value is None else value_text(expr.type, value)
 
 
-def shown(t: Type, value: Value) -> str:
+def value_text(t: Type, value: Value) -> str:
     """A value as people write it, not too long."""
     if isinstance(t, DurationType):
         return write_ns(value)

@@ -210,6 +210,6 @@ WORDS: dict[str, str] = {
 }
 
 
-def meaning(word: str) -> str | None:
+def word_meaning(word: str) -> str | None:
     """What a word of the language means; None for any other word."""
     return WORDS.get(word) or BUILTINS.get(word) or SPECIALS.get(word)

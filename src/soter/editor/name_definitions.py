@@ -37,7 +37,7 @@ class Definition:
 
     @property
     def key(self) -> tuple[Path, int]:
-        """A key that is equal for the same thing in two parses of the same text."""
+        """The place of the declaration, equal for the same thing in two parses of a text."""
         return path_of_span(self.span), self.span.start
 
 
@@ -49,8 +49,8 @@ class Use:
     definition: Definition
 
     @property
-    def declares(self) -> bool:
-        """Whether this is the declaration."""
+    def is_declaration(self) -> bool:
+        """Whether this use is the declaration of the name."""
         return self.span == self.definition.span
 
 
@@ -71,7 +71,7 @@ class NameIndex:
     _uses: dict[int, dict[tuple[int, int], Use]] = field(default_factory=dict)
     _starts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
-    def note(self, span: Span, definition: Definition) -> None:
+    def note_use(self, span: Span, definition: Definition) -> None:
         """Notes what a name at a place means; the first meaning of a place stays."""
         self._uses.setdefault(id(span.source), {}).setdefault(
             (span.start, span.end), Use(span, definition)
@@ -82,8 +82,8 @@ class NameIndex:
         use_by_place = self._uses.get(id(source), {})
         return [use_by_place[place] for place in sorted(use_by_place)]
 
-    def at(self, source: Source, offset: int) -> Use | None:
-        """The name at an offset, or that ends there."""
+    def use_at(self, source: Source, offset: int) -> Use | None:
+        """The use of a name at an offset, or that ends there."""
         use_by_place = self._uses.get(id(source), {})
         places = self._starts.get(id(source))
         if places is None:

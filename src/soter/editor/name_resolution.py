@@ -59,7 +59,7 @@ def index_of(loaded: LoadedProgram) -> NameIndex:
 
 
 class Members:
-    """One pass over all trees, which makes an index; then it finds members, names after a dot."""
+    """One pass over all trees that makes an index; afterwards it finds names after a dot."""
 
     def __init__(self, index: NameIndex, checker: Checker, meant: Meanings) -> None:
         self.index = index
@@ -77,7 +77,7 @@ class Members:
     def run(self) -> None:
         """Enters all definitions, then notes all uses of names in the program's own files."""
         for file in self.index.files:
-            self._enter(file)
+            self._enter_file(file)
         for fields, syntax in self._meant.records.values():
             for (_, t), name in zip(fields, _field_names(syntax), strict=False):  # type: ignore[call-overload]
                 if (known := self._by_place.get(_place(name))) is not None:
@@ -87,12 +87,12 @@ class Members:
                 self.index.top[id(file)][name].of = child
             for decl in () if file.prelude else file.file.declarations:
                 self._owner = self._by_place[_place(decl.name)]
-                self._instances = self._beside(decl, file)
-                self._walk(decl, file)
+                self._instances = self._instances_beside(decl, file)
+                self._note_names_in(decl, file)
 
     # ------------------------------------------------------------ definitions
 
-    def _enter(self, file: LoadedFile) -> None:
+    def _enter_file(self, file: LoadedFile) -> None:
         names = self.index.top[id(file)] = {}
         self._owner = None
         for imported in file.file.imports:
@@ -117,7 +117,7 @@ class Members:
         if known is None:
             known = Definition(name.text, kind, name.word, node, file, of, self._owner)
             self._by_place[_place(name)] = known
-            self.index.note(known.span, known)
+            self.index.note_use(known.span, known)
         return known
 
     def _enter_declared_inside(self, piece: Any, decl: tree.Decl, file: LoadedFile) -> None:  # noqa: ANN401
@@ -163,36 +163,38 @@ class Members:
 
     # ------------------------------------------------------------ uses
 
-    def _walk(self, piece: Any, file: LoadedFile) -> None:  # noqa: ANN401 - any piece of syntax
+    def _note_names_in(self, piece: Any, file: LoadedFile) -> None:  # noqa: ANN401 - any piece of syntax
         """Notes the names in a piece of syntax."""
         if isinstance(piece, tuple):
             for part in piece:
-                self._walk(part, file)
+                self._note_names_in(part, file)
         elif isinstance(piece, (tree.NameExpr, tree.FieldExpr, tree.IndexExpr)):
             self._note_expression(piece, file)
         elif isinstance(piece, tree.DottedPath):
             self._note_chain([(p, len(getattr(p, "indices", ()))) for p in piece.parts], file)
-            self._walk(tuple(i for p in piece.parts for i in getattr(p, "indices", ())), file)
+            self._note_names_in(
+                tuple(i for p in piece.parts for i in getattr(p, "indices", ())), file
+            )
         elif isinstance(piece, tree.Ref):
             names = [n for n in (piece.qualifier, piece.name) if n is not None]
             self._note_chain([(n, 0) for n in names], file)
         elif isinstance(piece, tree.Name):
             self._note_chain([(piece, 0)], file)
-            self._walk(getattr(piece, "indices", ()), file)
+            self._note_names_in(getattr(piece, "indices", ()), file)
         elif isinstance(piece, tree.Instance):
             self._note_instance(piece, file)
         elif isinstance(piece, tree.RecordExpr):
             for name, value in piece.fields:
                 found = self._meaning(name) or self._definition(name, "field", name, file)
-                self.index.note(name.word, found)
-                self._walk(value, file)
+                self.index.note_use(name.word, found)
+                self._note_names_in(value, file)
         elif hasattr(piece, "__dataclass_fields__") and not isinstance(piece, Span):
             outer = self._axes
             if isinstance(piece, (tree.VerifyBlock, tree.View)):
                 self._axes = self._axes_of(piece, file)
             for part in piece.__dataclass_fields__:
                 if not part.endswith("span"):
-                    self._walk(getattr(piece, part), file)
+                    self._note_names_in(getattr(piece, part), file)
             self._axes = outer
 
     def _note_expression(self, piece: tree.SyntaxExpr, file: LoadedFile) -> None:
@@ -204,25 +206,25 @@ class Members:
                 names.insert(0, (piece.field, count))
                 count = 0
             else:
-                self._walk(piece.index, file)
+                self._note_names_in(piece.index, file)
                 count += 1
             piece = piece.target
         if isinstance(piece, tree.NameExpr):
             self._note_chain([(piece.name, count), *names], file)
             return
-        self._walk(piece, file)
+        self._note_names_in(piece, file)
         for name, _ in names:
             self._note_chain([(name, 0)], file, first=False)
 
     def _note_instance(self, item: tree.Instance, file: LoadedFile) -> None:
         """Notes the names of an instance; what is set in its braces may be inside of it."""
-        self._walk((item.name, item.what, item.renames), file)
-        declared = self._ref(item.what, file)
+        self._note_names_in((item.name, item.what, item.renames), file)
+        declared = self._referred(item.what, file)
         outer = self._instances
-        self._instances = self._inside_of(declared)
-        self._walk(item.sets, file)
+        self._instances = self._instances_inside(declared)
+        self._note_names_in(item.sets, file)
         self._instances = outer
-        self._walk(tuple(s.value for s in item.sets), file)
+        self._note_names_in(tuple(s.value for s in item.sets), file)
 
     def _note_chain(
         self, names: list[tuple[tree.Name, int]], file: LoadedFile, *, first: bool = True
@@ -232,37 +234,37 @@ class Members:
         for k, (name, indices) in enumerate(names):
             found = self._meaning(name)
             if found is None and k == 0 and first:
-                found = self._first(name, file)
+                found = self._first_meaning(name, file)
             if found is None and k:
-                found, of = self._member(of, name.text)
+                found, of = self._member_named(of, name.text)
             else:
                 of = None if found is None else found.of
             if found is not None:
-                self.index.note(name.word, found)
+                self.index.note_use(name.word, found)
             for _ in range(indices):
                 of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
     def _meaning(self, name: tree.Name) -> Definition | None:
-        """What the checker took a name for, or what is declared there."""
+        """The definition that the checker took a name for, or that is declared there."""
         meaning = self._meant.at.get(_place(name))
         if isinstance(meaning, Entry):
             return self.index.top[id(meaning.scope.loaded)].get(meaning.decl.name.text)
         if isinstance(meaning, Import):
             return self.index.top[id(meaning.scope.loaded)].get(meaning.name)
         if isinstance(meaning, FieldOf):
-            return self._field(meaning.type, meaning.name)
+            return self._field_definition(meaning.type, meaning.name)
         if isinstance(meaning, typed.Variable):
             return self._by_place.get((id(meaning.span.source), meaning.span.start))
         if meaning is not None:
-            return self._of(meaning)
+            return self._symbol_definition(meaning)
         return self._by_place.get(_place(name))
 
-    def _of(self, symbol: object) -> Definition | None:
+    def _symbol_definition(self, symbol: object) -> Definition | None:
         """The definition of a symbol."""
         entry = self._of_symbol.get(id(symbol))
         return None if entry is None else self._by_place.get(_place(entry.decl.name))
 
-    def _field(self, of: object, name: str) -> Definition | None:
+    def _field_definition(self, of: object, name: str) -> Definition | None:
         """The definition of a field of a record type, or of a member of an enum."""
         if isinstance(of, EnumType):
             entry = next(
@@ -286,80 +288,86 @@ class Members:
     def _file_of(self, name: tree.Name) -> LoadedFile:
         return next(f for f in self.index.files if f.source is name.span.source)
 
-    def _first(self, name: tree.Name, file: LoadedFile) -> Definition | None:
-        """A local, an axis, an instance or a declaration that a name may mean."""
+    def _first_meaning(self, name: tree.Name, file: LoadedFile) -> Definition | None:
+        """The local, axis, instance or declaration that a name may mean, in this order."""
         local = self.index.locals_at(name.span.source, name.span.start).get(name.text)
         instance = self._instances.get(name.text, (None, None))[0]
         found = self._axes.get(name.text) or local or instance
         return (
-            found or self._declared(name.text, file) or self._component(name.text, self._instances)
+            found
+            or self._declared_name(name.text, file)
+            or self._component_named(name.text, self._instances)
         )
 
-    def _declared(self, name: str, file: LoadedFile) -> Definition | None:
+    def _declared_name(self, name: str, file: LoadedFile) -> Definition | None:
         declared = self.index.declared_in(file).get(name)
         entry = self._checker.names.prelude.get(name)
         return declared or (None if entry is None else self._by_place.get(_place(entry.decl.name)))
 
-    def _ref(self, ref: tree.Ref, file: LoadedFile) -> Definition | None:
+    def _referred(self, ref: tree.Ref, file: LoadedFile) -> Definition | None:
         if ref.qualifier is None:
-            return self._meaning(ref.name) or self._declared(ref.name.text, file)
+            return self._meaning(ref.name) or self._declared_name(ref.name.text, file)
         return self._meaning(ref.name)
 
     # ------------------------------------------------------------ instances
 
-    def _inside_of(self, outer_: Definition | None) -> Instances:
+    def _instances_inside(self, outer_: Definition | None) -> Instances:
         """The instances of a system by name; none of anything else."""
         if outer_ is None or not isinstance(outer_.node, tree.SystemDecl):
             return {}
         instances = self.index.instances.setdefault(id(outer_.node), {})
         outer, self._owner = self._owner, outer_
-        for item in () if instances else _unrolled(outer_.node.instances):
-            of = self._ref(item.what, outer_.file)
+        for item in () if instances else _all_instances(outer_.node.instances):
+            of = self._referred(item.what, outer_.file)
             if item.kind is not None and of is not None:
                 instances[item.name.text] = of, of
             elif item.kind is None and item.name.text in instances:
-                self.index.note(item.name.word, instances[item.name.text][0])
+                self.index.note_use(item.name.word, instances[item.name.text][0])
             elif item.kind is None:
                 instance = self._definition(item.name, "instance", item, outer_.file, of and of.of)
                 instances[item.name.text] = instance, of
         self._owner = outer
         return instances
 
-    def _beside(self, decl: tree.Decl, file: LoadedFile) -> Instances:
+    def _instances_beside(self, decl: tree.Decl, file: LoadedFile) -> Instances:
         """The instances that a declaration may name: of its system, or of all with the module."""
         system = self._by_place[_place(decl.name)]
         if isinstance(decl, tree.SystemDecl):
-            return self._inside_of(system)
+            return self._instances_inside(system)
         if isinstance(decl, tree.TestDecl):
-            return self._inside_of(self._ref(decl.system, file)) if decl.system is not None else {}
+            return (
+                self._instances_inside(self._referred(decl.system, file))
+                if decl.system is not None
+                else {}
+            )
         beside: Instances = {}
         if isinstance(decl, tree.RtaDecl):
             for home in self.index.files:
                 for d in home.file.declarations:
                     if isinstance(d, tree.SystemDecl):
-                        inside = self._inside_of(self._by_place[_place(d.name)])
+                        inside = self._instances_inside(self._by_place[_place(d.name)])
                         if any(declared is system for _, declared in inside.values()):
                             beside = {**inside, **beside}
         return beside
 
-    def _component(self, name: str, instances: Instances) -> Definition | None:
-        """A node of a module of a system, which the system may call by the node's name alone."""
+    def _component_named(self, name: str, instances: Instances) -> Definition | None:
+        """The node of a module of a system that the system calls by the node's name alone."""
         for _, part in instances.values():
             found = None
             if part is not None and isinstance(part.node, tree.RtaDecl):
                 found = self._controller(part, name)
             elif part is not None:
-                found = self._component(name, self._inside_of(part))
+                found = self._component_named(name, self._instances_inside(part))
             if found is not None:
                 return found
         return None
 
     def _controller(self, module: Definition, name: str) -> Definition | None:
-        """The AC or SC of a module that has a name."""
+        """The AC or SC of a module that has this name."""
         assert isinstance(module.node, tree.RtaDecl)
         for ref in (module.node.ac, module.node.sc, *module.node.plans):
             if isinstance(ref, tree.Ref) and ref.name.text == name:
-                return self._ref(ref, module.file)
+                return self._referred(ref, module.file)
         return None
 
     def _axes_of(
@@ -370,43 +378,47 @@ class Members:
         for _, parts in block.abstracts:
             for part in parts:
                 axis = self._definition(part.name, "axis", part, file)
-                plant = self._ref(part.plant, file)
+                plant = self._referred(part.plant, file)
                 axis.of = None if plant is None else plant.of
                 axes[part.name.text] = axis
         return axes
 
     # ------------------------------------------------------------ behind a dot
 
-    def _member(self, of: object, name: str) -> tuple[Definition | None, object]:
-        """The definition of a member, if one declares it, and what it stands for."""
+    def _member_named(self, of: object, name: str) -> tuple[Definition | None, object]:
+        """The definition of a member, if one declares it, and what the member stands for."""
         found: Definition | None = None
         if isinstance(of, LoadedFile):
             found = self.index.declared_in(of).get(name)
             found = None if found is None or found.kind == "import" else found
         elif isinstance(of, (RecordType, EnumType)):
-            found = self._field(of, name)
+            found = self._field_definition(of, name)
         elif isinstance(of, typed.PlantSymbol) and name == "truth":
             return None, of.truth
         elif isinstance(of, typed.PlantSymbol):
             driven = [t for t, _ in of.drives if t.name.rpartition(".")[2] == name]
             drawn = [d.variable.span for d in of.disturbances if d.variable.name == name]
-            found = self._of(driven[0]) if driven else self._field(of.truth, name)
+            found = (
+                self._symbol_definition(driven[0])
+                if driven
+                else self._field_definition(of.truth, name)
+            )
             found = self._by_place[id(drawn[0].source), drawn[0].start] if drawn else found
         elif isinstance(of, typed.SystemSymbol):
-            found = self._inside_of(self._of(of)).get(name, (None, None))[0]
+            found = self._instances_inside(self._symbol_definition(of)).get(name, (None, None))[0]
             for topic in () if found is not None else self._checker.topics_of(of):
                 if topic.name.rpartition(".")[2] == name:
-                    found = self._of(topic)
+                    found = self._symbol_definition(topic)
         elif isinstance(of, typed.ModuleSymbol):
-            module = self._of(of)
+            module = self._symbol_definition(of)
             found = None if module is None else self._controller(module, name)
         return found, None if found is None else found.of
 
-    def after(self, of: object, name: str) -> object:
-        """What a member stands for."""
-        return None if name == "]" else self._member(of, name)[1]
+    def meaning_of_member(self, of: object, name: str) -> object:
+        """What the member of this name stands for."""
+        return None if name == "]" else self._member_named(of, name)[1]
 
-    def inside(self, of: object) -> Iterator[tuple[str, str, str]]:
+    def members_of(self, of: object) -> Iterator[tuple[str, str, str]]:
         """Yields name, detail and kind of every member."""
         if isinstance(of, LoadedFile):
             for name, d in self.index.declared_in(of).items():
@@ -423,7 +435,7 @@ class Members:
         elif isinstance(of, typed.PlantSymbol):
             yield "truth", f"the states of {of.name}", "field"
         elif isinstance(of, typed.SystemSymbol):
-            for name, (d, _) in self._inside_of(self._of(of)).items():
+            for name, (d, _) in self._instances_inside(self._symbol_definition(of)).items():
                 yield name, d.kind, "field"
         elif isinstance(of, typed.ModuleSymbol):
             for node in of.named:
@@ -451,12 +463,12 @@ def _field_names(syntax: object) -> list[tree.Name]:
     return [s.name for s in syntax.states] if isinstance(syntax, tree.PlantDecl) else []
 
 
-def _unrolled(items: tuple[object, ...]) -> list[tree.Instance]:
+def _all_instances(items: tuple[object, ...]) -> list[tree.Instance]:
     """The instances of a system, those in loops included."""
     instances: list[tree.Instance] = []
     for item in items:
         if isinstance(item, tree.Instance):
             instances.append(item)
         elif isinstance(item, tree.Repeated):
-            instances += _unrolled(item.items)
+            instances += _all_instances(item.items)
     return instances

@@ -31,10 +31,7 @@ _PRELUDE = "<prelude>/"
 
 
 class Lines:
-    r"""The lines of one text. The protocol ends a line at `\n`, `\r\n` and a lone `\r`.
-
-    `encoding`: "utf-8", "utf-16" or "utf-32".
-    """
+    """A text's lines, as the protocol ends them; `encoding`: "utf-8", "utf-16" or "utf-32"."""
 
     def __init__(self, text: str, encoding: str = "utf-16") -> None:
         self.text = text
@@ -47,37 +44,37 @@ class Lines:
         """The position of a character offset; for one beyond the text that of its end."""
         offset = min(max(offset, 0), len(self.text))
         line = bisect_right(self._starts, offset) - 1
-        return lsp.Position(line, self._units(self.text[self._starts[line] : offset]))
+        return lsp.Position(line, self._unit_count(self.text[self._starts[line] : offset]))
 
     def offset(self, position: lsp.Position) -> int:
         """The character offset of a position; beyond its line it is the line's end."""
         if position.line >= len(self._starts):
             return len(self.text)
         start = self._starts[position.line]
-        end = self._end(position.line)
+        end = self._line_end(position.line)
         if self._ascii:
             return min(start + position.character, end)
         units = 0
         for offset in range(start, end):
             if units >= position.character:
                 return offset
-            units += self._units(self.text[offset])
+            units += self._unit_count(self.text[offset])
         return end
 
     def range(self, start: int, end: int) -> lsp.Range:
         """The range from one offset to another."""
         return lsp.Range(self.position(start), self.position(end))
 
-    def whole(self) -> lsp.Range:
+    def whole_range(self) -> lsp.Range:
         """The range of the whole text."""
         return self.range(0, len(self.text))
 
-    def _units(self, text: str) -> int:
+    def _unit_count(self, text: str) -> int:
         if self._ascii:
             return len(text)
         return len(text.encode(self._codec, "surrogatepass")) // self._bytes
 
-    def _end(self, line: int) -> int:
+    def _line_end(self, line: int) -> int:
         """The end of the line, before its line break."""
         if line + 1 == len(self._starts):
             return len(self.text)
@@ -116,7 +113,7 @@ AGAIN = "and here"
 """The label that `language/front_end.py` puts at further places of one mistake."""
 
 
-def by_file(
+def shown_by_file(
     diagnostics: Iterable[Diagnostic], main: Path, lines_of: Callable[[Span], Lines]
 ) -> dict[Path, list[lsp.Diagnostic]]:
     """The diagnostics of each file; what is about no place stands at the start of `main`."""
@@ -124,13 +121,15 @@ def by_file(
     for d in diagnostics:
         if d.primary is None:
             nowhere = lsp.Range(lsp.Position(0, 0), lsp.Position(0, 0))
-            files[main].append(_shown(d, nowhere, "", lines_of))
+            files[main].append(_lsp_diagnostic(d, nowhere, "", lines_of))
             continue
         again = [label for label in d.secondary if label.text == AGAIN]
         for label in (d.primary, *again):
             path = path_of_span(label.span)
             text = d.primary.text
-            shown = _shown(d, range_of(label.span, lines_of), text, lines_of, leave_out=label)
+            shown = _lsp_diagnostic(
+                d, range_of(label.span, lines_of), text, lines_of, leave_out=label
+            )
             files.setdefault(path, []).append(shown)
     return files
 
@@ -140,7 +139,7 @@ def range_of(span: Span, lines_of: Callable[[Span], Lines]) -> lsp.Range:
     return lines_of(span).range(span.start, span.end)
 
 
-def _shown(
+def _lsp_diagnostic(
     d: Diagnostic,
     where: lsp.Range,
     label: str,

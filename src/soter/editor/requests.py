@@ -1,9 +1,9 @@
 """Registers the editor's requests, and answers each or passes it to the file that does.
 
-Purpose: `answer` converts positions to offsets and back, and finds the program and the name of a
-request. `actions` turns the edits that a diagnostic brings into code actions. `lenses` shows the
-last verdict on a module and what proves it, or what runs a system or a test; the command line of a
-lens is handed to the editor, which shows it in a terminal.
+Purpose: `register_requests` converts positions to offsets and back, and finds the program and the
+name of a request. `code_actions` turns the edits that a diagnostic brings into code actions.
+`code_lenses` shows the last verdict on a module and what proves it, or what runs a system or a
+test; the command line of a lens is handed to the editor, which shows it in a terminal.
 Non-goals: when to check, what is open (`server.py`, `documents.py`); which edits there are (whoever
 reports a problem says so); proving and running: this process checks, and nothing else.
 """
@@ -19,10 +19,10 @@ from pygls.exceptions import JsonRpcInvalidRequest
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
 from soter.editor import symbols
-from soter.editor.completion import completed
-from soter.editor.hover import described
-from soter.editor.language_words import meaning
-from soter.editor.protocol_conversions import AGAIN, Lines, by_file, path_of_span, range_of
+from soter.editor.completion import completion_items
+from soter.editor.hover import hover_text
+from soter.editor.language_words import word_meaning
+from soter.editor.protocol_conversions import AGAIN, Lines, path_of_span, range_of, shown_by_file
 from soter.language.load.loader import LoadedFile
 from soter.language.model.types import show_ns
 from soter.language.syntax import tree
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 ASKED = "did you mean "
 
 
-def actions(
+def code_actions(
     document: Document, documents: Documents, wanted: lsp.Range
 ) -> Iterator[lsp.CodeAction]:
     """Yields the fixes of problems that touch a range of a checked document."""
@@ -59,16 +59,16 @@ def actions(
             continue
         spans = [d.primary.span, *(o.span for o in d.secondary if o.text == AGAIN)]
         if any(s.start <= end and start <= s.end for s in spans):
-            yield from _fixes(d, documents)
+            yield from _fix_actions(d, documents)
 
 
-def _fixes(d: Diagnostic, documents: Documents) -> Iterator[lsp.CodeAction]:
+def _fix_actions(d: Diagnostic, documents: Documents) -> Iterator[lsp.CodeAction]:
     assert d.primary is not None
-    shown = by_file([d], path_of_span(d.primary.span), documents.lines_of)
+    shown = shown_by_file([d], path_of_span(d.primary.span), documents.lines_of)
     problems = shown[path_of_span(d.primary.span)][:1]
     for number, fix in enumerate(d.fixes):
         yield lsp.CodeAction(
-            title=_title(fix.title),
+            title=_fix_title(fix.title),
             kind=lsp.CodeActionKind.QuickFix,
             diagnostics=problems,
             is_preferred=number == 0 and len(d.fixes) == 1,
@@ -76,7 +76,7 @@ def _fixes(d: Diagnostic, documents: Documents) -> Iterator[lsp.CodeAction]:
         )
 
 
-def _title(help_: str) -> str:
+def _fix_title(help_: str) -> str:
     """A help line as a title in the imperative: `Write ...`, `Change to ...`."""
     if help_.startswith(ASKED):
         help_ = "change to " + help_.removeprefix(ASKED).removesuffix("?")
@@ -84,7 +84,7 @@ def _title(help_: str) -> str:
 
 
 def workspace_edit(edits: Iterable[tuple[Span, str]], documents: Documents) -> lsp.WorkspaceEdit:
-    """The editor's edit that writes texts at places in any files."""
+    """The edit of the editor's that writes texts at places in any files."""
     changes: dict[str, list[lsp.TextEdit]] = {}
     for span, text in edits:
         uri = documents.uri(path_of_span(span))
@@ -98,7 +98,7 @@ TERMINAL = "soter.terminal"
 SHOWN = {"proved": "proved", "refuted": "REFUTED", "undecided": "undecided", "assumed": "assumed"}
 
 
-def lenses(
+def code_lenses(
     file: LoadedFile, lines: Lines, checked: CheckResult | None, verdicts: Verdicts
 ) -> Iterator[lsp.CodeLens]:
     """Yields the lenses of a file; `checked` is the check of its present text, if there is one."""
@@ -112,17 +112,17 @@ def lenses(
             where = lines.range(decl.span.start, decl.span.start)
             command = ["soter", "verify", path.name, "--module", name]
             for text in _verdict_texts(name, records, sha256):
-                yield _lens(where, text, command, path)
-            yield _lens(where, "prove", command, path)
+                yield _code_lens(where, text, command, path)
+            yield _code_lens(where, "prove", command, path)
         elif isinstance(decl, tree.SystemDecl):
             where = lines.range(decl.span.start, decl.span.start)
-            yield _lens(where, "run", ["soter", "run", path.name, "--system", name], path)
+            yield _code_lens(where, "run", ["soter", "run", path.name, "--system", name], path)
         elif isinstance(decl, tree.TestDecl):
             where = lines.range(decl.span.start, decl.span.start)
-            yield _lens(where, "run", ["soter", "test", path.name, "--test", name], path)
+            yield _code_lens(where, "run", ["soter", "test", path.name, "--test", name], path)
 
 
-def _lens(where: lsp.Range, title: str, command: list[str], path: Path) -> lsp.CodeLens:
+def _code_lens(where: lsp.Range, title: str, command: list[str], path: Path) -> lsp.CodeLens:
     arguments: list[lsp.LSPAny] = [{"command": command, "cwd": os.fspath(path.parent)}]
     return lsp.CodeLens(where, lsp.Command(title, TERMINAL, arguments=arguments))
 
@@ -136,7 +136,7 @@ def _verdict_texts(name: str, records: list[dict[str, Any]], sha256: str) -> Ite
         if full == name or full.startswith(f"{name} as ")
     ]
     if now := [(full, fields) for same, full, fields in mine if same]:
-        yield from (_verdict(full.removeprefix(name), fields) for full, fields in now)
+        yield from (_verdict_text(full.removeprefix(name), fields) for full, fields in now)
     elif mine:
         _, _, fields = mine[0]
         yield f"changed since it was {SHOWN.get(fields['verdict'], fields['verdict'])}"
@@ -144,7 +144,7 @@ def _verdict_texts(name: str, records: list[dict[str, Any]], sha256: str) -> Ite
         yield "no proof yet"
 
 
-def _verdict(view: str, fields: dict[str, Any]) -> str:
+def _verdict_text(view: str, fields: dict[str, Any]) -> str:
     verdict = SHOWN.get(fields["verdict"], fields["verdict"]) + view + f" in {fields['system']}"
     if fields["headline"] != fields["verdict"]:
         verdict += f", but {fields['headline']}"
@@ -177,7 +177,7 @@ class _CursorPosition:
 
     def use(self) -> Use | None:
         """The name at the position, with its definition; or None."""
-        return self.index.at(self.main.source, self.offset)
+        return self.index.use_at(self.main.source, self.offset)
 
     def word(self) -> tuple[int, int]:
         """Start and end of the word at the position."""
@@ -190,7 +190,7 @@ class _CursorPosition:
         return start, end
 
 
-def answer(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
+def register_requests(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
     """Registers every request that the server answers."""
     _answer_about_names(server, documents)
     _answer_about_renaming(server, documents)
@@ -207,7 +207,7 @@ class _PositionRequest(Protocol):
 
 
 def _cursor_position(documents: Documents, params: _PositionRequest) -> _CursorPosition | None:
-    document = documents.get(params.text_document.uri)
+    document = documents.document_of(params.text_document.uri)
     return None if document is None else _CursorPosition(documents, document, params.position)
 
 
@@ -227,7 +227,7 @@ def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_HOVER)
     def hover(params: lsp.HoverParams) -> lsp.Hover | None:
         at = _cursor_position(documents, params)
-        return None if at is None else _hover(at)
+        return None if at is None else _hover_at(at)
 
     @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
     def definition(params: lsp.DefinitionParams) -> lsp.Location | None:
@@ -235,7 +235,7 @@ def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
         if use is None:
             return None
         definition = use.definition
-        if use.declares and isinstance(definition.of, LoadedFile):
+        if use.is_declaration and isinstance(definition.of, LoadedFile):
             return documents.location(Span(definition.of.source, 0, 0))
         return documents.location(definition.span)
 
@@ -244,10 +244,10 @@ def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
         at, use = _name_at(documents, params)
         if at is None or use is None:
             return None
-        indices = [index for _, index in _programs(at, use.definition)]
+        indices = [index for _, index in _programs_naming(at, use.definition)]
         uses = symbols.uses_of(use.definition, indices)
         declared = params.context.include_declaration
-        return [documents.location(u.span) for u in uses if declared or not u.declares]
+        return [documents.location(u.span) for u in uses if declared or not u.is_declaration]
 
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
     def highlight(params: lsp.DocumentHighlightParams) -> list[lsp.DocumentHighlight] | None:
@@ -266,7 +266,7 @@ def _answer_about_renaming(server: LanguageServer, documents: Documents) -> None
         if at is None or use is None:
             return None
         try:
-            symbols.refuse(use.definition, use.definition.name)
+            symbols.require_name(use.definition, use.definition.name)
         except symbols.RefusedError:
             return None
         where = at.lines.range(use.span.start, use.span.end)
@@ -277,32 +277,34 @@ def _answer_about_renaming(server: LanguageServer, documents: Documents) -> None
         at, use = _name_at(documents, params)
         if at is None or use is None:
             return None
-        programs = [path for path, _ in _programs(at, use.definition)]
+        programs = [path for path, _ in _programs_naming(at, use.definition)]
         try:
-            spans = symbols.rename(use.definition, params.new_name, programs, documents.reading)
+            spans = symbols.rename_spans(
+                use.definition, params.new_name, programs, documents.reading
+            )
         except symbols.RefusedError as refused:
             raise JsonRpcInvalidRequest(str(refused)) from None
         return workspace_edit(((span, params.new_name) for span in spans), documents)
 
 
-def _hover(at: _CursorPosition) -> lsp.Hover | None:
+def _hover_at(at: _CursorPosition) -> lsp.Hover | None:
     if (use := at.use()) is not None:
-        text = described(use.definition, at.document.good)
+        text = hover_text(use.definition, at.document.good)
         where = at.lines.range(use.span.start, use.span.end)
     else:
         start, end = at.word()
-        text_of_word = meaning(at.main.source.text[start:end])
+        text_of_word = word_meaning(at.main.source.text[start:end])
         if text_of_word is None or (start not in lex(at.main.source).starts):
             return None
         text, where = text_of_word, at.lines.range(start, end)
     return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), where)
 
 
-def _programs(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:
+def _programs_naming(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:
     """The programs in which a definition can be named: for a local only its own."""
     if definition.kind in LOCAL:
         return [(at.document.path, at.index)]
-    return at.documents.mentioning(definition.name, at.document)
+    return at.documents.programs_naming(definition.name, at.document)
 
 
 LOCAL = {"argument", "variable", "let", "loop variable", "disturbance", "clause", "measure", "view"}
@@ -318,40 +320,40 @@ def _answer_about_text(server: LanguageServer, documents: Documents) -> None:
         if at is None:
             return None
         good = at.document.good_index
-        return completed(at.document.text, at.offset, at.main, at.index, good)
+        return completion_items(at.document.text, at.offset, at.main, at.index, good)
 
     @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
     def formatting(params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-        document = documents.get(params.text_document.uri)
+        document = documents.document_of(params.text_document.uri)
         if document is None:
             return None
         source = Source(str(document.path), document.text)
         laid_out = format_source(source, Diagnostics())
         if laid_out is None or laid_out == document.text:
             return []
-        return [lsp.TextEdit(documents.lines(source).whole(), laid_out)]
+        return [lsp.TextEdit(documents.lines(source).whole_range(), laid_out)]
 
     @server.feature(
         lsp.TEXT_DOCUMENT_CODE_ACTION,
         lsp.CodeActionOptions(code_action_kinds=[lsp.CodeActionKind.QuickFix]),
     )
     def code_action(params: lsp.CodeActionParams) -> list[lsp.CodeAction] | None:
-        document = documents.get(params.text_document.uri)
+        document = documents.document_of(params.text_document.uri)
         if document is None:
             return None
-        documents.settle(document)
-        return list(actions(document, documents, params.range))
+        documents.check_if_waiting(document)
+        return list(code_actions(document, documents, params.range))
 
 
 def _answer_about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_CODE_LENS)
     def code_lens(params: lsp.CodeLensParams) -> list[lsp.CodeLens] | None:
-        document = documents.get(params.text_document.uri)
+        document = documents.document_of(params.text_document.uri)
         if document is None:
             return None
-        documents.settle(document)
-        main = documents.loaded(document).main
-        return list(lenses(main, documents.lines(main.source), document.checked, verdicts))
+        documents.check_if_waiting(document)
+        main = documents.parsed_program(document).main
+        return list(code_lenses(main, documents.lines(main.source), document.checked, verdicts))
 
 
 # ---------------------------------------------------------------- the workspace
@@ -360,16 +362,16 @@ def _answer_about_lenses(server: LanguageServer, documents: Documents, verdicts:
 def _answer_about_the_workspace(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
     def document_symbol(params: lsp.DocumentSymbolParams) -> list[lsp.DocumentSymbol] | None:
-        document = documents.get(params.text_document.uri)
+        document = documents.document_of(params.text_document.uri)
         if document is None:
             return None
-        main = documents.loaded(document).main
+        main = documents.parsed_program(document).main
         return symbols.outline(main, documents.lines(main.source))
 
     @server.feature(lsp.WORKSPACE_SYMBOL)
     def workspace_symbol(params: lsp.WorkspaceSymbolParams) -> list[lsp.WorkspaceSymbol]:
         files = {f.path.resolve(): f for f in documents.every_file()}
-        matches = list(symbols.matching(list(files.values()), params.query))
+        matches = list(symbols.matching_declarations(list(files.values()), params.query))
         return [
             lsp.WorkspaceSymbol(documents.location(decl.name.span), decl.name.text, kind)
             for decl, kind, _ in matches[:SYMBOLS_MAX]

@@ -22,7 +22,7 @@ from pygls.lsp.server import LanguageServer
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.editor.documents import Documents
 from soter.editor.protocol_conversions import path_of
-from soter.editor.requests import answer
+from soter.editor.requests import register_requests
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -56,9 +56,9 @@ class Server(LanguageServer):
             self._timer.cancel()
             self._timer = None
         if self.documents.waiting:
-            self._timer = asyncio.get_running_loop().call_later(SETTLE_S, self._check)
+            self._timer = asyncio.get_running_loop().call_later(SETTLE_S, self._check_one)
 
-    def _check(self) -> None:
+    def _check_one(self) -> None:
         """Checks one document; requests that came meanwhile are answered before the next."""
         self._timer = None
         try:
@@ -66,7 +66,7 @@ class Server(LanguageServer):
         except Exception as error:  # noqa: BLE001 - a defect: say so, and go on serving
             self._apologise(error)
         if self.documents.waiting:
-            self._timer = asyncio.get_running_loop().call_later(0, self._check)
+            self._timer = asyncio.get_running_loop().call_later(0, self._check_one)
 
     def _apologise(self, error: Exception) -> None:
         traceback.print_exception(error, file=sys.stderr)
@@ -79,11 +79,11 @@ class Server(LanguageServer):
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, items, version))
 
 
-def made(verdicts: Verdicts) -> Server:
-    """A server with all requests; `verdicts` finds what was proved of a program, for lenses."""
+def make_server(verdicts: Verdicts) -> Server:
+    """Makes a server with all requests; `verdicts` finds what was proved of a program."""
     server = Server()
     _follow_documents(server)
-    answer(server, server.documents, verdicts)
+    register_requests(server, server.documents, verdicts)
     return server
 
 
@@ -117,15 +117,15 @@ def _follow_documents(server: Server) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
     def did_save(params: lsp.DidSaveTextDocumentParams) -> None:
-        documents.touch([path_of(params.text_document.uri)])
+        documents.mark_changed([path_of(params.text_document.uri)])
         server.check_soon()
 
     @server.feature(lsp.WORKSPACE_DID_CHANGE_WATCHED_FILES)
     def did_change_watched(params: lsp.DidChangeWatchedFilesParams) -> None:
         paths = [path_of(change.uri) for change in params.changes]
-        documents.touch(p for p in paths if p.suffix == ".soter")
+        documents.mark_changed(p for p in paths if p.suffix == ".soter")
         if any(p.suffix != ".soter" for p in paths):
-            documents.touch_data()
+            documents.mark_all_changed()
         server.check_soon()
 
 
@@ -143,7 +143,7 @@ def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
 
     `SoterError` D005 if standard input does not follow the protocol.
     """
-    server = made(verdicts)
+    server = make_server(verdicts)
     logging.getLogger("pygls.protocol.json_rpc").addFilter(_Refusals())
     if tcp is not None:
         server.start_tcp(*tcp)

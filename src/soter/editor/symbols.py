@@ -1,8 +1,9 @@
 """Lists the declarations of files, finds all places of a name, and renames it.
 
-Purpose: `outline` gives document symbols as a tree, `matching` workspace symbols by name; `uses_of`
-finds references, and `rename` where to write another name, in all files. A rename is tried before
-it is offered: afterwards every name must mean what it meant, and the checker must say what it said.
+Purpose: `outline` gives document symbols as a tree, `matching_declarations` workspace symbols by
+name; `uses_of` finds references, and `rename_spans` where to write another name, in all files. A
+rename is tried before it is offered: afterwards every name must mean what it meant, and the checker
+must say what it said.
 Non-goals: which files there are (`server.py` asks `documents.py`).
 """
 
@@ -48,17 +49,21 @@ ICONS = {
 
 
 def outline(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
-    """The declarations of a file, with what they have inside."""
-    imports = [_symbol(i.name, i.span, KIND.Module, i.path, lines, ()) for i in file.file.imports]
+    """The declarations of a file, each with what is declared inside."""
+    imports = [
+        _document_symbol(i.name, i.span, KIND.Module, i.path, lines, ()) for i in file.file.imports
+    ]
     symbols = []
     for decl in file.file.declarations:
         kind = KINDS[type(decl).__name__]
-        inside = tuple(_symbol(n, s, k, t, lines, ()) for n, s, k, t in _members(decl))
-        symbols.append(_symbol(decl.name, decl.span, ICONS[kind], kind, lines, inside))
+        inside = tuple(
+            _document_symbol(n, s, k, t, lines, ()) for n, s, k, t in _declared_members(decl)
+        )
+        symbols.append(_document_symbol(decl.name, decl.span, ICONS[kind], kind, lines, inside))
     return [*imports, *symbols]
 
 
-def _symbol(
+def _document_symbol(
     name: tree.Name,
     whole: Span,
     kind: lsp.SymbolKind,
@@ -73,16 +78,16 @@ def _symbol(
     )
 
 
-def _members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
-    """Name, place, kind and detail of what a declaration has inside."""
+def _declared_members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+    """Name, place, kind and detail of each name that is declared inside a declaration."""
     if isinstance(decl, tree.TypeDecl):
         yield from _type_members(decl.type)
     elif isinstance(decl, tree.NodeDecl):
         for local in decl.locals:
-            yield local.name, local.span, KIND.Variable, _line(local.type.span)
+            yield local.name, local.span, KIND.Variable, _one_line(local.type.span)
     elif isinstance(decl, tree.PlantDecl):
         for state in decl.states:
-            yield state.name, state.span, KIND.Field, _line(state.type.span)
+            yield state.name, state.span, KIND.Field, _one_line(state.type.span)
         for d in decl.disturbances:
             yield d.name, d.span, KIND.Variable, "disturbance"
     elif isinstance(decl, tree.RtaDecl):
@@ -91,42 +96,44 @@ def _members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind,
         for view in decl.verify.views if decl.verify is not None else ():
             yield view.name, view.span, KIND.Namespace, "view"
     elif isinstance(decl, tree.SystemDecl):
-        yield from _instances(decl.instances)
+        yield from _instance_members(decl.instances)
 
 
 def _type_members(of: tree.TypeExpr) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
     """The fields of a record, the members of an enum."""
     if isinstance(of, tree.RecordTypeExpr):
         for name, type_ in of.fields:
-            yield name, name.span.to(type_.span), KIND.Field, _line(type_.span)
+            yield name, name.span.to(type_.span), KIND.Field, _one_line(type_.span)
     elif isinstance(of, tree.EnumTypeExpr):
         for name in of.members:
             yield name, name.span, KIND.EnumMember, ""
 
 
-def _instances(items: tuple[object, ...]) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+def _instance_members(
+    items: tuple[object, ...],
+) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
     for item in items:
         if isinstance(item, tree.Instance):
             yield item.name, item.span, KIND.Object, item.what.text
         elif isinstance(item, tree.Repeated):
-            yield from _instances(item.items)
+            yield from _instance_members(item.items)
 
 
-def _line(span: Span) -> str:
+def _one_line(span: Span) -> str:
     return " ".join(span.text.split())
 
 
-def matching(
+def matching_declarations(
     files: list[LoadedFile], query: str
 ) -> Iterator[tuple[tree.Decl, lsp.SymbolKind, LoadedFile]]:
     """The declarations whose names have all letters of the query in order, in any case."""
     for file in files:
         for decl in file.file.declarations:
-            if _fits(query.casefold(), decl.name.text.casefold()):
+            if _is_subsequence(query.casefold(), decl.name.text.casefold()):
                 yield decl, ICONS[KINDS[type(decl).__name__]], file
 
 
-def _fits(query: str, name: str) -> bool:
+def _is_subsequence(query: str, name: str) -> bool:
     at = 0
     for letter in query:
         at = name.find(letter, at) + 1
@@ -154,7 +161,7 @@ def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
     return [use_by_place[place] for place in sorted(use_by_place)]
 
 
-def refuse(definition: Definition, name: str) -> None:
+def require_name(definition: Definition, name: str) -> None:
     """Raises RefusedError if nothing of the definition's kind can have this name."""
     if not NAME.fullmatch(name):
         raise RefusedError(f"`{name}` is no name: letters, digits and `_`, not a digit first")
@@ -164,16 +171,13 @@ def refuse(definition: Definition, name: str) -> None:
         raise RefusedError(f"`{definition.name}` belongs to the prelude")
 
 
-def rename(
+def rename_spans(
     definition: Definition, name: str, programs: Iterable[Path], reading: SourceAccess
 ) -> list[Span]:
-    """The spans in which to write `name`, in all files that the programs are made of.
-
-    RefusedError if that is impossible, or if the programs would not mean the same.
-    """
-    refuse(definition, name)
+    """The spans in which to write `name` in all files; RefusedError if that changes a meaning."""
+    require_name(definition, name)
     mains = list(programs)
-    before = {path: _program(path, reading) for path in mains}
+    before = {path: _names_and_messages(path, reading) for path in mains}
     uses = uses_of(definition, [b[0] for b in before.values()])
     edits = tuple(Edit(use.span, name) for use in uses)
     texts = {
@@ -185,11 +189,13 @@ def rename(
     moved = _Moved(uses, len(name) - len(definition.name))
     after = _After(reading, texts)
     for path in mains:
-        _compare(before[path], _program(path, after), moved, definition, name)
+        _require_same_meaning(
+            before[path], _names_and_messages(path, after), moved, definition, name
+        )
     return [use.span for use in uses]
 
 
-def _program(path: Path, reading: SourceAccess) -> _Program:
+def _names_and_messages(path: Path, reading: SourceAccess) -> _Program:
     """The names of a program, and the messages of the checker."""
     loaded = load(str(path), Diagnostics(), None, reading)
     if loaded is None:
@@ -240,7 +246,7 @@ class _After(SourceAccess):
         return self._reading.data(path, t, tell)
 
 
-def _compare(
+def _require_same_meaning(
     before: _Program, after: _Program, moved: _Moved, definition: Definition, name: str
 ) -> None:
     """Raises RefusedError unless both programs mean the same, apart from the name."""

@@ -13,7 +13,7 @@ from soter.diagram.svg import picture
 from soter.explore.trace import START
 from soter.report.run.counterexample_page import Instant, Told, counterexample_page
 from soter.report.run.record import Decision
-from soter.report.sequence_view import HEADERS, duration_text, explanation, rows
+from soter.report.sequence_view import HEADERS, duration_text, explanation, table_rows
 from soter.report.templates import PageSection
 from soter.report.wording import visible
 
@@ -44,7 +44,7 @@ def trace_page(replay: Replayed, view: SequenceView) -> ReportPage:
             ": ".join(filter(None, (mark.text, visible(step.note)))),
         )
         for step, (number, _, *rest, mark) in zip(
-            view.steps, rows(view, cell_max=_WHOLE), strict=True
+            view.steps, table_rows(view, cell_max=_WHOLE), strict=True
         )
     )
     run = Told(

@@ -7,7 +7,7 @@ with the plant of a proof (docs/gym.md).
 Non-goals: learning; anything that Gymnasium has already. Needs the extra `learn`.
 
 In reading order:
-- `outside_roles.py` finds the module, plant and topics that an environment is about.
+- `environment_choices.py` finds the module, plant and topics that an environment is about.
 - `compiled_system.py` compiles the system once for all environments; a `Session` of `session.py`
   steps that C, and stops where agent or plant has to answer.
 - `array_mapping.py` turns arrays of Gymnasium into values of the program, and back.

@@ -1,26 +1,27 @@
-"""A system with somebody outside, compiled once for all environments that step it.
+"""Compiles a system in which a caller answers for the agent, once for all environments.
 
 Purpose: a `CompiledEnvironment` has the library of a system, the C driver of `c/` on it, and where
-numbers lie in a state; `compiled` keeps it, so that the next environment only needs a state.
+numbers lie in a state; `kept_build` keeps it, so that the next environment only needs a
+state.
 Non-goals: states (`session.py`, `vector.py`), what numbers mean to Gymnasium (`array_mapping.py`).
 """
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from soter.api.running import RecentlyUsed
 from soter.campaign.batch_flights import BATCH
 from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.externs import answer_fields
-from soter.core.layout import arrange, state_dtype
+from soter.core.layout import arrange, placed_leaves, scalar, state_dtype
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.gym.outside_roles import LeafBuffer, is_flat, places
+from soter.gym.environment_choices import is_flat
 from soter.language.model.typed import Literal
-from soter.language.model.types import BOOL
+from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType
 from soter.native.bindings import Bindings, bind
 from soter.native.c_interface import address, declarations, interface, opened
 from soter.native.compiler import FAST, vector_flags
@@ -32,12 +33,13 @@ from soter.simulate.externs.callables import callables
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import soter.api
     from soter.codegen.unit import Unit
-    from soter.gym.outside_roles import MemoryLeaf, ObservedPart
+    from soter.gym.environment_choices import ObservedPart
     from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Type
 
 T = TypeVar("T")
 FOLDER = Path(__file__).resolve().parent / "c"
@@ -48,11 +50,51 @@ ENGINE = (
 OPTIMISE = "-O3"
 """Learners take millions of steps: the kernel's small functions are worth inlining."""
 NOBODY = 2**32 - 1
+FLOAT_KIND, BOOL_KIND = 0, 1
+INT_KINDS = {"b": 2, "B": 3, "h": 4, "H": 5, "i": 6, "I": 7, "q": 8}
+_KEPT: RecentlyUsed[Any] = RecentlyUsed()
+_LOCK = threading.RLock()
+
+
+class MemoryLeaf(NamedTuple):
+    """The place of a number, its `soter_leaf_kind`, and the least and largest of an int or enum."""
+
+    offset: int
+    kind: int
+    low: int = 0
+    high: int = 0
+
+
+def memory_leaves(t: Type, offset: int) -> Iterator[MemoryLeaf]:
+    """The leaves of a value of this type that lies at `offset`, in declared order."""
+    return (_memory_leaf(leaf, at) for _, leaf, at in placed_leaves(t, offset))
+
+
+def _memory_leaf(t: Type, offset: int) -> MemoryLeaf:
+    if isinstance(t, FloatType):
+        return MemoryLeaf(offset, FLOAT_KIND)
+    if isinstance(t, BoolType):
+        return MemoryLeaf(offset, BOOL_KIND)
+    storage = scalar(t)
+    assert storage is not None, t
+    if isinstance(t, EnumType):
+        return MemoryLeaf(offset, INT_KINDS[storage.format], 0, len(t.members) - 1)
+    assert isinstance(t, IntType)
+    return MemoryLeaf(offset, INT_KINDS[storage.format], t.low, t.high)
+
+
+class LeafBuffer:
+    """An array of leaves as `soter_leaves` of C, which Python keeps alive."""
+
+    def __init__(self, ffi: Any, leaves: Sequence[MemoryLeaf], size: int = 0) -> None:  # noqa: ANN401 - cffi
+        self.count = len(leaves)
+        self.memory = ffi.new("soter_leaf[]", [tuple(leaf) for leaf in leaves] or 1)
+        self.fields = {"at": self.memory, "count": len(leaves), "size": size}
 
 
 @dataclass(frozen=True)
 class Roles:
-    """The indices of the agent outside, the module whose AC it is, and perhaps a plant outside."""
+    """The indices of the agent, the module whose AC it is, and a plant that the caller moves."""
 
     agent: int
     module: int | None = None
@@ -60,7 +102,7 @@ class Roles:
 
 
 class CompiledEnvironment:
-    """A compiled system, who is outside of it, and `soter_view` of both."""
+    """A compiled system, the parts that a caller answers for, and `soter_view` of both."""
 
     def __init__(
         self,
@@ -70,9 +112,9 @@ class CompiledEnvironment:
         observed: Sequence[ObservedPart] = (),
         notes: Sequence[str] = (),
     ) -> None:
-        """`observed`: what an observation is made of. SoterError as `bind` and the compiler.
+        """`observed`: the parts of an observation. SoterError as `bind` and the compiler.
 
-        `bound` has whatever answers the other externs: what is outside is never called. `notes`:
+        `bound` answers the other externs; the agent and plant of `roles` are never called. `notes`:
         what was said as `ttf` and `safer` were computed.
         """
         self.system, self.roles, self.notes = system, roles, tuple(notes)
@@ -87,7 +129,7 @@ class CompiledEnvironment:
         unit = generate_measured(system, core)
         self.layout = unit.layout
         self.dtype = state_dtype(self.layout)
-        path = built(unit)
+        path = built_library(unit)
         _require_kept_nothing(unit)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
@@ -98,17 +140,17 @@ class CompiledEnvironment:
         self.program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
         self.answers = {c.index: arrange(answer_fields(c)) for c in system.components if c.extern}
         self.observed = tuple(observed)
-        self.view = self._view()
+        self.view = self._c_view()
 
-    def _view(self) -> Any:  # noqa: ANN401 - cdata
+    def _c_view(self) -> Any:  # noqa: ANN401 - cdata
         system, roles = self.system, self.roles
         agent = system.components[roles.agent]
         plant = None if roles.plant is None else system.components[roles.plant]
-        self.moves_numbers = plant is not None and is_flat(self._states(plant))
+        self.moves_numbers = plant is not None and is_flat(self._state_types(plant))
         self.acts_numbers = is_flat(t for _, t in answer_fields(agent))
         self.commands_numbers = is_flat(system.topics[t].type for t in self._applied_topics())
         module = None if roles.module is None else system.modules[roles.module]
-        self.given = self._buffers(agent, plant)
+        self.given = self._leaf_buffers(agent, plant)
         return self.ffi.new(
             "soter_view *",
             {
@@ -118,76 +160,78 @@ class CompiledEnvironment:
                 "late_ns": 0 if module is None else module.late_ns,
                 "agent": roles.agent,
                 "plant": NOBODY if roles.plant is None else roles.plant,
-                "answer_most": self.answer_most,
+                "answer_most": self.largest_answer_bytes,
                 "plain": self.lib.soter_is_plain(self.program),
                 **{name: leaves.fields for name, leaves in self.given.items()},
             },
         )
 
-    def _buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
-        """Name of the driver in C -> the leaves that it reads or writes as an array of numbers."""
+    def _leaf_buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
+        """By the driver's name for it, each array of numbers: the leaves that it stands for."""
         sizes = {i: x.size for i, x in self.answers.items()}
-        action, answer = self._answer(agent) if self.acts_numbers else ([], [])
+        action, answer = self._answer_leaves(agent) if self.acts_numbers else ([], [])
         moved: list[MemoryLeaf] = []
         start: list[MemoryLeaf] = []
         if plant is not None and self.moves_numbers:
-            (moved, _), start = self._answer(plant), self.truth(plant)
+            (moved, _), start = self._answer_leaves(plant), self.truth(plant)
         applied = self._applied_topics() if self.commands_numbers else ()
         observed = [
             leaf
             for x in self.observed
             for leaf in (
-                self.truth(self.system.components[x.index]) if x.truth else self.topic(x.index)
+                self.truth(self.system.components[x.index])
+                if x.truth
+                else self.topic_leaves(x.index)
             )
         ]
-        outputs, proposed = self._moved_parts()
+        outputs, proposed = self._shield_leaves()
         return {
             "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
             "given": LeafBuffer(self.ffi, answer, sizes[agent.index]),
             "moved": LeafBuffer(self.ffi, moved, 0 if plant is None else sizes[plant.index]),
             "start": LeafBuffer(self.ffi, start),
             "observe": LeafBuffer(self.ffi, observed),
-            "apply": LeafBuffer(self.ffi, [leaf for t in applied for leaf in self.topic(t)]),
+            "apply": LeafBuffer(self.ffi, [leaf for t in applied for leaf in self.topic_leaves(t)]),
             "outputs": LeafBuffer(self.ffi, outputs),
             "proposed": LeafBuffer(self.ffi, proposed),
         }
 
-    def _moved_parts(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
-        """Of a module whose shield moves commands: what it publishes, and what its AC proposed."""
+    def _shield_leaves(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
+        """Of a module whose shield moves commands: the leaves published, and those AC proposed."""
         if self.roles.module is None:
             return [], []
         module = self.system.modules[self.roles.module]
         if module.shield is None or module.shield.proposed is None:
             return [], []
-        outputs = [leaf for t in module.outputs for leaf in self.topic(t)]
-        return outputs, self.topic(module.shield.proposed)[: len(outputs)]
+        outputs = [leaf for t in module.outputs for leaf in self.topic_leaves(t)]
+        return outputs, self.topic_leaves(module.shield.proposed)[: len(outputs)]
 
     @property
-    def answer_most(self) -> int:
-        """Bytes of the largest answer of an extern."""
+    def largest_answer_bytes(self) -> int:
+        """The bytes of the largest answer of an extern."""
         return max([8, *(x.size for x in self.answers.values())])
 
     @property
-    def room(self) -> int:
-        """Bytes that the driver needs beside a state."""
-        return self.layout.size + self.answer_most
+    def driver_bytes(self) -> int:
+        """How many bytes of memory the driver needs for its own work."""
+        return self.layout.size + self.largest_answer_bytes
 
-    def topic(self, index: int) -> list[MemoryLeaf]:
-        """The leaves of a topic, in the state."""
-        return list(places(self.system.topics[index].type, self.layout.topic_offset(index)))
+    def topic_leaves(self, index: int) -> list[MemoryLeaf]:
+        """The leaves of a topic in the memory of a state."""
+        return list(memory_leaves(self.system.topics[index].type, self.layout.topic_offset(index)))
 
     def truth(self, plant: Component) -> list[MemoryLeaf]:
-        """The leaves of a plant's states, in the state."""
-        members = [self.layout.member(plant.index, i) for i in range(len(self._states(plant)))]
-        return [leaf for offset, t in members for leaf in places(t, offset)]
+        """The leaves of a plant's true states in the memory of a state."""
+        members = [self.layout.member(plant.index, i) for i in range(len(self._state_types(plant)))]
+        return [leaf for offset, t in members for leaf in memory_leaves(t, offset)]
 
     @staticmethod
-    def _states(plant: Component) -> list[Any]:
+    def _state_types(plant: Component) -> list[Any]:
         assert plant.plant is not None
         return [v.type for v in plant.plant.states]
 
     def _applied_topics(self) -> Sequence[int]:
-        """Topics: what a plant outside reads, else what the agent and its module publish."""
+        """The topics that the caller's plant reads; without one, those that the agent publishes."""
         if self.roles.plant is not None:
             plant = self.system.components[self.roles.plant]
             assert plant.plant is not None
@@ -196,16 +240,16 @@ class CompiledEnvironment:
         assert agent.node is not None
         return agent.writes
 
-    def _answer(self, component: Component) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
-        """The leaves of what an extern answers, and of what says that it was given."""
+    def _answer_leaves(self, component: Component) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
+        """The leaves of an extern's answer, and the flags that say which outputs it published."""
         members = sorted(self.answers[component.index].members, key=lambda m: m.index)
         count = len(members) if component.plant is not None else len(members) // 2
-        values = [leaf for m in members[:count] for leaf in places(m.type, m.offset)]
-        return values, [leaf for m in members[count:] for leaf in places(m.type, m.offset)]
+        values = [leaf for m in members[:count] for leaf in memory_leaves(m.type, m.offset)]
+        return values, [leaf for m in members[count:] for leaf in memory_leaves(m.type, m.offset)]
 
 
 def _require_kept_nothing(unit: Unit) -> None:
-    """SoterError X008 for C that may keep something: nobody can reset it, and worlds share it."""
+    """Raises SoterError X008 for C that may keep something that no reset begins anew."""
     why = kept_by(unit)
     if why:
         message = f"an environment cannot have C that may keep something: {why}"
@@ -219,82 +263,66 @@ def _require_kept_nothing(unit: Unit) -> None:
         raise SoterError((Diagnostic("X008", message, notes=(note,), helps=helps),))
 
 
-def built(unit: Unit) -> Path:
-    """The library of a unit with `ENGINE`, for this machine alone."""
+def built_library(unit: Unit) -> Path:
+    """Builds the library of a unit with the C files of `ENGINE`, for this machine alone."""
     return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
 
 
-def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
-    """(cffi, functions, program) of a library that was built with `ENGINE`."""
+def loaded_driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
+    """Gives cffi, the functions and the program of a library that was built with `ENGINE`."""
     ffi = interface(declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h"))
     program = address(ffi, path, f"{prefix}_program", "const soter_program *")
     return ffi, opened(ffi, path), program
 
 
-def answered_around(
+def bound_inside(
     system: System, outside: Sequence[int], bound: Mapping[str, object]
 ) -> dict[str, object]:
-    """Extern -> what answers it; a component outside is never called, nor is a file of it read."""
+    """`bound`, with `refuse_call` for the externs outside, so that no file of theirs is read."""
     externs = [x for x in (system.components[i] for i in outside) if x.extern]
     return {**bound, **{x.name: refuse_call for x in externs}}
 
 
 def remove_idle_check(module: Module) -> None:
-    """Spares a module with `rest` that is forced to AC the check in flight, in place.
-
-    Nothing follows from what it says, unless somebody reads the module's `margin`.
-    """
+    """Removes in place a flight check of a module forced to AC whose `margin` nobody reads."""
     if module.forced == "ac" and module.symbol.rest is not None and module.looked is None:
         ttf, safer = (Literal(BOOL, module.symbol.span, x) for x in (False, True))
         module.symbol = replace(module.symbol, ttf=ttf, safer=safer)
 
 
 def refuse_call(*_: object) -> None:
-    """Stands for a component outside where externs are bound; it is never called."""
+    """Stands where externs are bound for one that a caller answers; it is never called."""
     raise AssertionError("an environment answers for its plant and its agent itself")
 
 
-# ---------------------------------------------------------------- kept
-
-_KEPT: OrderedDict[tuple[object, ...], Any] = OrderedDict()
-_LOCK = threading.RLock()
-KEPT_MAX = 16
-"""How many compiled choices are kept; the one that was asked for longest ago goes first."""
-
-
-def compiled(
+def kept_build(
     program: soter.api.Program, key: tuple[object, ...], make: Callable[[], CompiledEnvironment]
 ) -> CompiledEnvironment:
     """The result of `make`, kept for this program and key while its bindings stay as they were.
 
-    C files of externs are looked at again. Python objects that are bound do not matter: `make` is
-    given those of the first call, and nobody calls them there.
+    C files of externs are compared again. Python objects that are bound do not matter: `make` gets
+    those of the first call, and nobody calls them there.
     """
     texts = [(n, t if isinstance(t, str) else None) for n, t in program.bound.items()]
     whole = (*key, *texts)
     with _LOCK:
-        build = kept(program, whole, make)
+        build = made_or_kept(program, whole, make)
         if build.linked and build.linked_content != linked_content(
             build.system, build.bindings.core
         ):
-            build = kept(program, whole, make, again=True)
+            build = made_or_kept(program, whole, make, again=True)
     return build
 
 
-def kept(
+def made_or_kept(
     program: soter.api.Program,
     key: tuple[object, ...],
     make: Callable[[], T],
     *,
     again: bool = False,
 ) -> T:
-    """The result of `make`, kept for this key and a program of the same path and content."""
+    """The result of `make`, kept for this key and every program of the same path and content."""
     whole = (Path(program.path).resolve(), program.sha256, key)
     with _LOCK:
-        entry: T | None = None if again else _KEPT.get(whole)
-        if entry is None:
-            entry = _KEPT[whole] = make()
-        _KEPT.move_to_end(whole)
-        while len(_KEPT) > KEPT_MAX:
-            _KEPT.popitem(last=False)
+        entry: T = _KEPT.get_or_make(whole, make, again=again)
         return entry

@@ -19,8 +19,8 @@ from gymnasium.utils import seeding
 
 import soter.api
 from soter.gym import array_mapping
-from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
-from soter.gym.plant_model import SessionPlant, make_model, tolerances, why_not
+from soter.gym.environment_choices import chosen_plant, ordered_info_keys, wrong_choice
+from soter.gym.plant_model import SessionPlant, make_plant_model, tolerances, why_no_model
 from soter.gym.safety_warnings import (
     warn_of_narrow_space,
     warn_of_no_control,
@@ -29,7 +29,7 @@ from soter.gym.safety_warnings import (
     warn_of_wrappers,
     warn_off_model,
 )
-from soter.gym.session import NO_NUMBERS, Session, numbers, prepare_system
+from soter.gym.session import NO_NUMBERS, Session, copy_numbers, one_world_environment
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.values import ValueShapeError, ValueStructureError, to_python
 from soter.semantics.externs import convert_answer
@@ -57,7 +57,7 @@ NOT_COPIED = (
     "session",
     "asked",
     "judged",
-    "_taker",
+    "_next_command",
     "program",
     "_reads",
     "_states",
@@ -67,7 +67,7 @@ NOT_COPIED = (
 
 
 class EnvironmentGuard:
-    """Steps one environment behind one module for one agent. Parameters as of `Protected`."""
+    """Steps one environment behind one module for one agent; parameters as of `Protected`."""
 
     def __init__(
         self,
@@ -96,12 +96,12 @@ class EnvironmentGuard:
             )
         self.program = loaded
         self.choice = (system, module, plant, params, measured)
-        self._info_keys = None if info_keys is None else known_keys(info_keys)
+        self._info_keys = None if info_keys is None else ordered_info_keys(info_keys)
         self._observe, self._act, self._command = observe, act, command
         self._cuts, self._alarm, self._tolerance = truncate_on_violation, alarm, tolerance
         self._observed = env.observation_space.dtype
         self.judged: Callable[[SessionPlant], None] | None = None
-        """Called after each step that the model judged."""
+        """A function that is called after each step that the model judged."""
         self._numbered: np.random.Generator | None = None
         self._last: Any = None
         self._values: list[Value] = []
@@ -109,7 +109,7 @@ class EnvironmentGuard:
         self._unseen = False
         self._off_model = False
         self._violations = 0
-        self._begin(env.action_space)
+        self._compile_choices(env.action_space)
         if observe is None:
             warn_of_wrappers(env)
         warn_of_no_control(self.session.compiled)
@@ -119,53 +119,53 @@ class EnvironmentGuard:
         self.action_space = action_space or array_mapping.action_space(outputs)
         self._masks = isinstance(self.action_space, spaces.Discrete)
 
-    def _begin(self, space: spaces.Space[Any]) -> None:
-        """Make all that follows from the choices; `space`: the environment's actions."""
+    def _compile_choices(self, space: spaces.Space[Any]) -> None:
+        """Compiles the chosen system and prepares arrays; `space` has the env's actions."""
         self._space = space
-        made = prepare_system(self.program, *self.choice)
+        made = one_world_environment(self.program, *self.choice)
         session = self.session = Session(made, self.program.bound)
         outputs = array_mapping.topics_published(made.system, session.agent)
         self._reads = array_mapping.topics_read(made.system, session.plant)
-        self._states = array_mapping.shapes_of_states(session.plant)
+        self._states = array_mapping.named_state_types(session.plant)
         self._outputs = [(t.name.rpartition(".")[2], t.type) for t in outputs]
         self._moves_numbers = self._observe is None and made.moves_numbers
         self._acts_numbers = self._act is None and made.acts_numbers
-        self.asked = self._asks(made)
+        self.asked = self._step_model(made)
         self._plant = session.plant.index
         self._direct = session.alone and self._moves_numbers and self._acts_numbers
         self._info_by_flags: dict[int, dict[str, Any]] = {}
         self._repeated_info: dict[str, Any] = {}
         self._repeats = not made.linked and session.module.shield is None
-        self._taker = None
+        self._next_command = None
         if self._command is None and made.commands_numbers:
-            self._taker = self._takes(space)
+            self._next_command = self._command_source(space)
 
-    def _takes(self, space: spaces.Space[Any]) -> Callable[[], Any]:
-        """A function that gives the environment's next action; SoterError U001 as `taker`."""
+    def _command_source(self, space: spaces.Space[Any]) -> Callable[[], Any]:
+        """Gives the function that makes the environment's next action; SoterError U001."""
         session = self.session
-        taker = array_mapping.taker(space, len(session.command))
+        next_command = array_mapping.action_maker(space, len(session.command))
         if isinstance(space, spaces.Box) and space.shape == session.command.shape:
             bounds = [b for t in self._reads for b in t.bounds]
             if space.dtype == np.float64:
                 return session.command.copy
             if space.dtype == np.float32 and all(b and is_single(b) for b in bounds):
                 return session.rounded_command().copy
-        return partial(taker, session.command)
+        return partial(next_command, session.command)
 
-    def _asks(self, made: CompiledEnvironment) -> SessionPlant | None:
-        """The model that judges each step of the environment, if there is one; SoterError U001."""
+    def _step_model(self, made: CompiledEnvironment) -> SessionPlant | None:
+        """Gives the model that judges the environment's steps, or None; SoterError U001."""
         system, _, plant, params, _ = self.choice
         model = None
         if self._alarm is not False and made.moves_numbers:
-            model = make_model(self.program, system, plant, params)
+            model = make_plant_model(self.program, system, plant, params)
         if model is None:
             if self._alarm:
                 flat = self.program.flat(system, params)
-                reason = why_not(chosen_plant(flat, plant)) or "its states have lists"
+                reason = why_no_model(chosen_plant(flat, plant)) or "its states have lists"
                 raise wrong_choice(f"there is no model to compare with: {reason}", "alarm=False")
             return None
         asked = SessionPlant(model, made, *tolerances(model, self._observed, self._tolerance))
-        self.session.attach(asked)
+        self.session.attach_model(asked)
         return asked
 
     # ------------------------------------------------------------ episodes
@@ -173,7 +173,7 @@ class EnvironmentGuard:
     def reset(
         self, env: gymnasium.Env[Any, Any], seed: int | None, options: dict[str, Any] | None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; every draw of the program follows from the seed. SoterError U001."""
+        """Starts an episode; every draw of the program follows from the seed. SoterError U001."""
         if seed is not None or self._numbered is None:
             self._numbered, _ = seeding.np_random(seed)
         observation, env_info = env.reset(seed=seed, options=options)
@@ -182,18 +182,20 @@ class EnvironmentGuard:
         session.start(int(self._numbered.integers(SEED_END)))
         if not self._moves_numbers:
             self._values = self._plant_states(observation)
-            session.place(self._values)
+            session.place_values(self._values)
         elif not (self._observation_numbers(observation) and session.place_numbers()):
-            raise self._no_states(observation)
-        if broken := self._not_finite():
+            raise self._no_states_error(observation)
+        if broken := self._states_not_finite():
             names = ", ".join(f"`{n}`" for n in broken)
             raise wrong_choice(f"an episode cannot start where {names} is NaN or infinite")
         before = int(session.facts["mode"])
-        if session.go() != session.agent.index:
+        if session.run_until_due() != session.agent.index:
             raise wrong_choice("the advanced controller has a phase: the plant would move first")
         self._last, self._over = observation, False
         self._violations = 0
-        info = self._info(env_info, None, None) | {"switched": bool(session.seen.mode != before)}
+        info = self._info_of_step(env_info, None, None) | {
+            "switched": bool(session.seen.mode != before)
+        }
         self._violations = info["violations"]
         if session.seen.ttf:
             warn_of_start(session.module.name)
@@ -204,15 +206,15 @@ class EnvironmentGuard:
         env: gymnasium.Env[Any, Any],
         action: Any,  # noqa: ANN401 - any action
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One answer of the agent; `env` steps once for each release of the plant meanwhile.
+        """Answers for the agent, and steps `env` whenever the plant is due until the agent is.
 
-        SoterError U001 where no episode goes on, or numbers do not fit.
+        SoterError U001 where no episode has begun or it is over, or where numbers do not fit.
         """
         if self._over:
             begun = self._last is not None
             message = "the episode is over" if begun else "no episode has begun"
             raise wrong_choice(message, "call reset() first")
-        session, taker, direct = self.session, self._taker, self._direct
+        session, next_command, direct = self.session, self._next_command, self._direct
         plant = self._plant
         due = session.act_directly(action) if direct else NO_NUMBERS
         if due == NO_NUMBERS:
@@ -221,7 +223,7 @@ class EnvironmentGuard:
         env_info: dict[str, Any] = {}
         taken: Any = None
         while due == plant and not (ended or cut):
-            taken = self._command_now(env) if taker is None else taker()
+            taken = self._current_command(env) if next_command is None else next_command()
             last, gained, ended, cut, env_info = env.step(taken)
             self._last = last
             reward += float(gained)
@@ -240,19 +242,19 @@ class EnvironmentGuard:
                     info[key] = env_info[key]
             asked_for = info if self._info_keys is None else self._wanted_info(info, env_info)
             return last, reward, ended, cut, asked_for
-        broken = self._not_finite() if session.outside.latched else []
+        broken = self._states_not_finite() if session.outside.latched else []
         cut = cut or bool(broken)
         self._over = ended or cut
-        info = self._info(env_info, action, taken)
+        info = self._info_of_step(env_info, action, taken)
         if broken:
             info |= {"off_model": True, "not_finite": broken}
         if self._cuts and info["cost"]:
             cut = self._over = True
-        self._note(info)
+        self._note_step(info)
         return self._last, reward, ended, cut, self._wanted_info(info, env_info)
 
-    def _note(self, info: dict[str, Any]) -> None:
-        """Keep what C compares the next step with; warn of the first step that is off the model."""
+    def _note_step(self, info: dict[str, Any]) -> None:
+        """Keeps what C compares the next step with; warns of the first step off the model."""
         session = self.session
         self._violations = info["violations"]
         if info["off_model"] and not self._off_model:
@@ -260,19 +262,19 @@ class EnvironmentGuard:
                 self._off_model = True
                 warn_off_model(session.plant.name)
         elif self._repeats and info["cause"] != "gate":
-            self._repeated_info = self._quiet(info["violations"])
+            self._repeated_info = self._repeatable_info(info["violations"])
 
     # ------------------------------------------------------------ the agent's answer
 
     def _give_action(self, action: Any) -> int:  # noqa: ANN401 - any action
-        """Give the agent's action to the module; returns the component that is due then."""
+        """Gives the agent's action to the module; returns the component that is due then."""
         session = self.session
         if self._act is None and getattr(action, "shape", ()) != session.action.shape:
             array_mapping.require_no_batch(self.action_space, action)
         if not self._acts_numbers:
-            session.act(self._action_values(action))
-            return session.go()
-        count = numbers(action, session.action, "an action")
+            session.act_with_values(self._action_values(action))
+            return session.run_until_due()
+        count = copy_numbers(action, session.action, "an action")
         if count is not None:
             raise array_mapping.wrong_count(self._outputs, count, "an action")
         return session.act_numbers()
@@ -293,22 +295,22 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ the environment's
 
     def _give_observation(self, observation: Any) -> int:  # noqa: ANN401 - any observation
-        """Give an observation to the module; returns the component that is due then."""
+        """Gives an observation to the module; returns the component that is due then."""
         session = self.session
         if not self._moves_numbers:
             states = self._values = self._plant_states(observation)
             if self.asked is not None:
-                session.moved[:] = array_mapping.flatten(self._states, states)
-                session.judge()
+                session.moved[:] = array_mapping.numbers_of_values(self._states, states)
+                session.judge_move()
                 self._note_judged(observation, session.plant.index)
-            session.move(states)
-            return session.go()
+            session.move_to_values(states)
+            return session.run_until_due()
         due = session.move_numbers() if self._observation_numbers(observation) else NO_STATES
         self._note_judged(observation, due)
         return due
 
-    def _not_finite(self) -> list[str]:
-        """States that the environment showed as NaN or infinite."""
+    def _states_not_finite(self) -> list[str]:
+        """Names the states that the environment showed as NaN or infinite."""
         values = self._values
         if self._moves_numbers:
             values = array_mapping.assemble_values(
@@ -318,18 +320,18 @@ class EnvironmentGuard:
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _note_judged(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
-        """Pass the judged step to `judged`; SoterError U001 if the observation was no state."""
+        """Passes the judged step to `judged`; SoterError U001 if the observation was no state."""
         if due == NO_STATES:
-            raise self._no_states(observation)
+            raise self._no_states_error(observation)
         if self.judged is not None and self.asked is not None:
             self.judged(self.asked)
 
     def _observation_numbers(self, observation: Any) -> bool:  # noqa: ANN401 - any observation
-        return numbers(observation, self.session.moved, "an observation") is None
+        return copy_numbers(observation, self.session.moved, "an observation") is None
 
-    def _no_states(self, observation: Any) -> SoterError:  # noqa: ANN401 - any observation
-        """Why an observation is no state of the plant."""
-        count = numbers(observation, self.session.moved, "an observation")
+    def _no_states_error(self, observation: Any) -> SoterError:  # noqa: ANN401 - any observation
+        """Gives the SoterError that says why an observation is no state of the plant."""
+        count = copy_numbers(observation, self.session.moved, "an observation")
         if count is not None:
             return array_mapping.wrong_count(self._states, count, "an observation")
         try:
@@ -339,7 +341,7 @@ class EnvironmentGuard:
         raise AssertionError(observation)
 
     def _plant_states(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
-        """The plant's states; those that `observe` leaves out stay as they are."""
+        """The plant's states by an observation; what `observe` leaves out keeps its value."""
         if self._observe is None:
             return array_mapping.assemble_values(self._states, observation, "an observation")
         try:
@@ -348,36 +350,38 @@ class EnvironmentGuard:
         except ValueShapeError as error:
             message = "`observe` gave no state of the plant"
             raise array_mapping.wrong_structure(message, self._states, answer, error) from error
-        old = self.session.states()
+        old = self.session.plant_states()
         unseen = [n for (n, _), v in zip(self._states, states, strict=True) if v is None]
         if unseen and not self._unseen:
             self._unseen = True
             warn_of_unseen(unseen)
         if self.asked is not None:
-            self.asked.compare([v is not None for v in states])
+            self.asked.compare_only([v is not None for v in states])
         return [a if b is None else b for a, b in zip(old, states, strict=True)]
 
-    def _command_now(self, env: gymnasium.Env[Any, Any]) -> Any:  # noqa: ANN401 - an action of it
-        values = [self.session.topic(t.index) for t in self._reads]
+    def _current_command(self, env: gymnasium.Env[Any, Any]) -> Any:  # noqa: ANN401 - an action of it
+        values = [self.session.topic_value(t.index) for t in self._reads]
         shapes: list[tuple[str, Type]] = [(t.name.rpartition(".")[2], t.type) for t in self._reads]
         if self._command is None:
-            return array_mapping.as_action(env.action_space, array_mapping.flatten(shapes, values))
+            return array_mapping.action_from_numbers(
+                env.action_space, array_mapping.numbers_of_values(shapes, values)
+            )
         named = {n: to_python(t, v) for (n, t), v in zip(shapes, values, strict=True)}
         return self._command(**named)
 
     # ------------------------------------------------------------ what is told
 
-    def _info(
+    def _info_of_step(
         self,
         env_info: dict[str, Any],
         action: Any,  # noqa: ANN401 - any action
         taken: Any,  # noqa: ANN401 - any action of the environment
     ) -> dict[str, Any]:
-        """`env_info`, what the environment says, and what is known of the module after a step."""
+        """Joins `env_info` of the environment with what is known of the module after a step."""
         session = self.session
         outside, violations = session.outside, session.seen.violations
         if self._over and session.compiled.linked:
-            violations = session.violations(over=True)
+            violations = session.violation_count(over=True)
         known = self._info_by_flags.get(outside.flags)
         if known is None:
             known = self._info_by_flags[outside.flags] = self._flag_info(session.seen.taken_by)
@@ -394,21 +398,21 @@ class EnvironmentGuard:
         return info
 
     def _wanted_info(self, info: dict[str, Any], env: dict[str, Any]) -> dict[str, Any]:
-        """The keys of `info` that the caller wants, and all that the environment gave (`env`)."""
+        """The keys of `info` that the caller wants, and all that the environment gave in `env`."""
         keys = self._info_keys
         if keys is None:
             return info
         return {**env, **{key: info[key] for key in keys if key in info}}
 
-    def _quiet(self, violations: int) -> dict[str, Any]:
-        """`info` of a step that changes only the margin; from now on C says whether one does so."""
+    def _repeatable_info(self, violations: int) -> dict[str, Any]:
+        """The `info` of a step that changes only the margin; C is told what to compare with it."""
         outside = self.session.outside
         self.session.compiled.lib.soter_outside_tell(outside)
         known = self._info_by_flags[outside.flags]
         return {**known, "violations": violations, "cost": 0.0}
 
     def _flag_info(self, before: int) -> dict[str, Any]:
-        """The part of `info` that follows from flags; `before`: the mode until now."""
+        """The part of `info` that follows from flags; `before` is the mode before the step."""
         seen = self.session.seen
         mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
         counted = bool(seen.taken_by) and not gate_fault and not seen.moved
@@ -426,17 +430,14 @@ class EnvironmentGuard:
         }
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether each action of a `Discrete` space would be published as it is, (n,).
-
-        Were the agent in control now: neither refused nor moved. SoterError U001 for other spaces.
-        """
+        """Whether AC in control would publish each `Discrete` action unmoved, (n,); U001."""
         space = self.action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice("only a `Discrete` action space has a mask", f"it is {space}")
         if self._over:  # nobody is asked
             return np.zeros(int(space.n), dtype=np.bool_)
         actions = range(int(space.start), int(space.start) + int(space.n))
-        return np.array([self.session.publishes(self._action_values(a)) for a in actions])
+        return np.array([self.session.would_publish(self._action_values(a)) for a in actions])
 
     def _refusal_cause(self) -> str:
         """The cause of the last refusal: "shield" where a shield forbade it, else "gate"."""
@@ -448,7 +449,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ copies
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the compiled program, which is loaded again."""
+        """Gives all attributes but the compiled program, which `__setstate__` loads again."""
         if not self.session.alone:
             raise wrong_choice(
                 "an environment with externs in Python has no copy",
@@ -457,7 +458,7 @@ class EnvironmentGuard:
         state = {k: v for k, v in vars(self).items() if k not in NOT_COPIED}
         program = self.program
         state["_named"] = (program.path, program.sha256, dict(program.bound))
-        state["_saved"] = self.session.saved()
+        state["_saved"] = self.session.saved_state()
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -467,24 +468,24 @@ class EnvironmentGuard:
             raise wrong_choice(f"`{path}` is another program than the one that was pickled")
         for name, target in bound.items():
             program.bind(name, target)
-        self._restore(program, state)
+        self._restore_session(program, state)
 
-    def _restore(self, program: soter.api.Program, state: dict[str, Any]) -> None:
+    def _restore_session(self, program: soter.api.Program, state: dict[str, Any]) -> None:
         saved = state.pop("_saved")
         vars(self).update(state)
         self.program, self.judged = program, None
-        self._begin(self._space)
-        self.session.restore(saved)
+        self._compile_choices(self._space)
+        self.session.restore_state(saved)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> EnvironmentGuard:
-        """The same program, a state of its own."""
+        """A guard of the same program with a state of its own."""
         state = self.__getstate__()
         del state["_named"]
         made = EnvironmentGuard.__new__(EnvironmentGuard)
-        made._restore(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
+        made._restore_session(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
         return made
 
 
 def is_single(bound: Bound) -> bool:
-    """Whether the numbers of a set stay finite as they are rounded to float32."""
+    """Whether all numbers between two bounds stay finite when they are rounded to float32."""
     return max(abs(bound.low), abs(bound.high)) <= float(np.finfo(np.float32).max)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.gym.outside_roles import wrong_choice
+from soter.gym.environment_choices import wrong_choice
 from soter.gym.safety_warnings import warn_of_sc_alone
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class Conformance:
 
     @property
     def share(self) -> float:
-        """The share of steps inside."""
+        """The share of the steps that are inside."""
         return self.inside / self.steps
 
     def __str__(self) -> str:
@@ -80,7 +80,7 @@ class Conformance:
 
 
 class _Tally:
-    """Sums up what the model said of each step."""
+    """Sums up the model's judgements of all steps."""
 
     def __init__(self, asked: SessionPlant) -> None:
         model = asked.model
@@ -93,14 +93,14 @@ class _Tally:
         self.wrapped = np.zeros(len(model.names), dtype=np.int64)
         self.observed = np.zeros(len(model.names), dtype=bool)
 
-    def see(self, asked: SessionPlant, session: Session) -> None:
-        """Count a step, which ended at the numbers that `session` was given."""
+    def count_step(self, asked: SessionPlant, session: Session) -> None:
+        """Counts a step, which ended at the numbers that `session` was given."""
         left = np.abs(asked.residual)
         self.steps += 1
         self.observed |= asked.observed
         self.inside += asked.explained
         if not asked.explained:
-            self.wrapped += _near_turns(asked.undisturbed) & np.isfinite(asked.tolerance)
+            self.wrapped += _are_near_turns(asked.undisturbed) & np.isfinite(asked.tolerance)
         self.residual = np.maximum(self.residual, left)
         self.undisturbed = np.maximum(self.undisturbed, np.abs(asked.undisturbed))
         self.used = np.maximum(self.used, np.abs(asked.chosen - self.middle) / self.half)
@@ -116,8 +116,8 @@ class _Tally:
             }
 
 
-def _near_turns(off: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Whether differences (n,), in rad, lie near a whole number of turns that is not 0."""
+def _are_near_turns(off: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Whether differences (n,), in rad, lie near a whole number of turns other than 0."""
     turns = np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi)
     whole = np.round(turns)
     near: npt.NDArray[np.bool_] = (whole != 0.0) & (np.abs(turns - whole) <= NEAR_TURN)
@@ -131,12 +131,12 @@ def conformance(
     seed: int = 0,
     policy: Callable[[Any], Any] | None = None,
 ) -> Conformance:
-    """Let `policy(observation)` drive for `n` steps of the plant or a few more, and compare each.
+    """Lets `policy(observation)` drive for `n` steps of the plant or a few more, and compares each.
 
-    Without one, actions are drawn from the action space. A step counts as inside where disturbances
-    within their bounds were found with which the program's plant comes as close as `tolerance` of
-    `env` says. `SafetyWarning` where AC had control in no step. SoterError U001 where
-    the program's plant cannot be asked.
+    Without a policy, actions are drawn from the action space. A step counts as inside where
+    disturbances within their bounds were found with which the program's plant comes as close as
+    `tolerance` of `env` says. `SafetyWarning` where AC had control in no step. SoterError U001
+    where there is no model of the program's plant.
     """
     if n < 1:
         raise wrong_choice(f"there cannot be {n} steps", "n is 1 or more")
@@ -154,10 +154,10 @@ def conformance(
     tally = _Tally(guard.asked)
     session = guard.session
 
-    def judged(asked: SessionPlant) -> None:
-        tally.see(asked, session)
+    def count_judged(asked: SessionPlant) -> None:
+        tally.count_step(asked, session)
 
-    guard.judged = judged
+    guard.judged = count_judged
     try:
         env.action_space.seed(seed)
         observation, _ = env.reset(seed=seed)

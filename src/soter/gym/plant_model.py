@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.gym.compiled_system import built, driver, kept
-from soter.gym.outside_roles import LeafBuffer, chosen_plant, places, wrong_choice
+from soter.gym import compiled_system as compiled
+from soter.gym.compiled_system import LeafBuffer, memory_leaves
+from soter.gym.environment_choices import chosen_plant, wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets
 from soter.language.model.types import default_value, leaf_count, leaves
@@ -40,7 +41,7 @@ DOUBLE = 1e-12
 
 
 class PlantModel:
-    """A plant of a system, by itself; only for plants for which `why_not` gives None."""
+    """A plant of a system, compiled alone, of which `why_no_model` gives None."""
 
     def __init__(self, system: System, plant: Component) -> None:
         assert plant.plant is not None
@@ -51,18 +52,19 @@ class PlantModel:
         self.drawn = [s for d in plant.disturbances for s in d.streams]
         self.low = np.array([d.low for d in plant.disturbances for _ in d.streams])
         self.high = np.array([d.high for d in plant.disturbances for _ in d.streams])
-        alone = _alone(system, plant)
+        alone = _plant_alone(system, plant)
         unit = generate(alone)
         self.layout, (component,) = unit.layout, alone.components
-        self.ffi, self.lib, self.program = driver(built(unit), unit.prefix)
+        path = compiled.built_library(unit)
+        self.ffi, self.lib, self.program = compiled.loaded_driver(path, unit.prefix)
         members = [self.layout.member(0, i) for i in range(len(component.plant.states))]  # type: ignore[union-attr]
-        both = [leaf for offset, t in members for leaf in places(t, offset)]
+        both = [leaf for offset, t in members for leaf in memory_leaves(t, offset)]
         self.states = LeafBuffer(self.ffi, both[: len(self.names)])
         self.disturbances = LeafBuffer(self.ffi, both[len(self.names) :])
 
 
-def why_not(plant: Component) -> str | None:
-    """Why no `PlantModel` can be made of the plant; None where one can."""
+def why_no_model(plant: Component) -> str | None:
+    """Says why no `PlantModel` can be made of the plant; None where one can be made."""
     assert plant.plant is not None
     if plant.plant.extern:
         return f"plant `{plant.name}` is extern in the program"
@@ -71,20 +73,22 @@ def why_not(plant: Component) -> str | None:
     return None
 
 
-def make_model(
+def make_plant_model(
     program: soter.api.Program,
     system: str | None,
     plant: str | None,
     params: Mapping[str, object] | None,
 ) -> PlantModel | None:
-    """Makes the model of the program's own plant, once; None where `why_not` has a reason."""
+    """Makes the model of a program's plant, once; None where `why_no_model` has a reason."""
 
     def make() -> PlantModel | str:
         flat = program.declared(system, params)
         body = chosen_plant(flat, plant)
-        return why_not(body) or PlantModel(flat, body)
+        return why_no_model(body) or PlantModel(flat, body)
 
-    model = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
+    model = compiled.made_or_kept(
+        program, ("model", system, plant, repr(sorted((params or {}).items()))), make
+    )
     return None if isinstance(model, str) else model
 
 
@@ -94,7 +98,7 @@ class SessionPlant:
     def __init__(
         self, model: PlantModel, made: CompiledEnvironment, tolerance: Array, relative: float
     ) -> None:
-        """`tolerance`: absolute, (states,); infinite where a state is not compared."""
+        """`tolerance`: the absolute one of each state, (states,); infinite: not compared."""
         self.model = model
         states, drawn = len(model.names), len(model.drawn)
         self.state = np.zeros(-(-model.layout.size // 8), dtype=np.int64)
@@ -125,8 +129,8 @@ class SessionPlant:
         """Whether disturbances within their bounds explain the last step that was judged."""
         return bool(self.pointer.explained)
 
-    def compare(self, wanted: Sequence[bool]) -> None:
-        """Compare only these states of the plant."""
+    def compare_only(self, wanted: Sequence[bool]) -> None:
+        """Compares only the states of the plant whose entry in `wanted` is true."""
         self.observed = np.repeat(wanted, self.model.sizes)
         self.tolerance[:] = np.where(self.observed, self._own, np.inf)
 
@@ -140,9 +144,9 @@ def tolerances(
     observed: np.dtype[Any] | None,
     absolute: float | Mapping[str, float] | None = None,
 ) -> tuple[Array, float]:
-    """Absolute tolerances (states,), given ones by name, and the relative one of a dtype.
+    """The absolute tolerance of each state, (states,), and the relative one of a dtype.
 
-    What is `absolute` stands alone: there is no relative one then. SoterError U001.
+    Tolerances that the user gives as `absolute` make the relative one 0. SoterError U001.
     """
     absolute_tolerances = np.full(len(model.names), ABSOLUTE)
     named = absolute if isinstance(absolute, Mapping) else dict.fromkeys(model.names, absolute)
@@ -160,8 +164,8 @@ def tolerances(
     return absolute_tolerances, SINGLE if single else DOUBLE
 
 
-def _alone(system: System, plant: Component) -> System:
-    """The plant without errors and faults, its disturbances as states that nothing changes."""
+def _plant_alone(system: System, plant: Component) -> System:
+    """The plant without errors and faults, its disturbances as states that keep their value."""
     symbol = plant.plant
     assert symbol is not None
     drawn = tuple(d.variable for d in plant.disturbances)

@@ -19,8 +19,8 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode
 
+from soter.gym.environment_choices import wrong_choice
 from soter.gym.guard import EnvironmentGuard
-from soter.gym.outside_roles import wrong_choice
 from soter.gym.vector import CAUSES, FACTS, ProtectedVector
 
 if TYPE_CHECKING:
@@ -72,35 +72,35 @@ class Protected(gymnasium.Env[Any, Any]):
 
     @property
     def session(self) -> Session:
-        """The compiled system, as it stands."""
+        """The compiled system and its state now."""
         return self.guard.session
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; every draw of the program follows from the seed."""
+        """Starts an episode; every draw of the program follows from the seed."""
         super().reset(seed=seed)
         return self.guard.reset(self.env, seed, options)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """One answer of the agent; `env` steps once for each release of the plant meanwhile."""
+        """Answers for the agent, and steps `env` whenever the plant is due until the agent is."""
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether each action of a `Discrete` space would be published as it is now, (n,)."""
+        """Whether AC would publish each action of a `Discrete` space unmoved now, (n,)."""
         return self.guard.action_masks()
 
     def render(self) -> Any:  # noqa: ANN401 - whatever the environment renders
-        """What the environment shows."""
+        """Gives what the environment renders."""
         return self.env.render()
 
     def close(self) -> None:
-        """Close the environment."""
+        """Closes the environment."""
         self.env.close()
 
 
 class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """`Protected` as a wrapper of Gymnasium's: `env` first, `options` as there.
+    """`Protected` as a wrapper of Gymnasium's, with `env` first and the same `options`.
 
     It may stand anywhere among wrappers; `unwrapped`, `get_wrapper_attr`, `spec` and copies are as
     of any. It sees what the wrappers inside of it show: put those that change observations
@@ -121,15 +121,15 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; every draw of the program follows from the seed."""
+        """Starts an episode; every draw of the program follows from the seed."""
         return self.guard.reset(self.env, seed, options)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """One answer of the agent; `env` steps once for each release of the plant meanwhile."""
+        """Answers for the agent, and steps `env` whenever the plant is due until the agent is."""
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether each action of a `Discrete` space would be published as it is now, (n,)."""
+        """Whether AC would publish each action of a `Discrete` space unmoved now, (n,)."""
         return self.guard.action_masks()
 
 
@@ -140,12 +140,12 @@ def make_protected(
     make: Mapping[str, Any] | None = None,
     **options: Any,  # noqa: ANN401 - those of Protected
 ) -> Protected:
-    """`Protected` around `gymnasium.make(env_id, **make)`."""
+    """Gives `Protected` around `gymnasium.make(env_id, **make)`."""
     return Protected(program, gymnasium.make(env_id, **(make or {})), **options)
 
 
 MODES = {"mode": ("SC", "AC"), "taken_by": ("SC", "AC"), "cause": CAUSES, "next_cause": CAUSES}
-"""Key of `info` -> the words that one world has for the numbers of many worlds."""
+"""By key of `info`: the words that one world has for the numbers of many worlds."""
 
 
 def make_sb3_vec(
@@ -155,11 +155,11 @@ def make_sb3_vec(
     info_keys: Sequence[str] = ("cost", "intervened"),
     **options: Any,  # noqa: ANN401 - those of ProtectedVector
 ) -> Any:  # noqa: ANN401 - a `VecEnv`
-    """`ProtectedVector(program, num_envs, **options)` for Stable-Baselines3.
+    """Gives `ProtectedVector(program, num_envs, **options)` for Stable-Baselines3.
 
-    `info_keys`: what of `info` each world is told: it costs time for each. Numbers are float32.
-    ImportError without stable-baselines3; SoterError as of `ProtectedVector`, U001 for a key that
-    there is not.
+    `info_keys`: the keys of `info` that each world gets; each costs time. Numbers are float32.
+    ImportError without stable-baselines3; SoterError as of `ProtectedVector`, and U001 for an
+    unknown key.
     """
     if "autoreset" in options:
         raise wrong_choice("Stable-Baselines3 begins an episode with the step that ends one")
@@ -169,10 +169,10 @@ def make_sb3_vec(
     known = (*FACTS, "action_taken", "cost", "intervened", "action_requested")
     if unknown := [key for key in info_keys if key not in known]:
         raise wrong_choice(f"`info` has no `{unknown[0]}`", f"it has {', '.join(known)}")
-    return _class()(worlds, tuple(info_keys))
+    return _vec_env_class()(worlds, tuple(info_keys))
 
 
-def _class() -> Any:  # noqa: ANN401 - a class over one of the library's
+def _vec_env_class() -> Any:  # noqa: ANN401 - a class over one of the library's
     try:
         from stable_baselines3.common.vec_env.base_vec_env import VecEnv  # noqa: PLC0415 - theirs
     except ImportError as error:
@@ -186,7 +186,7 @@ def _class() -> Any:  # noqa: ANN401 - a class over one of the library's
 
 
 class _Worlds:
-    """Answers what a `VecEnv` is asked, by a `ProtectedVector`."""
+    """Answers the calls of a `VecEnv` by a `ProtectedVector`."""
 
     def __init__(self, worlds: ProtectedVector, info_keys: tuple[str, ...]) -> None:
         self.worlds, self._info_keys = worlds, info_keys
@@ -199,38 +199,38 @@ class _Worlds:
         self.num_envs: int
 
     def reset(self) -> Array:
-        """Begin an episode in every world, (num_envs, numbers)."""
+        """Begins an episode in every world, and gives observations (num_envs, numbers)."""
         seeds = [seed for seed in self._seeds if seed is not None]
         seen, info = self.worlds.reset(seed=seeds if len(seeds) == self.num_envs else None)
-        self.reset_infos = self._infos(info)
+        self.reset_infos = self._info_a_world(info)
         self._reset_seeds()  # type: ignore[attr-defined] # of the VecEnv
         self._reset_options()  # type: ignore[attr-defined]
         return seen
 
     def step_async(self, actions: Any) -> None:  # noqa: ANN401 - arrays
-        """Keep the actions for `step_wait`."""
+        """Keeps the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
-        """Step every world; one that ended has begun again, and says what it showed last."""
+        """Steps every world; one that ended has begun again, and its `info` has the last view."""
         seen, rewards, ended, cut, info = self.worlds.step(self._actions)
         over = ended | cut
-        infos = self._infos(info)
+        infos = self._info_a_world(info)
         for world in np.flatnonzero(over).tolist():
-            infos[world] = self._infos(info["final_info"], [world])[0]
+            infos[world] = self._info_a_world(info["final_info"], [world])[0]
             infos[world]["terminal_observation"] = info["final_obs"][world]
             infos[world]["TimeLimit.truncated"] = bool(cut[world] and not ended[world])
         return seen, rewards.astype(np.float32), over, infos
 
     def close(self) -> None:
-        """Do nothing: no world has anything open."""
+        """Does nothing: no world has anything open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - theirs
-        """An attribute of the worlds, the same for each of them."""
-        return [getattr(self.worlds, attr_name)] * len(self._which(indices))
+        """Gives an attribute of the worlds, the same for each of them."""
+        return [getattr(self.worlds, attr_name)] * len(self._chosen_worlds(indices))
 
     def set_attr(self, attr_name: str, *_: Any, **__: Any) -> None:  # noqa: ANN401
-        """SoterError U001: no world is an object of its own."""
+        """Raises SoterError U001, as no world is an object of its own."""
         raise wrong_choice(f"`{attr_name}` of one world cannot be set: they are stepped together")
 
     def env_method(
@@ -240,21 +240,21 @@ class _Worlds:
         indices: Any = None,  # noqa: ANN401
         **__: Any,  # noqa: ANN401
     ) -> list[Any]:
-        """`action_masks`, (n,) a world; of others SoterError U001, as above."""
+        """Calls `action_masks`, (n,) a world; SoterError U001 for any other method."""
         if method_name == "action_masks":
-            return list(self.worlds.action_masks()[self._which(indices)])
+            return list(self.worlds.action_masks()[self._chosen_worlds(indices)])
         raise wrong_choice(f"`{method_name}` of one world cannot be called: there is no object")
 
     def env_is_wrapped(self, _wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ANN401
-        """No world is wrapped."""
-        return [False] * len(self._which(indices))
+        """Says of each world that it is not wrapped."""
+        return [False] * len(self._chosen_worlds(indices))
 
-    def _which(self, indices: Any) -> list[int]:  # noqa: ANN401 - None, a number or several
+    def _chosen_worlds(self, indices: Any) -> list[int]:  # noqa: ANN401 - None, a number or several
         if indices is None:
             return list(range(self.num_envs))
         return [indices] if isinstance(indices, int) else list(indices)
 
-    def _infos(self, info: dict[str, Any], which: Sequence[int] | None = None) -> list[Any]:
+    def _info_a_world(self, info: dict[str, Any], which: Sequence[int] | None = None) -> list[Any]:
         """The `info` of each world, with the chosen keys."""
         worlds = range(self.num_envs) if which is None else which
         keys = [key for key in self._info_keys if key in info]

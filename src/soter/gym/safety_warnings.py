@@ -4,7 +4,7 @@ Purpose: a `SafetyWarning` each for agents that never get control, environments 
 plant of the proof, starts that the decision module does not vouch for, states that nobody
 observes, and wrappers that change the numbers of observations or actions.
 Non-goals: who asks, and what follows (`guard.py`, `plant_conformance.py`); mistakes, which are
-errors (`outside_roles.py`).
+errors (`environment_choices.py`).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class SafetyWarning(UserWarning):
 
 
 def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
-    """Warn of wrappers around an environment that change its numbers."""
+    """Warns of wrappers around an environment that change its numbers."""
     while isinstance(env, gymnasium.Wrapper):
         name = type(env).__name__
         if name in CHANGED:
@@ -57,7 +57,7 @@ def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
 
 
 def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> None:
-    """Warn of a module of which `ttf` and `safer` could not be computed, with the reason."""
+    """Warns of a module whose `ttf` and `safer` could not be computed, with the reason."""
     assert made.roles.module is not None
     module = made.system.modules[made.roles.module]
     if module.forced is None and module.symbol.ttf is None and module.symbol.safer is None:
@@ -66,7 +66,7 @@ def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> No
 
 
 def warn_of_sc_alone(steps: int) -> None:
-    """Warn of a measurement in which the agent drove in none of its steps."""
+    """Warns of a measurement in which AC had control in none of the steps."""
     warnings.warn(
         f"AC had control in none of its {steps:,} steps: what is measured is the safe controller "
         "in this environment, not the agent",
@@ -76,10 +76,10 @@ def warn_of_sc_alone(steps: int) -> None:
 
 
 def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> None:
-    """Warn of an environment that takes fewer actions than what its plant reads may hold.
+    """Warns where the environment's action space is smaller than what its plant's topics may hold.
 
-    `reads`: the topics whose numbers are actions of `space`, in order. A topic without a set, and
-    a space that is no `Box` of as many numbers, are not compared.
+    `reads`: the topics whose numbers are actions of `space`, in order. A topic without a set, and a
+    space that is no `Box` of as many numbers, are not compared.
     """
     named = [(t.name, bound) for t in reads for bound in t.bounds]
     if not isinstance(space, spaces.Box) or space.low.size != len(named):
@@ -101,7 +101,7 @@ def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> No
 
 
 def warn_off_model(plant: str) -> None:
-    """Warn of the first step that no declared disturbance of a plant explains."""
+    """Warns of the first step that no declared disturbance of a plant explains."""
     warnings.warn(
         f"the environment did what plant `{plant}` of the program cannot: this step is outside of "
         'the proof. Later ones are told by `info["off_model"]` alone; soter.gym.conformance '
@@ -112,7 +112,7 @@ def warn_off_model(plant: str) -> None:
 
 
 def warn_of_unseen(names: Sequence[str]) -> None:
-    """Warn of states of the plant that nobody observes."""
+    """Warns of states of the plant that `observe` does not give."""
     warnings.warn(
         f"`observe` gives no {', '.join(f'`{n}`' for n in names)}: the module goes on with what "
         "it was at the start, as if that had just been measured",
@@ -122,7 +122,7 @@ def warn_of_unseen(names: Sequence[str]) -> None:
 
 
 def warn_of_start(module: str) -> None:
-    """Warn of a start at which the decision module keeps the agent from control."""
+    """Warns of a start at which the decision module keeps the agent from control."""
     warnings.warn(
         f"the episode starts where `ttf` of module `{module}` holds: the proof "
         "vouches for it only if the safe controller's own set contains it",

@@ -1,4 +1,4 @@
-"""A compiled system that stops where somebody outside has to answer.
+"""Steps a compiled system until its agent or its plant has to answer.
 
 Purpose: a `Session` steps the very C of a program instant by instant: the states of one plant and
 the output of one advanced controller come from the caller, everything else is the program's.
@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.api.arguments import complete
+from soter.api.arguments import compute_ttf
 from soter.core.layout import decode_from, encode_into, image_of_members
-from soter.gym.array_mapping import doubles
+from soter.gym.array_mapping import array_of_doubles
 from soter.gym.compiled_system import (
     CompiledEnvironment,
     Roles,
-    answered_around,
-    compiled,
+    bound_inside,
+    kept_build,
     refuse_call,
     remove_idle_check,
 )
-from soter.gym.outside_roles import chosen_module, chosen_plant, system_with_errors
+from soter.gym.environment_choices import chosen_module, chosen_plant, system_with_errors
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
@@ -68,7 +68,7 @@ NEEDED = {
 
 
 class _Method(ctypes.Structure):
-    """PyMethodDef of the stable ABI."""
+    """The record PyMethodDef of Python's stable ABI."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -83,13 +83,14 @@ _METHODS: dict[int, _Method] = {}
 
 
 def step_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: ANN401 - cffi
-    """(answer for the agent, answer for the plant); `outside` has to live as long as they do.
+    """Gives the functions that answer for the agent and for the plant; they need `outside` alive.
 
-    Each takes an array with one axis, of float32 or float64, and gives who is due, or a negative
-    number as `soter_gym.h` has them: NO_NUMBERS for anything else, which then has no effect.
+    Each takes an array with one axis, of float32 or float64, and gives the index of the due
+    component, or a negative number of `soter_gym.h`: NO_NUMBERS for anything else, which has no
+    effect.
     """
     if sys.implementation.name != "cpython":
-        return refuse, refuse
+        return read_no_array, read_no_array
     calls = {
         name: ffi.cast("void *", ctypes.cast(getattr(ctypes.pythonapi, f), ctypes.c_void_p).value)
         for name, f in NEEDED.items()
@@ -97,19 +98,19 @@ def step_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: 
     lib.soter_python_given(ffi.new("soter_python *", calls))
     self_address = int(ffi.cast("uintptr_t", outside))
     act, move = (
-        _method(name, int(ffi.cast("uintptr_t", ffi.addressof(lib, name))), self_address)
+        _python_function(name, int(ffi.cast("uintptr_t", ffi.addressof(lib, name))), self_address)
         for name in ("soter_python_act", "soter_python_move")
     )
     return act, move
 
 
-def refuse(_: object) -> int:
-    """No array is read as it is."""
+def read_no_array(_: object) -> int:
+    """Stands for C where it cannot read arrays of Python, and reads none."""
     return NO_NUMBERS
 
 
-def _method(name: str, address: int, self_address: int) -> Call:
-    """A function of Python whose C is at `address` and whose `self` is the int `self_address`."""
+def _python_function(name: str, address: int, self_address: int) -> Call:
+    """Makes a Python function of the C at `address`; C gets the int `self_address` as `self`."""
     method = _METHODS.get(address)
     if method is None:
         method = _METHODS[address] = _Method(name.encode(), address, ONE_ARGUMENT, None)
@@ -123,14 +124,14 @@ def _method(name: str, address: int, self_address: int) -> Call:
 TOWARD_SC = 6
 """The last value of `soter_cause`: a shield moved the action toward SC's."""
 FAR_NS = 2**62
-"""No run gets there: the session ends before its clock does."""
+"""A time that no run reaches."""
 
 
 class Session:
-    """One run: `reset`, then again and again `asked` or `go`, and `act` or `move` as it says."""
+    """One run: `reset`, then in turns `run_until_due` and an answer of the due component."""
 
     def __init__(self, made: CompiledEnvironment, bound: Mapping[str, object]) -> None:
-        """`bound`: what answers the externs that are not outside; SoterError as `callables`."""
+        """`bound` answers the externs but the agent and the plant; SoterError as `callables`."""
         roles = made.roles
         assert roles.module is not None
         assert roles.plant is not None
@@ -147,14 +148,14 @@ class Session:
         self.state: Bytes = np.zeros(self.layout.size, dtype=np.uint8)
         self.record: Any = self.state.view(made.dtype)[0]
         """The state, decoded (docs/python.md, the trace)."""
-        self._allocate()
-        self._begin(0)
+        self._allocate_arrays()
+        self._reset_state(0)
 
-    def _allocate(self) -> None:
+    def _allocate_arrays(self) -> None:
         ffi, view = self.compiled.ffi, self.compiled.view
         lib = self._lib = self.compiled.lib
         self._go = lib.soter_outside_go
-        self._room = np.zeros(-(-self.compiled.room // 8), dtype=np.int64)
+        self._room = np.zeros(-(-self.compiled.driver_bytes // 8), dtype=np.int64)
         self.action = np.zeros(int(view.action.count))
         """The agent's answer, in numbers."""
         self.moved = np.zeros(int(view.moved.count))
@@ -175,7 +176,7 @@ class Session:
         self.act_directly, self.move_directly = step_calls(ffi, lib, o)
         """Answer with an array, if C reads it (`step_calls`): where no other extern is due."""
 
-    def _begin(self, seed: int) -> None:
+    def _reset_state(self, seed: int) -> None:
         self._answers = ExternAnswers(self.system, self.layout, self.compiled.library, self._bound)
         self.state[:] = self.compiled.library.new_state(seed)
         self.seen_bytes[:] = bytes(len(self.seen_bytes))
@@ -183,56 +184,56 @@ class Session:
     # ------------------------------------------------------------ stepping
 
     def reset(self, seed: int, states: Sequence[Value]) -> None:
-        """Start a run; the plant publishes `states` at its first release."""
+        """Starts a run; the plant publishes `states` at its first release."""
         self.start(seed)
-        self.place(states)
+        self.place_values(states)
 
     def start(self, seed: int) -> None:
-        """Start a run, with the plant's states as the program has them."""
+        """Starts a run, with the plant's states as the program has them."""
         for name, extern in self._bound.items():
             reset(name, extern, seed)
-        self._begin(seed)
+        self._reset_state(seed)
 
     def place_numbers(self) -> bool:
-        """Let the plant start at `moved`; False where these are no values of its states."""
+        """Sets the plant's first states to `moved`; False where these are no values of them."""
         return int(self._lib.soter_outside_place(self.outside)) == 0
 
-    def go(self) -> int:
-        """Run until the plant or the agent has to answer, and give its index."""
-        return self._on(self._go(self.outside))
+    def run_until_due(self) -> int:
+        """Runs until the plant or the agent has to answer, and gives its index."""
+        return self._run_past_externs(self._go(self.outside))
 
     def act_numbers(self) -> int:
-        """Answer for the agent with `action`, and `go`."""
-        return self._on(self._lib.soter_outside_act(self.outside))
+        """Answers for the agent with `action`, and runs until the next answer is due."""
+        return self._run_past_externs(self._lib.soter_outside_act(self.outside))
 
     def move_numbers(self) -> int:
-        """Answer for the plant with `moved`, and `go`; -1 where it has no such states."""
+        """Answers for the plant with `moved`, and runs on; -1 where it has no such states."""
         due: int = self._lib.soter_outside_move(self.outside)
-        return due if due < 0 else self._on(due)
+        return due if due < 0 else self._run_past_externs(due)
 
-    def _on(self, due: int) -> int:
+    def _run_past_externs(self, due: int) -> int:
         while due not in self._outside:
             self._answers.answer(self.state, due)
             due = self._go(self.outside)
         return due
 
     def rounded_command(self) -> npt.NDArray[np.float32]:
-        """An array (n,) that from now on has `command` in single precision."""
+        """Gives an array (n,) that from now on has `command` in single precision."""
         self._rounded = np.zeros(len(self.command), dtype=np.float32)
         self.outside.single = self.compiled.ffi.cast("float *", self._rounded.ctypes.data)
         return self._rounded
 
-    def attach(self, asked: SessionPlant) -> None:
-        """Let a model judge every `move_numbers`, and `judge`."""
+    def attach_model(self, asked: SessionPlant) -> None:
+        """Lets a model judge every `move_numbers`, and each `judge_move`."""
         self._asked = asked
         self.outside.model = asked.pointer
 
-    def judge(self) -> None:
-        """Let the model judge that the plant, which is due, goes to `moved`."""
+    def judge_move(self) -> None:
+        """Lets the model judge a step of the plant, which is due, to the states `moved`."""
         self._lib.soter_outside_judge(self.outside)
 
-    def asked(self) -> Component:
-        """Run until the plant or the agent has to answer, and say which."""
+    def component_that_is_due(self) -> Component:
+        """Runs until the plant or the agent has to answer, and gives that component."""
         while True:
             status, _, due = self.compiled.library.run(self.state, FAR_NS)
             assert status is RunStatus.EXTERN
@@ -240,19 +241,16 @@ class Session:
                 return self.system.components[due]
             self._answers.answer(self.state, due)
 
-    def move(self, states: Sequence[Value]) -> None:
-        """Answer for the plant, with values of its states."""
+    def move_to_values(self, states: Sequence[Value]) -> None:
+        """Answers for the plant with values of its states."""
         names = [v.name for v in self.plant.plant.states]  # type: ignore[union-attr]
-        self._give(self.state, self.plant, dict(zip(names, states, strict=True)))
+        self._give_answer(self.state, self.plant, dict(zip(names, states, strict=True)))
 
-    def act(self, values: Sequence[Value | None] | None) -> None:
-        """Answer for the agent: a value for each output, None where it publishes nothing.
-
-        None in place of all: there is no usable answer, a step fault of the agent.
-        """
+    def act_with_values(self, values: Sequence[Value | None] | None) -> None:
+        """Answers for the agent, None per unpublished output; `values=None` is a step fault."""
         facts, seen = self.facts, self.seen
         faults, seen.taken_by = int(facts["gate_faults"]), int(facts["mode"])
-        self._answer(self.state, values)
+        self._give_agent_answer(self.state, values)
         seen.gate_fault = int(facts["gate_faults"]) > faults
         seen.moved = (
             bool(seen.taken_by) and not seen.gate_fault and self._was_moved(self.state, values)
@@ -261,51 +259,52 @@ class Session:
         seen.off_model = 0
         seen.steps += 1
 
-    def publishes(self, values: Sequence[Value | None] | None) -> bool:
-        """Whether the agent, which is due, would publish these as they are, were it in control.
+    def would_publish(self, values: Sequence[Value | None] | None) -> bool:
+        """Whether the agent, which is due, would publish these values unmoved, were it in control.
 
-        As `act`, on a copy: neither gate nor shield refuses them, and no shield moves them.
+        A copy of the state answers as `act_with_values` does: neither gate nor shield may refuse or
+        move the values.
         """
         copy = self.state.copy()
         record = copy.view(self.compiled.dtype)[0]
         record["components"][self.agent.index]["oe"] = 1
         faults = int(record["modules"][self.module.index]["gate_faults"])
-        self._answer(copy, values)
+        self._give_agent_answer(copy, values)
         refused = int(record["modules"][self.module.index]["gate_faults"]) > faults
         return not refused and not self._was_moved(copy, values)
 
-    def _answer(self, state: Bytes, values: Sequence[Value | None] | None) -> None:
-        """Give the agent's answer to C, on this state; None in place of all is a step fault."""
+    def _give_agent_answer(self, state: Bytes, values: Sequence[Value | None] | None) -> None:
+        """Gives the agent's answer to C, on this state; None for `values` is a step fault."""
         if values is None:
             answer = (int(FaultKind.EXTERN), None)
             self.compiled.library.answer(state, self.agent.index, *answer)
         else:
-            self._give(state, self.agent, self._outputs(values))
+            self._give_answer(state, self.agent, self._answer_members(values))
 
     def _was_moved(self, state: Bytes, values: Sequence[Value | None] | None) -> bool:
-        """Whether the shield moved what the agent has just published."""
+        """Whether the shield moved the values that the agent has just published."""
         shield = self.module.shield
         if shield is None or shield.proposed is None or values is None or None in values:
             return False
         raw = memoryview(state.data)
         published, proposed = (
-            [x for i in topics for x in numbers_in(self._topic(raw, i))]
+            [x for i in topics for x in numbers_in(self._topic_value_in(raw, i))]
             for topics in (self.module.outputs, (shield.proposed,))
         )
         return published != proposed[: len(published)]
 
-    def _outputs(self, values: Sequence[Value | None]) -> dict[str, Value]:
+    def _answer_members(self, values: Sequence[Value | None]) -> dict[str, Value]:
         assert self.agent.node is not None
         short = [t.name.rpartition(".")[2] for t in self.agent.node.publishes]
         answered = {n: v for n, v in zip(short, values, strict=True) if v is not None}
         return {**answered, **{f"has_{n}": n in answered for n in short}}
 
-    def _give(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
+    def _give_answer(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
         answer = image_of_members(self.compiled.answers[component.index], values)
         self.compiled.library.answer(state, component.index, 0, answer)
 
-    def place(self, states: Sequence[Value]) -> None:
-        """Let the plant start at `states`."""
+    def place_values(self, states: Sequence[Value]) -> None:
+        """Sets the plant's first states to values."""
         raw = bytearray(self.state.tobytes())
         for i, value in enumerate(states):
             offset, t = self.layout.member(self.plant.index, i)
@@ -319,23 +318,23 @@ class Session:
         """The module's record: mode, ttf, safer, stale, gate_faults, ..."""
         return self.record["modules"][self.module.index]
 
-    def states(self) -> list[Value]:
-        """The plant's states."""
+    def plant_states(self) -> list[Value]:
+        """The values of the plant's states."""
         raw = memoryview(self.state.data)
         assert self.plant.plant is not None
         places = [self.layout.member(self.plant.index, i) for i in range(len(self.plant.initial))]
         return [decode_from(raw, offset, t) for offset, t in places]
 
-    def topic(self, index: int) -> Value:
+    def topic_value(self, index: int) -> Value:
         """The value that a topic holds."""
-        return self._topic(memoryview(self.state.data), index)
+        return self._topic_value_in(memoryview(self.state.data), index)
 
-    def _topic(self, raw: memoryview, index: int) -> Value:
+    def _topic_value_in(self, raw: memoryview, index: int) -> Value:
         offset = self.layout.topic_offset(index)
         return decode_from(raw, offset, self.system.topics[index].type)
 
-    def violations(self, *, over: bool = False) -> int:
-        """Onsets of violated properties and latched components, this instant included.
+    def violation_count(self, *, over: bool = False) -> int:
+        """Counts onsets of violated properties and latched components, this instant included.
 
         Where the instant still waits for the agent, a copy of the state goes on to its end with
         nothing published by externs. Linked C may have a memory of its own, which a copy would
@@ -347,22 +346,19 @@ class Session:
 
     # ------------------------------------------------------------ copies
 
-    def saved(self) -> tuple[bytes, bytes]:
-        """The state and the facts, for `restore` of a session of the same system."""
+    def saved_state(self) -> tuple[bytes, bytes]:
+        """The state and the facts, which `restore_state` of a session of the same system takes."""
         return self.state.tobytes(), bytes(self.seen_bytes)
 
-    def restore(self, saved: tuple[bytes, bytes]) -> None:
-        """Go on from what `saved` gave."""
+    def restore_state(self, saved: tuple[bytes, bytes]) -> None:
+        """Sets the state and the facts to what `saved_state` gave."""
         self.state[:] = np.frombuffer(saved[0], dtype=np.uint8)
         self.seen_bytes[:] = saved[1]
 
 
-def numbers(answer: object, into: npt.NDArray[np.float64], subject: str) -> int | None:
-    """Copy the numbers of an array into `into` (n,); where there are not n of them, how many.
-
-    SoterError U001 as `doubles`.
-    """
-    array = doubles(answer, subject)
+def copy_numbers(answer: object, into: npt.NDArray[np.float64], subject: str) -> int | None:
+    """Copies numbers into `into` (n,), SoterError U001; gives their count where it is not n."""
+    array = array_of_doubles(answer, subject)
     if array.shape != into.shape:
         if array.size != into.size:
             return int(array.size)
@@ -371,7 +367,7 @@ def numbers(answer: object, into: npt.NDArray[np.float64], subject: str) -> int 
     return None
 
 
-def prepare_system(
+def one_world_environment(
     program: soter.api.Program,
     system: str | None,
     module: str | None,
@@ -379,7 +375,7 @@ def prepare_system(
     params: Mapping[str, object] | None,
     measured: bool | Collection[str],
 ) -> CompiledEnvironment:
-    """A system of which an agent and a plant are outside; SoterError U001, and as the compiler."""
+    """Compiles a system whose agent and plant a caller answers for; SoterError U001."""
     errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
 
     def make() -> CompiledEnvironment:
@@ -387,7 +383,7 @@ def prepare_system(
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         outside = (flat_module.ac, body.index)
         remove_idle_check(flat_module)
-        notes = complete(flat, bound=answered_around(flat, outside, program.bound))
+        notes = compute_ttf(flat, bound=bound_inside(flat, outside, program.bound))
         flat = system_with_errors(flat, body, errors)
         flat = answered_outside(flat, outside)
         return CompiledEnvironment(
@@ -395,4 +391,4 @@ def prepare_system(
         )
 
     key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)
-    return compiled(program, key, make)
+    return kept_build(program, key, make)

@@ -17,16 +17,21 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 import soter.api
-from soter.api.arguments import complete
+from soter.api.arguments import compute_ttf
 from soter.gym import array_mapping
 from soter.gym.compiled_system import (
     CompiledEnvironment,
     Roles,
-    answered_around,
-    compiled,
+    bound_inside,
+    kept_build,
     remove_idle_check,
 )
-from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
+from soter.gym.environment_choices import (
+    chosen_module,
+    observed_parts,
+    require_compiled,
+    wrong_choice,
+)
 from soter.gym.safety_warnings import warn_of_no_control
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.simulate.run_options import seed_value
@@ -62,7 +67,7 @@ FACTS = tuple(n for n in FACTS_DTYPE.names or () if n not in ("reserved", "off_m
 
 
 class BatchedStates:
-    """The states of `count` worlds, and everything that comes out of a step of all of them."""
+    """The states of `count` worlds, and the arrays that a step of all of them fills."""
 
     def __init__(self, made: CompiledEnvironment, count: int) -> None:
         self.compiled, self.count = made, count
@@ -75,7 +80,7 @@ class BatchedStates:
         self.facts = np.zeros(count, dtype=FACTS_DTYPE)
         self.applied = np.zeros((count, int(view.apply.count)))
         self._both = [np.zeros((count, int(view.observe.count))) for _ in range(2)]
-        self._room = np.zeros(-(-made.room // 8), dtype=np.int64)
+        self._room = np.zeros(-(-made.driver_bytes // 8), dtype=np.int64)
         self._begin = np.zeros(count, dtype=np.uint8)
         self._turn = 0
         self.begun = False
@@ -90,7 +95,7 @@ class BatchedStates:
         w.room = self._pointer(self._room, "uint8_t *")
 
     def _pointer(self, array: Array, type_: str) -> Any:  # noqa: ANN401 - cdata
-        """The address of an array (n,) or (n, m)."""
+        """The address of an array (n,) or (n, m), as a C pointer of this type."""
         return self.compiled.ffi.cast(type_, array.ctypes.data)
 
     @property
@@ -98,8 +103,8 @@ class BatchedStates:
         """What the worlds showed last, (count, numbers)."""
         return self._both[self._turn]
 
-    def begin(self, which: Array) -> None:
-        """Begin an episode in the worlds of a mask (count,)."""
+    def begin_episodes(self, which: Array) -> None:
+        """Begins an episode in the worlds of a mask (count,)."""
         self._begin[:] = which
         self._worlds.observations = self._pointer(self.observations, "double *")
         done = self.compiled.lib.soter_worlds_begin(self._worlds)
@@ -107,10 +112,7 @@ class BatchedStates:
         self.begun = True
 
     def step(self, actions: Array, begin: Array) -> Array:
-        """Step with `actions` (count, numbers) all worlds but those that `begin` (count,).
-
-        Gives what they showed before, (count, numbers).
-        """
+        """Steps with `actions`, or begins where `begin` (count,); gives (count, numbers) before."""
         before = self.observations
         self._turn = 1 - self._turn
         self._begin[:] = begin
@@ -121,28 +123,28 @@ class BatchedStates:
         assert done == self.count, "nobody else is outside"
         return before
 
-    def masks(self, answers: Array) -> Array:
-        """Whether the agent would publish these `answers` (n, numbers) as they are: (count, n)."""
+    def publishable_masks(self, answers: Array) -> Array:
+        """Whether each world's agent would publish `answers` (n, numbers) unmoved, (count, n)."""
         found = np.zeros((self.count, len(answers)), dtype=np.uint8)
         arrays = self._pointer(answers, "double *"), len(answers), self._pointer(found, "uint8_t *")
         self.compiled.lib.soter_worlds_mask(self._worlds, *arrays)
         return found.astype(np.bool_)
 
 
-def prepare_system(
+def many_worlds_environment(
     program: soter.api.Program,
     system: str | None,
     module: str | None,
     params: Mapping[str, object] | None,
     observe: tuple[str, ...] | None,
 ) -> CompiledEnvironment:
-    """A system of which the AC of a module is outside, and nobody else; SoterError U001, U003."""
+    """Compiles a system whose agent alone a caller answers for; SoterError U001, U003."""
 
     def make() -> CompiledEnvironment:
         flat = program.declared(system, params)
         flat_module = chosen_module(flat, module)
         remove_idle_check(flat_module)
-        notes = complete(flat, bound=answered_around(flat, (flat_module.ac,), program.bound))
+        notes = compute_ttf(flat, bound=bound_inside(flat, (flat_module.ac,), program.bound))
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
         flat = answered_outside(flat, (flat_module.ac,))
         require_compiled(flat, flat_module.ac)
@@ -151,11 +153,11 @@ def prepare_system(
         )
 
     key = ("vector", system, module, repr(sorted((params or {}).items())), observe)
-    return compiled(program, key, make)
+    return kept_build(program, key, make)
 
 
 CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
-"""Why the agent's action did not count; `info["cause"]` of a vector has the index."""
+"""Why an action of the agent did not count; `info["cause"]` of a vector has the index."""
 ENDS = (None, "terminate", "truncate")
 SEED_BITS = 2**64 - 1
 
@@ -201,9 +203,9 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         dtype: Any = np.float64,  # noqa: ANN401 - whatever NumPy takes
         copy: bool = True,
     ) -> None:
-        self.autoreset = _chosen(num_envs, on_violation, max_steps, autoreset, dtype)
+        self.autoreset = _checked_autoreset(num_envs, on_violation, max_steps, autoreset, dtype)
         loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
-        made = prepare_system(
+        made = many_worlds_environment(
             loaded, system, module, params, None if observe is None else tuple(observe)
         )
         warn_of_no_control(made, stacklevel=3)
@@ -212,12 +214,12 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         self.metadata = {"autoreset_mode": self.autoreset, "render_modes": []}
         self._reward, self._terminate, self._on_violation = reward, terminate, on_violation
         self._max_steps = max_steps or 0
-        self._end_ns = _end_ns(made) if max_steps is None else None
+        self._end_ns = _last_release_ns(made) if max_steps is None else None
         self._copy = copy
         agent = made.system.components[made.roles.agent]
         outputs = array_mapping.topics_published(made.system, agent)
         self.worlds = BatchedStates(made, num_envs)
-        self._choices = None if actions is None else self._actions(actions, None)
+        self._choices = None if actions is None else self._action_rows(actions, None)
         self.single_action_space = (
             array_mapping.action_space(outputs)
             if self._choices is None
@@ -238,32 +240,33 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode in every world, or in those of `options["reset_mask"]`.
+        """Begins an episode in every world, or in those of `options["reset_mask"]`.
 
-        Observations are (num_envs, numbers). Without a seed the next episodes begin.
+        Gives observations (num_envs, numbers). Without a seed, the seeds of the next episodes are
+        used.
         """
-        mask = _mask(options, self.num_envs)
+        mask = _reset_mask(options, self.num_envs)
         worlds = self.worlds
         if seed is not None:
-            worlds.seeds[mask] = self._seeds(seed)[mask]
+            worlds.seeds[mask] = self._world_seeds(seed)[mask]
             if isinstance(seed, int):
                 super().reset(seed=seed)
         elif not worlds.begun:
             first = int(self.np_random.integers(2**63))
-            worlds.seeds[:] = self._seeds(first)
+            worlds.seeds[:] = self._world_seeds(first)
         if not worlds.begun and not mask.all():
             raise wrong_choice("no world has begun an episode yet", "reset all of them first")
-        worlds.begin(mask)
+        worlds.begin_episodes(mask)
         self._over[mask] = False
         self._seen[mask] = worlds.facts["violations"][mask]
         self._cost = np.zeros(self.num_envs)
-        return self._observations(), self._info()
+        return self._shown_observations(), self._step_info()
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:  # noqa: ANN401
-        """Every world takes its action, (num_envs,) or (num_envs, numbers).
+        """Lets every world take its action, (num_envs,) or (num_envs, numbers).
 
         Gives observations (num_envs, numbers), and rewards, terminations and truncations
-        (num_envs,). A world that ended begins again as `autoreset` says.
+        (num_envs,). A world whose episode is over begins the next one as `autoreset` says.
         """
         worlds = self.worlds
         if not worlds.begun:
@@ -274,11 +277,11 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
                 f"the episode of world {int(again.argmax())} is over",
                 'call reset(options={"reset_mask": mask}) first',
             )
-        asked = self._actions(self._chosen(actions), self.num_envs)
+        asked = self._action_rows(self._chosen_rows(actions), self.num_envs)
         before = worlds.step(asked, again)
         self._seen[again] = worlds.facts["violations"][again]
         self._cost = (worlds.facts["violations"] - self._seen).astype(np.float64)
-        rewards, ended, cut = self._judge(before)
+        rewards, ended, cut = self._judged_step(before)
         if again.any():
             rewards[again] = 0.0
             ended[again] = cut[again] = False
@@ -286,20 +289,20 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         info: dict[str, Any] = {}
         if self.autoreset is AutoresetMode.SAME_STEP and self._over.any():
             info = {
-                "final_obs": self._observations(keep=True),
-                "final_info": self._info(asked, keep=True),
+                "final_obs": self._shown_observations(keep=True),
+                "final_info": self._step_info(asked, keep=True),
                 "_final_obs": self._over.copy(),
                 "_final_info": self._over.copy(),
             }
-            worlds.begin(self._over)
+            worlds.begin_episodes(self._over)
             self._over = np.zeros(self.num_envs, dtype=bool)
         self._seen[:] = worlds.facts["violations"]
-        return self._observations(), rewards, ended, cut, {**self._info(asked), **info}
+        return self._shown_observations(), rewards, ended, cut, {**self._step_info(asked), **info}
 
     # ------------------------------------------------------------ arrays
 
-    def _seeds(self, seed: int | Sequence[int]) -> npt.NDArray[np.uint64]:
-        """Seeds of all worlds, (num_envs,)."""
+    def _world_seeds(self, seed: int | Sequence[int]) -> npt.NDArray[np.uint64]:
+        """The seeds of all worlds, (num_envs,)."""
         if isinstance(seed, (int, np.integer)):
             first = seed_value(int(seed))
             seeds = [(first + k) & SEED_BITS for k in range(self.num_envs)]
@@ -314,10 +317,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return np.array(seeds, dtype=np.uint64)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether each action of a `Discrete` space would be published as it is, (num_envs, n).
-
-        Were the agent in control now: neither refused nor moved. SoterError U001 for other spaces.
-        """
+        """Whether AC would publish each `Discrete` action unmoved, (num_envs, n); U001."""
         space = self.single_action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice(
@@ -327,12 +327,12 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         choices = self._choices
         if choices is None:
             choices = int(space.start) + np.arange(int(space.n), dtype=np.float64)[:, None]
-        masks = self.worlds.masks(choices)
+        masks = self.worlds.publishable_masks(choices)
         masks[self._over] = False  # nobody is asked
         return masks
 
-    def _chosen(self, actions: Any) -> Any:  # noqa: ANN401 - NumPy, torch, lists
-        """The rows of `actions=` that were chosen; without it, what was given."""
+    def _chosen_rows(self, actions: Any) -> Any:  # noqa: ANN401 - NumPy, torch, lists
+        """The rows of `actions=` with these numbers; the actions themselves without `actions=`."""
         if self._choices is None:
             return actions
         rows = np.asarray(actions)
@@ -342,13 +342,10 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             raise wrong_choice(message, "one whole number a world, from 0 on")
         return self._choices[rows]
 
-    def _actions(self, actions: Any, count: int | None) -> Array:  # noqa: ANN401 - NumPy, torch, lists
-        """Actions as doubles, (count, numbers), of as many as there are where `count` is None.
-
-        Doubles that lie in order are not copied.
-        """
+    def _action_rows(self, actions: Any, count: int | None) -> Array:  # noqa: ANN401 - NumPy, torch, lists
+        """Gives actions as doubles, (count, numbers); any count of them if it is None."""
         array = actions.detach().cpu() if hasattr(actions, "detach") else actions
-        rows = array_mapping.doubles(array, "an array of actions")
+        rows = array_mapping.array_of_doubles(array, "an array of actions")
         needed = self.worlds.action_numbers
         if rows.ndim == 1 and needed == 1:
             rows = rows[:, None]
@@ -361,21 +358,25 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             )
         return np.ascontiguousarray(rows)
 
-    def _observations(self, *, keep: bool = False) -> Array:
-        """What the worlds show, (num_envs, numbers)."""
+    def _shown_observations(self, *, keep: bool = False) -> Array:
+        """The observations of all worlds, (num_envs, numbers), as the caller's dtype."""
         observations = self.worlds.observations
         if self._dtype != np.float64:
             return observations.astype(self._dtype)
         return observations.copy() if self._copy or keep else observations
 
-    def _judge(self, before: Array) -> tuple[Array, Array, Array]:
+    def _judged_step(self, before: Array) -> tuple[Array, Array, Array]:
         """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
         worlds, n = self.worlds, self.num_envs
         facts, seen = worlds.facts, (before, worlds.applied, worlds.observations)
-        rewards = np.zeros(n) if self._reward is None else _column(self._reward(*seen), n, "reward")
+        rewards = (
+            np.zeros(n)
+            if self._reward is None
+            else _number_a_world(self._reward(*seen), n, "reward")
+        )
         ended = np.zeros(n, dtype=bool)
         if self._terminate is not None:
-            ended = _column(self._terminate(*seen), n, "terminate").astype(bool)
+            ended = _number_a_world(self._terminate(*seen), n, "terminate").astype(bool)
         cut = np.zeros(n, dtype=bool)
         if self._max_steps:
             cut = facts["steps"] >= self._max_steps
@@ -390,7 +391,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             )
         return rewards, ended, cut
 
-    def _info(self, asked: Array | None = None, *, keep: bool = False) -> dict[str, Any]:
+    def _step_info(self, asked: Array | None = None, *, keep: bool = False) -> dict[str, Any]:
         facts = self.worlds.facts
         applied = self.worlds.applied
         if self._copy or keep:
@@ -404,14 +405,14 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return info
 
 
-def _chosen(
+def _checked_autoreset(
     num_envs: int,
     on_violation: str | None,
     max_steps: int | None,
     autoreset: AutoresetMode | str,
     dtype: Any,  # noqa: ANN401 - whatever NumPy takes
 ) -> AutoresetMode:
-    """The mode that was named; SoterError U001 where a choice is none."""
+    """Gives the autoreset mode that was named; SoterError U001 where a choice is wrong."""
     if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
         raise wrong_choice(f"there cannot be {num_envs!r} worlds", "num_envs is 1 or more")
     if on_violation not in ENDS:
@@ -429,16 +430,16 @@ def _chosen(
         raise wrong_choice(f"`autoreset` cannot be {autoreset!r}", f"there are {known}") from error
 
 
-def _end_ns(made: CompiledEnvironment) -> int | None:
-    """The agent's last release up to the system's own end, its second at least; None: no end."""
+def _last_release_ns(made: CompiledEnvironment) -> int | None:
+    """The agent's last release up to the system's end, at least its second; None without an end."""
     agent, until = made.system.components[made.roles.agent], made.system.until_ns
     if until is None:
         return None
     return agent.phase_ns + max(1, (until - agent.phase_ns) // agent.period_ns) * agent.period_ns
 
 
-def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
-    """The mask of the worlds to reset, (count,); by default all."""
+def _reset_mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
+    """The mask of the worlds to reset, (count,), by default all of them; SoterError U001."""
     if options is None or "reset_mask" not in options:
         return np.ones(count, dtype=bool)
     mask = np.asarray(options["reset_mask"])
@@ -447,8 +448,8 @@ def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
     return mask
 
 
-def _column(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
-    """One number a world, (count,)."""
+def _number_a_world(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
+    """What a user's function gave: one number a world, (count,); SoterError U001."""
     column = np.asarray(values)
     if column.shape != (count,):
         raise wrong_choice(f"`{name}` gave the shape {column.shape}, not {(count,)}")
@@ -460,5 +461,5 @@ def make_vec(
     num_envs: int = 1,
     **options: Any,  # noqa: ANN401 - those of ProtectedVector
 ) -> ProtectedVector:
-    """`ProtectedVector(program, num_envs, **options)`."""
+    """Gives `ProtectedVector(program, num_envs, **options)`."""
     return ProtectedVector(program, num_envs, **options)

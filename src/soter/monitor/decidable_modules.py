@@ -1,6 +1,6 @@
 """Finds the modules that a log can decide.
 
-Purpose: `decidable` finds the nodes of the program that can be run on the topics of a log, the
+Purpose: `decidable` finds the nodes of the program that can run on the topics of a log, the
 modules that then have all that their decision modules read, and what the others miss and why.
 Non-goals: running anything (`log_replay.py`); whether a read is young enough (`topics_heard.py`).
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Missing:
-    """A topic that the log does not give, and who would have: nobody can be run for it."""
+    """A topic that the log does not give, and why no node can be run that publishes it."""
 
     topic: str
     why: str
@@ -32,10 +32,10 @@ class Missing:
 
 @dataclass(frozen=True)
 class Decidable:
-    """Nodes that run (component indices), modules that are decided, and what others miss.
+    """The nodes to run (component indices), the modules to decide, and what others miss.
 
-    `blind`: decided modules whose `safe` reads more than is known, and what. `unheard`: decided
-    modules that give control back after a press, of which nothing is known, and of what.
+    `blind`: decided modules whose `safe` reads topics that are not known, and these. `unheard`:
+    decided modules that give control back after a press, of which nothing is known, and its topics.
     """
 
     nodes: tuple[int, ...]
@@ -46,18 +46,20 @@ class Decidable:
 
 
 def decidable(system: System, mapped: Iterable[int]) -> Decidable:
-    """The modules that can be judged from these topics (indices), and what the others lack."""
+    """Finds the modules that can be judged from these topics (indices), and what others lack."""
     search = _Search(system, frozenset(mapped))
-    search.settle()
+    search.remove_undecidable()
     modules = tuple(m.index for m in system.modules if m.index in search.modules)
-    missing = {m.index: search.missing(m) for m in system.modules if m.index not in search.modules}
+    missing = {
+        m.index: search.why_undecided(m) for m in system.modules if m.index not in search.modules
+    }
     blind, unheard = {}, {}
     for m in modules:
-        if lost := search.missing_of(topics_of_safe(system.modules[m])):
+        if lost := search.missing_topics(topics_of_safe(system.modules[m])):
             blind[m] = lost
-        if lost := search.missing_of(_reads_of_dm(system, system.modules[m])):
+        if lost := search.missing_topics(_reads_of_dm(system, system.modules[m])):
             unheard[m] = lost
-    return Decidable(search.needed(), modules, missing, blind, unheard)
+    return Decidable(search.needed_nodes(), modules, missing, blind, unheard)
 
 
 def topics_of_safe(module: Module) -> set[int]:
@@ -66,39 +68,41 @@ def topics_of_safe(module: Module) -> set[int]:
 
 
 def topics_behind(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
-    """These topics, and all that `nodes` read to publish them, directly or through one another."""
+    """These topics, and all topics that `nodes` read to publish them, directly or indirectly."""
     reads = {n: reads_of_node(system, system.components[n]) for n in nodes}
-    writes = {n: written_by_node(system.components[n]) for n in nodes}
-    behind = {_source(system, i) for i in topics}
+    writes = {n: writes_of_node(system.components[n]) for n in nodes}
+    behind = {_topic_behind_queue(system, i) for i in topics}
     while more := {i for n in reads if writes[n] & behind for i in reads[n]} - behind:
         behind |= more
     return behind
 
 
 class _Search:
-    """Begins with all nodes and modules and takes away those that miss something."""
+    """Begins with all nodes and modules, and removes those that miss something."""
 
     def __init__(self, system: System, mapped: frozenset[int]) -> None:
         self.system, self.mapped = system, mapped
         self.reads = {
             c.index: reads_of_node(system, c) for c in system.components if c.node is not None
         }
-        self.writes = {c.index: written_by_node(c) for c in system.components if c.node is not None}
+        self.writes = {c.index: writes_of_node(c) for c in system.components if c.node is not None}
         self.modules = {m.index for m in system.modules}
-        self.nodes = {c.index for c in system.components if c.role == "node" and not self._never(c)}
+        self.nodes = {
+            c.index for c in system.components if c.role == "node" and not self._why_not_run(c)
+        }
 
-    def settle(self) -> None:
-        """Take away nodes and modules that miss something, until nothing changes."""
+    def remove_undecidable(self) -> None:
+        """Removes nodes and modules that miss something, until nothing changes."""
         while True:
-            have = self._have()
-            nodes = {n for n in self.nodes if self.reads[n] <= have and self._modes_of_node(n)}
-            modules = {m for m in self.modules if not self._lost(self.system.modules[m], have)}
+            have = self._known_topics()
+            nodes = {n for n in self.nodes if self.reads[n] <= have and self._has_modes_of_node(n)}
+            modules = {m for m in self.modules if not self._lacks_any(self.system.modules[m], have)}
             if nodes == self.nodes and modules == self.modules:
                 return
             self.nodes, self.modules = nodes, modules
 
-    def needed(self) -> tuple[int, ...]:
-        """The nodes that decided modules hang on, directly or through others."""
+    def needed_nodes(self) -> tuple[int, ...]:
+        """The nodes on which decided modules depend, directly or through other nodes."""
         decided = [self.system.modules[m] for m in self.modules]
         wanted = {i for m in decided for i in (*_reads_of_dm(self.system, m), *topics_of_safe(m))}
         nodes: set[int] = set()
@@ -109,34 +113,34 @@ class _Search:
             nodes |= new
             wanted |= {i for n in new for i in self.reads[n]}
 
-    def missing(self, module: Module) -> tuple[Missing, ...]:
+    def why_undecided(self, module: Module) -> tuple[Missing, ...]:
         """The topics at the roots of why a module cannot be decided."""
         missing_by_name: dict[str, Missing] = {}
-        have = self._have()
-        for name in self._functions(module):
+        have = self._known_topics()
+        for name in self._extern_functions(module):
             missing_by_name[name] = Missing(name, "a function that is not Soter")
-        for other in _modes(module.scope.modules, module.symbol.predicates):
+        for other in _modules_of_modes(module.scope.modules, module.symbol.predicates):
             if other not in self.modules and other != module.index:
                 name = self.system.modules[other].name
                 missing_by_name[name] = Missing(name, "whose mode it reads")
-        self._enter_roots(_inputs(self.system, module) - have, missing_by_name, set())
+        self._enter_roots(_topics_of_inputs(self.system, module) - have, missing_by_name, set())
         return tuple(missing_by_name.values())
 
-    def missing_of(self, topics: set[int]) -> tuple[Missing, ...]:
-        """The roots of why these topics are not known, which a decided module reads beside."""
+    def missing_topics(self, topics: set[int]) -> tuple[Missing, ...]:
+        """The roots of why these topics, which a decided module reads as well, are not known."""
         missing_by_name: dict[str, Missing] = {}
-        self._enter_roots(topics - self._have(), missing_by_name, set())
+        self._enter_roots(topics - self._known_topics(), missing_by_name, set())
         return tuple(missing_by_name.values())
 
     # ------------------------------------------------------------ what is there
 
-    def _have(self) -> set[int]:
-        """Topics that are known: of the log, of nodes that run, and what nobody ever changes."""
+    def _known_topics(self) -> set[int]:
+        """The topics of the log, those of nodes that run, and those that nobody ever changes."""
         nobody = {t.index for t in self.system.topics if not t.driver and t.queue_of is None}
         return {*self.mapped, *nobody}.union(*(self.writes[n] for n in self.nodes))
 
-    def _never(self, c: Component) -> str:
-        """Why a node cannot be run, if it cannot."""
+    def _why_not_run(self, c: Component) -> str:
+        """Says why a node can never be run, "" where it can."""
         if c.extern:
             return "an extern"
         if self.writes[c.index] & self.mapped:
@@ -144,20 +148,24 @@ class _Search:
         if c.takes_ns is not None:
             return "whose steps take a time that is drawn"
         assert c.node is not None
-        return "which calls a function that is not Soter" if _externs(c.node.step) else ""
+        return "which calls a function that is not Soter" if _extern_names(c.node.step) else ""
 
-    def _lost(self, module: Module, have: set[int]) -> bool:
-        modes = _modes(module.scope.modules, module.symbol.predicates)
+    def _lacks_any(self, module: Module, have: set[int]) -> bool:
+        modes = _modules_of_modes(module.scope.modules, module.symbol.predicates)
         others = modes - self.modules - {module.index}
-        return bool(_inputs(self.system, module) - have or others or self._functions(module))
+        return bool(
+            _topics_of_inputs(self.system, module) - have
+            or others
+            or self._extern_functions(module)
+        )
 
-    def _functions(self, module: Module) -> list[str]:
-        return _externs(module.symbol.predicates)
+    def _extern_functions(self, module: Module) -> list[str]:
+        return _extern_names(module.symbol.predicates)
 
-    def _modes_of_node(self, n: int) -> bool:
+    def _has_modes_of_node(self, n: int) -> bool:
         c = self.system.components[n]
         assert c.node is not None
-        return _modes(c.scope.modules, (c.node.step,)) <= self.modules
+        return _modules_of_modes(c.scope.modules, (c.node.step,)) <= self.modules
 
     # ------------------------------------------------------------ why not
 
@@ -173,10 +181,10 @@ class _Search:
             nodes = [self.system.components[n] for n in writers]
             if any(c.role in ("ac", "sc") for c in nodes):
                 why = f"which the controllers of {topic.driver} publish"
-            elif nodes and self._never(nodes[0]):
-                why = f"which `{nodes[0].name}` publishes, {self._never(nodes[0])}"
+            elif nodes and self._why_not_run(nodes[0]):
+                why = f"which `{nodes[0].name}` publishes, {self._why_not_run(nodes[0])}"
             elif nodes:
-                lost = self.reads[nodes[0].index] - self._have()
+                lost = self.reads[nodes[0].index] - self._known_topics()
                 self._enter_roots(lost, missing_by_name, asked)
                 if lost:
                     continue
@@ -186,40 +194,40 @@ class _Search:
             missing_by_name[topic.name] = Missing(topic.name, why)
 
 
-def _source(system: System, index: int) -> int:
-    """The topic behind a queue."""
+def _topic_behind_queue(system: System, index: int) -> int:
+    """The topic that a queue is of; the topic itself where it is no queue."""
     of = system.topics[index].queue_of
     return index if of is None else of
 
 
-def _inputs(system: System, module: Module) -> set[int]:
-    return {_source(system, i) for i in module.inputs}
+def _topics_of_inputs(system: System, module: Module) -> set[int]:
+    return {_topic_behind_queue(system, i) for i in module.inputs}
 
 
 def _reads_of_dm(system: System, module: Module) -> set[int]:
-    """The topics that a DM reads: its inputs, and that of a press after which it gives back."""
-    return {_source(system, i) for i in module.reads}
+    """The topics that a DM reads: its inputs, and the press after which it gives control back."""
+    return {_topic_behind_queue(system, i) for i in module.reads}
 
 
 def reads_of_node(system: System, c: Component) -> frozenset[int]:
-    """The topics that a node subscribes to; behind a queue its topic."""
+    """The topics that a node subscribes to; in place of a queue its topic."""
     assert c.node is not None
-    return frozenset(_source(system, i) for i in c.reads)
+    return frozenset(_topic_behind_queue(system, i) for i in c.reads)
 
 
-def written_by_node(c: Component) -> frozenset[int]:
+def writes_of_node(c: Component) -> frozenset[int]:
     """The topics that a node publishes."""
     assert c.node is not None
     return frozenset(c.scope.topics[topic] for topic in c.node.publishes)
 
 
-def _modes(known: dict, code: tuple) -> set[int]:  # type: ignore[type-arg]
-    """Modules whose mode is read, by index."""
+def _modules_of_modes(known: dict, code: tuple) -> set[int]:  # type: ignore[type-arg]
+    """The indices of the modules whose mode this code reads."""
     return {known[m] for m in mode_reads(*code) if m in known}
 
 
-def _externs(code: object) -> list[str]:
-    """Functions that are not Soter, called directly or by functions."""
+def _extern_names(code: object) -> list[str]:
+    """The names of extern functions that this code calls, directly or indirectly."""
     names: dict[str, None] = {}
     asked: set[FunSymbol] = set()
     todo = [c.fun for c in calls_in(code)]

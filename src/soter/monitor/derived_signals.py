@@ -1,8 +1,8 @@
-"""Signals that a log does not hold, made of its own: slopes, and values after the last sample.
+"""Derives signals that a log does not hold: slopes, and values after the last sample.
 
-Purpose: `slopes`, and the errors of slopes and of lines through the last two samples, all from
-samples up to then, as a monitor in flight would have them. Angles count modulo a
-turn, which is infinite for other signals.
+Purpose: `window_slopes`, and the errors of slopes and of lines through the last two samples. All
+use samples up to their time only, as a monitor in flight would have them. Angles are compared
+modulo their turn; other signals have an infinite turn.
 Non-goals: filters; anything that has seen samples that came later.
 """
 
@@ -25,12 +25,11 @@ LEAST = 3
 """A parabola needs so many points."""
 
 
-def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
-    """Slope at each sample of the parabola of least squares over the window that ends there.
+def window_slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
+    """The slope at each sample of the least-squares parabola over the window that ends there.
 
     times_s, values: (n,), times ascending; gives (n,). Where the window holds fewer than three
-    samples it takes the last three, or the first two, whose slope is that of a line. NaN at the
-    first sample: it has none.
+    samples the last three are taken, or the first two with a line. NaN at the first sample.
     """
     derivatives = np.full(len(times_s), np.nan)
     first = np.searchsorted(times_s, times_s - window_s * (1 + 1e-9), side="left")
@@ -40,21 +39,21 @@ def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
     return derivatives
 
 
-def turn_begins(values: Sequence[float], turn: float) -> float:
-    """The begin of the turn of angles: around 0, at 0 or around their middle; NaN: they go on."""
+def begin_of_turn(values: Sequence[float], turn: float) -> float:
+    """The begin of the turn that angles keep to: around 0, at 0, around their middle; or NaN."""
     low, high, slack = min(values), max(values), ROUNDED * turn
     begins = (-turn / 2, 0.0, (low + high - turn) / 2) if math.isfinite(turn) else ()
     return next((a for a in begins if a - slack <= low and high <= a + turn + slack), math.nan)
 
 
-def ahead(a: float, b: float, share: float, turn: float, begin: float) -> float:
-    """The line from a over b, extended by `share` of the way; of angles the shorter way."""
+def value_ahead(a: float, b: float, share: float, turn: float, begin: float) -> float:
+    """The value on the line from a to b, extended beyond b by `share` of the way between them."""
     x = b + share * math.remainder(b - a, turn)
     return x if math.isnan(begin) or 0 <= x - begin <= turn else begin + (x - begin) % turn
 
 
 def _slope(d: Floats, y: Floats) -> float:
-    """Slope at d = 0 of the parabola, of the line where there are two points; d, y: (k,)."""
+    """The slope at d = 0 of the parabola through points, or of the line through two; d, y: (k,)."""
     if len(d) < LEAST:
         return float((y[1] - y[0]) / (d[1] - d[0]))
     unit = float(np.abs(d).max())
@@ -81,7 +80,7 @@ def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: 
 
     Where both windows hold the same samples that says nothing and is left out.
     """
-    half = slopes(times_s, values, window_s / 2)
+    half = window_slopes(times_s, values, window_s / 2)
     gaps = np.abs(derivatives - half)
     return gaps[gaps > 0.0]
 

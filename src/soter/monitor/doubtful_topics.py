@@ -1,7 +1,7 @@
 """Names the measured topics of a log that are in doubt; none is an error.
 
-Purpose: `doubts` tells of topics that repeat one value to their end, and of samples at a pace so
-unlike the program's that the unit of their time is in doubt.
+Purpose: `doubt_notes` tells of topics that repeat one value to their end, and of a pace of samples
+so unlike the program's that the unit of their time is in doubt.
 Non-goals: topics that fell silent (`topics_heard.py`).
 """
 
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 
 
 STUCK, STUCK_SHARE = 20, 0.1
-"""So many last samples, and such a share of all, have to be one value before a doubt is told."""
+"""How many last samples, and what share of all, have to be one value before a doubt is told."""
 ANOTHER_PACE = 300.0
 """A pace that differs so many times: units of time differ 1,000 times, rates of logs do not."""
 
 
-def doubts(system: System, samples: Iterable[TopicSamples]) -> list[str]:
-    """Notes for people on topics that are in doubt, a sentence each."""
+def doubt_notes(system: System, samples: Iterable[TopicSamples]) -> list[str]:
+    """Notes for people on the topics of a log that are in doubt, a sentence each."""
     texts = []
     for s in samples:
-        if not s.always and is_measured(system, s.topic.index):
-            texts += [text for text in (_stuck(s), _pace(system, s)) if text]
+        if not s.is_constant and is_measured(system, s.topic.index):
+            texts += [text for text in (_stuck_note(s), _pace_note(system, s)) if text]
     return texts
 
 
-def _stuck(s: TopicSamples) -> str:
+def _stuck_note(s: TopicSamples) -> str:
     count, last = 0, s.values[-1]
     for value in reversed(s.values):
         if value != last:
@@ -51,7 +51,7 @@ def _stuck(s: TopicSamples) -> str:
     )
 
 
-def _pace(system: System, s: TopicSamples) -> str:
+def _pace_note(system: System, s: TopicSamples) -> str:
     gaps = [b - a for a, b in pairwise(s.times_ns) if b > a]
     least_ns = least_age_ns(system, s.topic.index)
     if not gaps or least_ns is None:

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 
 EMITTED = "made by `soter monitor --emit`"
-"""Words at the head of an emitted file, by which it is known as one."""
+"""Words at the head of a file by which it is known as an emitted monitor."""
 RECORD = "// made of "
 FORM = 2
 """The version of the text that is written: a new one makes all earlier files stale."""
@@ -67,21 +67,18 @@ FORM = 2
 def record_line(
     system: System, module: str, problem: Problem, params: Mapping[str, object] | None
 ) -> str:
-    """The line of an emitted file that says what the monitor was made of."""
+    """The line of an emitted file that says what its monitor was made of."""
     made = {
         "system": system.name,
         "module": module,
         "params": dict(params or {}),
-        "model": fingerprint(problem),
+        "model": model_fingerprint(problem),
     }
     return RECORD + json.dumps(made)
 
 
-def fingerprint(problem: Problem) -> str:
-    """SHA-256 of all that the text of a monitor follows from, in hexadecimal.
-
-    SoterError U001 where a plant is not affine.
-    """
+def model_fingerprint(problem: Problem) -> str:
+    """SHA-256, in hexadecimal, of all that determines a monitor; SoterError U001 if not affine."""
     cases = []
     for parameter in product(*(p.values for p in problem.parameters)):
         m = linear_model(problem, parameter)
@@ -110,18 +107,18 @@ def fingerprint(problem: Problem) -> str:
 
 
 def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
-    """D022 for each emitted monitor in a sound program that is not of the model as it is now."""
+    """Gives D022 for each emitted monitor of a sound program whose model has changed since."""
     assert checked.loaded is not None
     stale = []
     for file in checked.loaded.files:
         if EMITTED in file.source.text:
-            wrong = _stale(checked, file)
+            wrong = _staleness(checked, file)
             stale += [wrong] if wrong is not None else _other_system_warnings(checked, file)
     return stale
 
 
 def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagnostic]:
-    """Warnings for systems with this monitor whose `set` gives its module another model."""
+    """Warnings of systems with this monitor whose `set` gives its module another model."""
     text = file.source.text
     line = text[text.index(RECORD) + len(RECORD) :].split("\n", 1)[0]
     made = json.loads(line)
@@ -138,7 +135,7 @@ def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagn
             m for m in flat.modules if m.name.split(".")[-1] == made["module"].split(".")[-1]
         ]
         try:
-            other = any(fingerprint(extract_sets(flat, m)) != made["model"] for m in modules)
+            other = any(model_fingerprint(extract_sets(flat, m)) != made["model"] for m in modules)
         except SoterError as error:  # no monitor can be made of it, and this one was
             others.append(_other_system_warning(symbol, error.diagnostics[0].message))
             continue
@@ -160,7 +157,7 @@ def _other_system_warning(symbol: SystemSymbol, why: str) -> Diagnostic:
     )
 
 
-def _stale(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
+def _staleness(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
     text = file.source.text
     at = text.find(RECORD)
     start = at if at >= 0 else text.index(EMITTED)
@@ -174,21 +171,21 @@ def _stale(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
         system, module = str(made["system"]), str(made["module"])
         model, params = made["model"], dict(made["params"])
     except (KeyError, TypeError, ValueError):
-        return _diagnostic(where, "it does not say of which model it was made", again + "`")
+        return _stale_diagnostic(where, "it does not say of which model it was made", again + "`")
     alarm = re.search(r"publishes watched\.([\w.]+)", text)
     again += f" --module {module} --system {system}"
     again += "".join(f" --set {name}={value}" for name, value in params.items())
     again += f" --alarm {alarm[1]}`" if alarm else "`"
     if watched is None:
-        return _diagnostic(where, "it imports no program as `watched`", again)
+        return _stale_diagnostic(where, "it imports no program as `watched`", again)
     try:
         now = _fingerprint_now(checked, watched, system, module, params)
     except SoterError as error:
-        return _diagnostic(where, error.diagnostics[0].message, again)
+        return _stale_diagnostic(where, error.diagnostics[0].message, again)
     if now == model:
         return None
     why = f"the plants of `{module}`, their bounds, errors or period changed since it was written"
-    return _diagnostic(where, why, again)
+    return _stale_diagnostic(where, why, again)
 
 
 def _fingerprint_now(
@@ -198,7 +195,7 @@ def _fingerprint_now(
     module: str,
     params: Mapping[str, object],
 ) -> str:
-    """The fingerprint of a module as the watched program has it now; SoterError if it has none."""
+    """The fingerprint of a module in the program as it is now; SoterError if it has none."""
     program = checked.program
     assert program is not None
     named = {n: s for n, s in program.systems.items() if n == watched.prefix + system}
@@ -209,7 +206,7 @@ def _fingerprint_now(
     if not problems:
         message = f"system `{system}` of `{watched.source.name}` has no module `{module}`"
         raise SoterError((Diagnostic("D022", message),))
-    return fingerprint(problems[0])
+    return model_fingerprint(problems[0])
 
 
 def _full_name(file: LoadedFile, name: str) -> str:
@@ -219,7 +216,7 @@ def _full_name(file: LoadedFile, name: str) -> str:
     return file.prefix + name if inner is None else _full_name(inner, rest)
 
 
-def _diagnostic(where: Span, why: str, again: str) -> Diagnostic:
+def _stale_diagnostic(where: Span, why: str, again: str) -> Diagnostic:
     return Diagnostic(
         "D022",
         "this model monitor is not of the model that is proved",
@@ -235,27 +232,31 @@ NODE = "ModelMonitor"
 def monitor_source(
     problem: Problem, imported: str, names: dict[int, str], alarm: str | None, record: str
 ) -> str:
-    """The text of a file with the monitor's node.
+    """Writes the text of a file with the monitor's node; SoterError U001 where there can be none.
 
-    `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
-    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own;
-    `record`: the line that says what it is made of (`emitted_monitors.py`).
-    SoterError U001 where no such node exists.
+    `imported`: path of the program, for the `import`; `names`: by topic index its name, with the
+    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for a new one;
+    `record`: the line that says what the monitor is made of.
     """
-    lines = [*_head(problem, imported, alarm, record), *_node_lines(problem, names, alarm), "}", ""]
+    lines = [
+        *_head_lines(problem, imported, alarm, record),
+        *_node_lines(problem, names, alarm),
+        "}",
+        "",
+    ]
     laid_out = format_source(Source("monitor", "\n".join(lines)), Diagnostics())
     assert laid_out is not None
     return laid_out
 
 
-def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> list[str]:
-    causes = ", ".join(["Nothing", *(_cause(leaf.name) for leaf in problem.quantities.states)])
+def _head_lines(problem: Problem, imported: str, alarm: str | None, record: str) -> list[str]:
+    causes = ", ".join(["Nothing", *(_cause_name(leaf.name) for leaf in problem.quantities.states)])
     lines = [
         "soter 1;",
         f"// The model monitor of {problem.name}, {EMITTED}. It is to be",
         "// the last instance of a system. An alarm says that no disturbance and no error within",
         "// the declared bounds explains what is seen.",
-        *_told_within(problem),
+        *_delay_comments(problem),
         record,
         "",
         f'import "{imported}" as watched;',
@@ -268,12 +269,13 @@ def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> li
     return [*lines, ""]
 
 
-def _told_within(problem: Problem) -> list[str]:
-    """Comments that say how long a constant disturbance beyond its bound is not told, at most.
+def _delay_comments(problem: Problem) -> list[str]:
+    """Comments that say after how long a constant disturbance beyond its bound is told, at most.
 
     Of a state x' = -k x + known + w, |w| <= W, seen within E, a disturbance W + d moves the true x
-    from the end of the box, which is at most 2 E away, to where an estimate must lie beyond it:
-    d / k (1 - e^-kT) > 2 E (1 + e^-kT), that is T > 2 / k atanh(2 E k / d), or 4 E / d for k = 0.
+    from the end of the box, which is at most 2 E away, to where an estimate must lie beyond the
+    box: d / k (1 - e^-kT) > 2 E (1 + e^-kT), that is T > 2 / k atanh(2 E k / d), or 4 E / d for k =
+    0.
     """
     if problem.kind != "flow" or problem.parameters:
         return []
@@ -293,8 +295,8 @@ def _told_within(problem: Problem) -> list[str]:
     return lines
 
 
-def _cause(state: str) -> str:
-    """The member of `ModelCause` of a state: `loop.v.x` is `loop_v_x`."""
+def _cause_name(state: str) -> str:
+    """The member of `ModelCause` for a state: `loop_v_x` for `loop.v.x`."""
     return re.sub(r"\W+", "_", state).strip("_")
 
 
@@ -347,14 +349,14 @@ def _case_lines(
         lines += _state_lines(i, step.phi[i], step.gamma[i], float(step.c[i]), float(step.reach[i]))
         if np.isfinite(sight.error[i]):
             row = sight.inverse[i]
-            centre = _sum([(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset))
+            centre = _sum_code([(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset))
             error = float(sight.error[i]) * (1 + ROUNDING) + ROUNDING * (
                 1 + abs(float(row @ model.offset))
             )
             lines += [
                 f"      let at{i} = {centre};",
-                f"      let least{i} = at{i} - {_number(error)};",
-                f"      let most{i} = at{i} + {_number(error)};",
+                f"      let least{i} = at{i} - {_number_code(error)};",
+                f"      let most{i} = at{i} + {_number_code(error)};",
             ]
         else:
             lines += [f"      let least{i} = from{i};", f"      let most{i} = to{i};"]
@@ -363,7 +365,7 @@ def _case_lines(
         word = "if" if i == 0 else "} elseif"
         lines += [
             f"        {word} max(from{i}, least{i}) > min(to{i}, most{i}) {{",
-            f"          cause = ModelCause.{_cause(leaf.name)};",
+            f"          cause = ModelCause.{_cause_name(leaf.name)};",
             "          alarmed = true;",
         ]
     lines += ["        }", "      }"]
@@ -377,7 +379,7 @@ def _case_lines(
 
 
 def _interval_end_code(predicted: str, seen: str, meet: str) -> str:
-    """The code of an interval's end after a step: met with what is seen, or begun anew."""
+    """The code of an interval's end after a step: the tighter of both ends, or begun anew."""
     return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
 
@@ -390,19 +392,19 @@ def _state_lines(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> 
             terms.append((float(f), f"{'high' if (f > 0) == upper else 'low'}[{j}]"))
         terms += [(float(g), f"acts[{j}]") for j, g in enumerate(gamma)]
         margin = reach * (1 + ROUNDING) + ROUNDING * (1 + abs(c))
-        return _sum(terms, c + (margin if upper else -margin))
+        return _sum_code(terms, c + (margin if upper else -margin))
 
     return [f"      let from{i} = {end(False)};", f"      let to{i} = {end(True)};"]
 
 
-def _number(x: float) -> str:
+def _number_code(x: float) -> str:
     text = repr(float(x))
     return f"({text})" if x < 0 else text
 
 
-def _sum(terms: list[tuple[float, str]], constant: float) -> str:
-    parts = [name if f == 1.0 else f"{_number(float(f))} * {name}" for f, name in terms if f]
-    parts.append(_number(constant))
+def _sum_code(terms: list[tuple[float, str]], constant: float) -> str:
+    parts = [name if f == 1.0 else f"{_number_code(float(f))} * {name}" for f, name in terms if f]
+    parts.append(_number_code(constant))
     return " + ".join(parts)
 
 
@@ -418,7 +420,7 @@ def write_monitor(
     alarm: str | None,
     params: Mapping[str, object] | None,
 ) -> Path:
-    """Write the monitor as a trusted node that imports `program`; gives back `target`.
+    """Writes the monitor as a trusted node that imports `program`; gives `target`.
 
     `alarm`: a bool topic of the program; `params`: what the system was made with.
 

@@ -1,13 +1,13 @@
-"""Values of parameters that explain recorded episodes, and how many new ones they will not.
+"""Finds values of parameters that explain recorded episodes, and how many new ones will not be.
 
-Purpose: `identified` fits parameters of a program to one half of the episodes, and scales the
-bounds among them until the model monitor explains the other half, too: an episode is explained
-where `judge` (`model_membership.py`) raises no alarm. Model parameters minimise the squares of the
-monitor's offsets (SciPy); bounds are shrunk, one after the other, to the least that explain the
-training half; then one factor scales them all, the least with which every held-out episode is
-explained. That is split conformal prediction (Papadopoulos et al., 2002) whose score is the least
-factor of an episode: of exchangeable ones a new one needs more than N held-out ones did with a
-probability of at most 1/(N+1).
+Purpose: `identified_parameters` fits parameters of a program to one half of the episodes, and
+scales bounds among them until the model monitor explains the other half, too: an episode is
+explained where `judge_run` (`model_membership.py`) raises no alarm. Model parameters minimise
+the squares of the monitor's offsets (SciPy); bounds are shrunk, one after the other, to the least
+that explain the training half; then one factor scales them all, the least with which every held-out
+episode is explained. That is split conformal prediction (Papadopoulos et al., 2002) whose score is
+the least factor of an episode: of exchangeable ones a new one needs more than N held-out ones did
+with a probability of at most 1/(N+1).
 Non-goals: reading logs (`api/identifying.py`); showing that a model is true, or episodes alike.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import mistake
 from soter.monitor.linear_model import linear_model
-from soter.monitor.model_membership import Models, RecordReader, judge
+from soter.monitor.model_membership import Models, RecordReader, judge_run
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -59,10 +59,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class OpenParameter:
-    """A parameter that may be fitted: where it starts and its declared range.
-
-    `bound`: it stands in bounds of disturbances or errors, and a greater one only widens them.
-    """
+    """A parameter to fit, its start and range; `bound`: a greater value only widens intervals."""
 
     name: str
     start: float
@@ -73,7 +70,7 @@ class OpenParameter:
 
 @dataclass(frozen=True)
 class EpisodeAlarm:
-    """The first alarm in an episode that nothing explains: when, and of which states."""
+    """The first alarm in an episode that no values explain: its time and its states."""
 
     module: str
     episode: str
@@ -110,16 +107,16 @@ class Identification:
 
     @property
     def rate(self) -> float:
-        """The probability, at most, with which a new episode drawn alike is not explained."""
+        """The greatest probability with which a new episode, drawn alike, is not explained."""
         return 1 / (self.held_out + 1)
 
     @property
     def never_excited(self) -> tuple[str, ...]:
-        """The commands that did not move in any episode."""
+        """The commands that moved in no episode."""
         return tuple(n for n, share in self.excitation.items() if share <= STILL)
 
 
-def identified(
+def identified_parameters(
     pose: Callable[[Mapping[str, float]], Posed],
     parameters: Sequence[OpenParameter],
     episodes: Sequence[Episode],
@@ -129,7 +126,7 @@ def identified(
 ) -> Identification:
     """Fits `parameters` (`open_parameters`) to episodes, every second of which is held out.
 
-    `pose`: the modules at values of parameters; `estimates`, `truths`: as `judge` takes them.
+    `pose`: gives the modules at values of parameters; `estimates`, `truths`: as of `judge_run`.
     SoterError U001 where the monitor judges nothing of an episode, D007 without SciPy.
     """
     start = {p.name: p.start for p in parameters}
@@ -139,13 +136,15 @@ def identified(
     asked: list[str] | None = None
     for k in range(1, ROUNDS + 1):
         phase(f"round {k} of {ROUNDS}: the model by least squares, on {len(training)} episodes")
-        values, kept = fit.model(values, training)
+        values, kept = fit.fitted_model(values, training)
         phase(f"round {k} of {ROUNDS}: the least bounds, on {len(training)} episodes")
-        asked = fit.shrink(values, training)
+        asked = fit.shrink_bounds(values, training)
     phase(f"{len(held_out)} held-out episodes")
-    factor = None if asked is None else fit.least(values, asked, held_out)
-    values |= fit.tried if factor is None else fit.scaled(values, asked or (), max(1.0, factor))
-    judged = [(e, j) for e in episodes for j in fit.judged(values, [e])]
+    factor = None if asked is None else fit.least_factor(values, asked, held_out)
+    values |= (
+        fit.tried if factor is None else fit.scaled_bounds(values, asked or (), max(1.0, factor))
+    )
+    judged = [(e, j) for e in episodes for j in fit.judgements(values, [e])]
     wrong = [(e, j) for e, j in judged if j.alarms]
     kept += [n for n in fit.bounds if n not in (asked or ())]
     return Identification(
@@ -158,7 +157,7 @@ def identified(
         factor=factor,
         steps=sum(j.steps for _, j in judged),
         judged_share=min(j.judged_share for _, j in judged),
-        excitation=_excitation(pose(start), episodes),
+        excitation=_excitation_by_command(pose(start), episodes),
         alarm=_first_alarm(*wrong[0]) if wrong else None,
         alarms=len({id(e) for e, _ in wrong}),
         ranges={p.name: (p.low, p.high) for p in parameters},
@@ -168,12 +167,12 @@ def identified(
 def open_parameters(
     pose: Callable[[Mapping[str, float]], Posed], declared: Sequence[OpenParameter], *, named: bool
 ) -> list[OpenParameter]:
-    """Those of the parameters that plants, bounds or errors depend on, each as what it is.
+    """The parameters that plants, bounds or errors depend on, with `bound` set for bounds.
 
-    `named`: each was asked for, so that one that nothing depends on is an error. SoterError U001.
+    `named`: each was asked for, so one that nothing depends on is an error. SoterError U001.
     """
     start = {p.name: p.start for p in declared}
-    found = [(p, _sorted_out(pose, p, start)) for p in declared]
+    found = [(p, _classified_parameter(pose, p, start)) for p in declared]
     lost = [p.name for p, kind in found if kind is None]
     if len(lost) == len(found) or (named and lost):
         parameter = f"on {lost[0]}" if named and lost else "on a parameter of the main file"
@@ -187,15 +186,15 @@ def _first_alarm(episode: Episode, j: Judgement) -> EpisodeAlarm:
     return EpisodeAlarm(j.module, episode.name, j.first_alarm_s, tuple(j.alarm_states))
 
 
-def _sorted_out(
+def _classified_parameter(
     pose: Callable[[Mapping[str, float]], Posed], p: OpenParameter, start: Mapping[str, float]
 ) -> OpenParameter | None:
-    """The parameter as what it is, a bound or one of the model; None if no problem has it."""
+    """The parameter with `bound` set if it is one; None if no problem depends on it."""
     wider = min(2 * p.start, p.high) if p.start > 0 else p.high
     narrower = ((p.low + p.start) / 2, p.start / 2 or 1.0)
     other = next(v for v in (wider, *narrower) if v != p.start and np.isfinite(v))
     (plants, sets), (others, wide) = (
-        _numbers(pose({**start, p.name: v})) for v in (p.start, other)
+        _plant_and_set_numbers(pose({**start, p.name: v})) for v in (p.start, other)
     )
     in_plants, in_sets = not np.array_equal(plants, others), not np.array_equal(sets, wide)
     if not in_sets:
@@ -211,8 +210,8 @@ def _sorted_out(
     return replace(p, bound=True)
 
 
-def _numbers(posed: Posed) -> tuple[Floats, Floats]:
-    """The matrices of the plants, flat, and how far sets reach up and down, flat."""
+def _plant_and_set_numbers(posed: Posed) -> tuple[Floats, Floats]:
+    """All entries of the plants' matrices, and all reaches of sets up and down."""
     plants, sets = [np.zeros(0)], [np.zeros(0)]
     for _, _, problem in posed:
         m = linear_model(problem, tuple(p.values[0] for p in problem.parameters))
@@ -222,7 +221,7 @@ def _numbers(posed: Posed) -> tuple[Floats, Floats]:
     return np.concatenate(plants), np.concatenate(sets)
 
 
-def _excitation(posed: Posed, episodes: Sequence[Episode]) -> dict[str, float]:
+def _excitation_by_command(posed: Posed, episodes: Sequence[Episode]) -> dict[str, float]:
     found = {}
     for flat, module, problem in posed:
         reader = RecordReader(flat, module, problem)
@@ -234,7 +233,7 @@ def _excitation(posed: Posed, episodes: Sequence[Episode]) -> dict[str, float]:
 
 
 class _Fit:
-    """What is tried: values of parameters, asked of the monitor."""
+    """Asks the monitor how well values of parameters explain episodes."""
 
     def __init__(
         self,
@@ -250,23 +249,23 @@ class _Fit:
         self.tried: dict[str, float] = {}
         """The bounds that were tried last in vain."""
 
-    def judged(
+    def judgements(
         self, values: Mapping[str, float], episodes: Sequence[Episode]
     ) -> Iterator[Judgement]:
-        """The monitor's judgements of episodes; SoterError U001 where it judges nothing."""
+        """The monitor's judgements of episodes; SoterError U001 where it judges nothing of one."""
         for flat, module, problem in self.pose(values):
             models, how = Models(problem), {"estimates": self._estimates, "truths": self._truths}
             for e in episodes:
-                j = judge(flat, module, problem, e.record, models=models, **how)
+                j = judge_run(flat, module, problem, e.record, models=models, **how)
                 if not j.steps:
                     text = f"nothing of `{module.name}` is judged in {e.name}"
                     raise mistake("U001", text, "leave it out, or take longer episodes")
                 yield j
 
-    def model(
+    def fitted_model(
         self, start: Mapping[str, float], training: Sequence[Episode], without: Sequence[str] = ()
     ) -> tuple[dict[str, float], list[str]]:
-        """The start with model parameters by least squares, and those that offsets do not show."""
+        """The least-squares model parameters; and the names of those that offsets do not show."""
         free = [p for n, p in self.known.items() if not p.bound and n not in without]
         start = {**start, **{n: self.known[n].start for n in without}}
         if not free:
@@ -277,81 +276,85 @@ class _Fit:
         # z is 1 at the lower end, in such units: a share of a value near 0 would be no step.
         below = np.where(np.isfinite(low), low, first) - units
 
-        def at(z: Floats) -> dict[str, float]:
+        def values_at(z: Floats) -> dict[str, float]:
             values = np.clip(below + z * units, low, high)
             return {**start, **{p.name: float(v) for p, v in zip(free, values, strict=True)}}
 
         def offsets(z: Floats) -> Floats:
-            return np.concatenate([np.ravel(j.offsets) for j in self.judged(at(z), training)])
+            return np.concatenate(
+                [np.ravel(j.offsets) for j in self.judgements(values_at(z), training)]
+            )
 
         low_z, first_z, high_z = ((x - below) / units for x in (low, first, high))
         how: dict[str, Any] = {"bounds": (low_z, high_z), "x_scale": "jac", "diff_step": 1e-5}
-        found = _least_squares()(offsets, first_z, **how)
+        found = _scipy_least_squares()(offsets, first_z, **how)
         sizes = np.linalg.norm(found.jac, axis=0)
         unit = found.jac / np.where(sizes > 0, sizes, 1.0)
         strengths, directions = np.linalg.eigh(unit.T @ unit)
         if strengths[0] <= WEAK**2:
             least = free[int(np.argmax(np.abs(directions[:, 0])))].name
-            return self.model(start, training, (*without, least))
-        return at(found.x), list(without)
+            return self.fitted_model(start, training, (*without, least))
+        return values_at(found.x), list(without)
 
-    def scaled(
+    def scaled_bounds(
         self, values: Mapping[str, float], names: Sequence[str], factor: float
     ) -> dict[str, float]:
-        """These bounds times a factor, inside of their ranges."""
+        """The values of these bounds times a factor, cut to their ranges."""
         known = self.known
         return {n: min(max(values[n] * factor, known[n].low), known[n].high) for n in names}
 
-    def least(
+    def least_factor(
         self, values: Mapping[str, float], names: Sequence[str], episodes: Sequence[Episode]
     ) -> float | None:
         """The least factor of these bounds with which the monitor explains all episodes.
 
-        `FLOOR` where it explains them with the least that the ranges permit, or there is no bound;
-        None where it does not with the greatest.
+        `FLOOR` where the least bounds that the ranges permit explain them, or there is no bound;
+        None where the greatest do not.
         """
 
-        def enough(factor: float) -> bool:
-            bounds = self.scaled(values, names, factor)
-            if any(j.alarms for j in self.judged({**values, **bounds}, episodes)):
+        def explains_all(factor: float) -> bool:
+            bounds = self.scaled_bounds(values, names, factor)
+            if any(j.alarms for j in self.judgements({**values, **bounds}, episodes)):
                 self.tried = bounds
                 return False
             return True
 
         low, high = FLOOR, 1.0
-        while not enough(high):
+        while not explains_all(high):
             if high >= CEILING or not names:
                 return None
             low, high = high, 2 * high
-        if low == FLOOR and (not names or enough(FLOOR)):
+        if low == FLOOR and (not names or explains_all(FLOOR)):
             return FLOOR
         while high > low * (1 + TOLERANCE):
             middle = sqrt(low * high)
-            low, high = (low, middle) if enough(middle) else (middle, high)
+            low, high = (low, middle) if explains_all(middle) else (middle, high)
         return high
 
-    def shrink(self, values: dict[str, float], training: Sequence[Episode]) -> list[str] | None:
-        """Puts the least bounds that explain into `values`; names of those that are needed at all.
+    def shrink_bounds(
+        self, values: dict[str, float], training: Sequence[Episode]
+    ) -> list[str] | None:
+        """Puts the least bounds that explain `training` into `values`; names those needed.
 
-        All are scaled alike first, then each by itself, in the order in which they are declared;
-        what is not needed stays as declared. None where nothing explains.
+        All are scaled alike first, then each by itself, in the order in which they are declared; a
+        bound that is not needed stays as declared. None where no bounds explain the episodes.
         """
-        factor = self.least(values, self.bounds, training)
+        factor = self.least_factor(values, self.bounds, training)
         if factor is None:
             return None
         needed = list[str]()
-        values |= self.scaled(values, self.bounds, factor if factor > FLOOR else 1.0)
+        values |= self.scaled_bounds(values, self.bounds, factor if factor > FLOOR else 1.0)
         for name in self.bounds:
-            alone = self.least(values, [name], training)
+            alone = self.least_factor(values, [name], training)
             assert alone is not None
             back = {name: self.known[name].start}
-            values |= back if alone == FLOOR else self.scaled(values, [name], alone)
+            values |= back if alone == FLOOR else self.scaled_bounds(values, [name], alone)
             needed += [name] * (alone > FLOOR)
         return needed
 
 
-def _least_squares() -> Callable[..., Any]:
-    """SciPy's; SoterError D007 where it is not installed."""
+def _scipy_least_squares() -> Callable[..., Any]:
+    """The function of SciPy; SoterError D007 where it is not installed."""
     try:
         from scipy import optimize  # noqa: PLC0415 - an extra, slow to import
     except ModuleNotFoundError:

@@ -58,7 +58,7 @@ class LinearModel:
 
 @dataclass(frozen=True)
 class AffineStep:
-    """x(h) = phi x + gamma u + c, up to +-reach in each state."""
+    """A step of a plant: x(h) = phi x + gamma u + c, with an error of up to reach in each state."""
 
     phi: Floats
     gamma: Floats
@@ -84,12 +84,12 @@ class Plants:
     def _environment(
         self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]
     ) -> dict[int, Any]:
-        """Component -> environment, with all topics at their defaults but the controls."""
+        """By component its environment: all topics at their defaults but the controls."""
         system = self.problem.system
         topics = [t.default for t in system.topics]
         for leaf, value in zip(self.controls, u, strict=True):
             t = system.topics[leaf.owner].type
-            topics[leaf.owner] = with_leaf(t, topics[leaf.owner], leaf.path, float(value))
+            topics[leaf.owner] = value_with_leaf(t, topics[leaf.owner], leaf.path, float(value))
         environments = {}
         for c in self.plants:
             assert c.plant is not None
@@ -98,28 +98,25 @@ class Plants:
                 env.variables[variable] = initial
             for dist in c.disturbances:
                 env.variables[dist.variable] = default_value(dist.variable.type)
-            self._fill(c.index, env, self.states, [float(v) for v in x])
-            self._fill(c.index, env, self.parameters, list(parameter))
-            self._fill(c.index, env, self.disturbances, [float(v) for v in d])
+            self._fill_variables(c.index, env, self.states, [float(v) for v in x])
+            self._fill_variables(c.index, env, self.parameters, list(parameter))
+            self._fill_variables(c.index, env, self.disturbances, [float(v) for v in d])
             for variable, e in c.plant.lets:
                 env.variables[variable] = self.evaluators[c.index].expression(e)(env)
             environments[c.index] = env
         return environments
 
-    def _fill(
+    def _fill_variables(
         self, owner: int, env: Environment, leaves_: Sequence[Leaf], values: list[Any]
     ) -> None:
         known = {v.name: v for v in env.variables}
         for leaf, value in zip(leaves_, values, strict=True):
             if leaf.owner == owner:
                 v = known[leaf.member]
-                env.variables[v] = with_leaf(v.type, env.variables[v], leaf.path, value)
+                env.variables[v] = value_with_leaf(v.type, env.variables[v], leaf.path, value)
 
-    def rates(self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]) -> Floats:
-        """Derivatives, or next states, of every state, (states,).
-
-        `x` (states,), `u` (controls,), `d` (disturbances,).
-        """
+    def state_rates(self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]) -> Floats:
+        """Rates, or next states, (states,), at x (states,), u (controls,), d (disturbances,)."""
         envs = self._environment(x, u, d, parameter)
         out = []
         for leaf in self.states:
@@ -134,19 +131,21 @@ class Plants:
             out.append(leaf_number(v.type, value, leaf.path))
         return np.array(out, dtype=np.float64)
 
-    def discrete(self, topic: int, path: Sequence[str], parameter: Sequence[int]) -> int:
-        """A discrete leaf of a driven topic, at the origin."""
+    def discrete_output(self, topic: int, path: Sequence[str], parameter: Sequence[int]) -> int:
+        """The value of a discrete leaf of a driven topic when all states are 0."""
         t = self.problem.system.topics[topic].type
-        return int(leaf_number(t, self._driven(np.zeros(len(self.states)), parameter)[topic], path))
+        return int(
+            leaf_number(t, self._driven_topics(np.zeros(len(self.states)), parameter)[topic], path)
+        )
 
-    def outputs(self, x: Floats, parameter: Sequence[int]) -> Floats:
-        """The driven float leaves (`driven_leaves`) at `x` (states,): (leaves,)."""
-        values = self._driven(x, parameter)
+    def driven_outputs(self, x: Floats, parameter: Sequence[int]) -> Floats:
+        """The values of the driven float leaves (`driven_leaves`) at `x` (states,): (leaves,)."""
+        values = self._driven_topics(x, parameter)
         topics = self.problem.system.topics
         outputs = [leaf_number(topics[t].type, values[t], path) for t, path in self.driven]
         return np.array(outputs, dtype=np.float64)
 
-    def _driven(self, x: Floats, parameter: Sequence[int]) -> dict[int, Value]:
+    def _driven_topics(self, x: Floats, parameter: Sequence[int]) -> dict[int, Value]:
         zero = [np.zeros(len(p)) for p in (self.controls, self.disturbances)]
         envs = self._environment(x, zero[0], zero[1], parameter)
         values: dict[int, Value] = {}
@@ -159,7 +158,7 @@ class Plants:
 
 
 def driven_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
-    """(topic, path) of every float leaf that verification plants drive."""
+    """The topic and path of every float leaf that verification plants drive."""
     leaf_paths = []
     for c in problem.system.components:
         if c.plant is not None:
@@ -172,14 +171,14 @@ def driven_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
 
 
 def leaf_number(t: Type, value: Value, path: Sequence[str]) -> float:
-    """One number of a value."""
+    """The number at a path of a value."""
     for i in positions(t, path):
         value = value[i]
     return float(value)
 
 
-def with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
-    """The value with one leaf changed."""
+def value_with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
+    """The value with `new` at a path."""
     at = positions(t, path)
     return replaced(value, at, new) if at else new
 
@@ -188,16 +187,16 @@ def with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
 
 
 def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
-    """The matrices; SoterError U001 where a plant is not affine."""
+    """Finds the matrices of the plants; SoterError U001 where one of them is not affine."""
     plants = Plants(problem)
     n, m, k = (len(p) for p in (plants.states, plants.controls, plants.disturbances))
     zero = np.zeros(n + m + k)
 
     def rates(z: Floats) -> Floats:
-        return plants.rates(z[:n], z[n : n + m], z[n + m :], parameter)
+        return plants.state_rates(z[:n], z[n : n + m], z[n + m :], parameter)
 
     def outputs(z: Floats) -> Floats:
-        return plants.outputs(z[:n], parameter)
+        return plants.driven_outputs(z[:n], parameter)
 
     parts = []
     for f, size in ((rates, n + m + k), (outputs, n)):
@@ -208,7 +207,7 @@ def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
             found, wanted = f(z), base + jacobian @ z[:size]
             scale = np.abs(jacobian).sum(axis=1) + np.abs(base) + 1e-300
             if not np.all(np.abs(found - wanted) <= AFFINE * scale):
-                raise not_affine(problem)
+                raise not_affine_error(problem)
         parts.append((jacobian, base))
     (full, c), (drives, offset) = parts
     ranges = problem.disturbances
@@ -227,15 +226,15 @@ def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
     )
 
 
-def not_affine(problem: Problem) -> SoterError:
-    """SoterError U001 about plants that are not affine, which no monitor follows."""
+def not_affine_error(problem: Problem) -> SoterError:
+    """Gives a SoterError U001: plants are not affine, and no monitor follows such."""
     message = f"the plants of module `{problem.name}` are not affine"
     notes = ("the monitor follows x' = A x + B u + c + W d, and maps of that form",)
     return SoterError((Diagnostic("U001", message, notes=notes),))
 
 
-def exponential(a: Floats) -> Floats:
-    """e^a, by scaling and squaring; (n, n) -> (n, n)."""
+def matrix_exponential(a: Floats) -> Floats:
+    """Computes e^a by scaling and squaring; (n, n) -> (n, n)."""
     size = float(np.abs(a).sum(axis=1).max(initial=0.0))
     doublings = max(0, int(np.ceil(np.log2(size))) + 4) if size > 0 else 0
     b = a / 2.0**doublings
@@ -249,17 +248,17 @@ def exponential(a: Floats) -> Floats:
 
 
 def discretised_step(model: LinearModel, h: float) -> AffineStep:
-    """One step of h seconds (flows) with u held, d any measurable function; or of a map."""
+    """A step of `h` seconds of a flow, u constant, d any function; of a map one step."""
     n, m = len(model.a), model.b.shape[1]
     c = model.c + model.w @ model.d_mid
     if model.kind == "map":
         return AffineStep(model.a, model.b, c, np.abs(model.w) @ model.d_max)
     full = np.zeros((n + m + 1, n + m + 1))
     full[:n, :n], full[:n, n : n + m], full[:n, n + m] = model.a, model.b, c
-    e = exponential(full * h)
+    e = matrix_exponential(full * h)
     reach = np.zeros(n)
-    piece = exponential(model.a * (h / QUADRATURE))
-    at = exponential(model.a * (h / QUADRATURE / 2))
+    piece = matrix_exponential(model.a * (h / QUADRATURE))
+    at = matrix_exponential(model.a * (h / QUADRATURE / 2))
     for _ in range(QUADRATURE):  # midpoints
         reach += np.abs(at @ model.w) @ model.d_max * (h / QUADRATURE)
         at = at @ piece
@@ -267,13 +266,13 @@ def discretised_step(model: LinearModel, h: float) -> AffineStep:
 
 
 def parameter_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
-    """For each parameter a leaf of a driven topic that equals it; SoterError U001 for none."""
+    """For each parameter a leaf of a driven topic that equals it; SoterError U001 without one."""
     plants = Plants(problem)
     cases = list(product(*(p.values for p in problem.parameters)))
     leaf_paths: list[tuple[int, tuple[str, ...]]] = []
     for i, parameter in enumerate(problem.parameters):
         for index, path in _discrete_leaves(problem):
-            if all(plants.discrete(index, path, case) == case[i] for case in cases):
+            if all(plants.discrete_output(index, path, case) == case[i] for case in cases):
                 leaf_paths.append((index, path))
                 break
         if len(leaf_paths) <= i:

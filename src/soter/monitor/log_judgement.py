@@ -41,7 +41,7 @@ ASSUMED = (
 
 @dataclass(frozen=True)
 class LoggedModeChange:
-    """A change of mode, at `time_s` of the log, and why."""
+    """A change of mode at `time_s` of the log, and its reason."""
 
     time_s: float
     to: str
@@ -50,10 +50,7 @@ class LoggedModeChange:
 
 @dataclass(frozen=True)
 class NearestMargin:
-    """The least distance of a condition from failing; below zero: how far it failed at most.
-
-    `bound`: the comparison that it was, "" where nothing has a distance; its sides have one unit.
-    """
+    """The least `distance` of a condition from failing, below 0 if it failed, and its `bound`."""
 
     distance: float
     time_s: float
@@ -112,27 +109,27 @@ class ModuleOfLog:
 
     @property
     def decided(self) -> bool:
-        """Whether the log has all that its decision module reads."""
+        """Whether the log has all that the module's DM reads."""
         return not self.missing
 
     @property
     def judged(self) -> bool:
-        """Whether any step was judged: its reads were young enough, and `safe` asked of them."""
+        """Whether a step was judged: its reads were young enough, and `safe` was asked of them."""
         return self.judged_steps > 0
 
     @property
     def judged_share(self) -> float:
-        """The share of the log, by steps of its DM, in which a step was judged (`judged`)."""
+        """The share of the DM's steps over the log that were judged."""
         return self.judged_steps / max(1, self.steps + self.waiting)
 
     @property
     def violated(self) -> bool:
-        """Whether a read lay outside `safe`; alone, reads that came too late are no verdict."""
+        """Whether `safe` did not hold of a read; reads that came too late alone are no verdict."""
         return self.outside > 0 or (self.judged and self.outside_late > 0)
 
     @property
     def unjudged(self) -> str:
-        """Why nothing was judged, "" where something was."""
+        """Says why no step was judged, "" where one was."""
         if self.judged:
             return ""
         if self.missing:
@@ -149,34 +146,34 @@ class ModuleOfLog:
 
     @property
     def fresh(self) -> int:
-        """Steps whose reads were young enough."""
+        """The number of steps whose reads were young enough."""
         return self.steps - self.stale
 
     @property
     def switches(self) -> list[LoggedModeChange]:
-        """Takeovers: from AC to SC."""
+        """The changes from AC to SC."""
         return [c for c in self.changes if c.to == "SC"]
 
     @property
     def first_switch_s(self) -> float | None:
-        """The time at which AC would first have lost control; None: it would have kept it."""
+        """The time at which AC would first have lost control; None where it would have kept it."""
         return self.switches[0].time_s if self.switches else None
 
     @property
     def ac_share(self) -> float:
-        """Share of the DM's steps that leave AC in control."""
+        """The share of the DM's steps that leave AC in control."""
         return self.ac / self.steps if self.steps else 0.0
 
 
-def units_taken(assumed_units: Sequence[str]) -> list[str]:
-    """The assumption on leaves whose unit nobody says, as `TopicMap` has them."""
+def unit_notes(assumed_units: Sequence[str]) -> list[str]:
+    """The assumption, if any, that leaves without a stated unit are in the program's units."""
     text = "neither the mapping nor a message says a unit, the program's is taken: "
     return [text + ", ".join(assumed_units)] if assumed_units else []
 
 
 @dataclass
 class LogJudgement:
-    """A log, judged. Times count from its first row.
+    """The judgement of a log. Times count from its first row.
 
     `from_s`: the first step of a DM; `to_s`: the last record of the log, whatever it is of.
     `nodes`: nodes of the program that were run for what it reads; `faulted`: those that faulted.
@@ -234,7 +231,7 @@ class LogJudgement:
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
-        assumptions += units_taken(self.assumed_units)
+        assumptions += unit_notes(self.assumed_units)
         if self.unchecked:
             assumptions.append(
                 "no checksum covers all of the log: a value or a time that was changed in its "

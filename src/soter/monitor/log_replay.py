@@ -1,6 +1,6 @@
 """Runs the decision modules of a program on the reads of a log.
 
-Purpose: `replay` steps the DMs, and the trusted nodes before them, at their periods, as the
+Purpose: `replay_log` steps the DMs, and the trusted nodes before them, at their periods, as the
 reference interpreter does (`semantics/rules.py`), with topics of a log in place of plants,
 controllers and inputs; it keeps modes, counts and distances.
 Non-goals: SC and AC (somebody else flew), C, what a judgement means (`log_judgement.py`).
@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
-from soter.monitor.decidable_modules import topics_behind, topics_of_safe, written_by_node
-from soter.monitor.doubtful_topics import doubts
+from soter.monitor.decidable_modules import topics_behind, topics_of_safe, writes_of_node
+from soter.monitor.doubtful_topics import doubt_notes
 from soter.monitor.log_files.log_columns import unusable
 from soter.monitor.log_judgement import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
 from soter.monitor.predicate_margins import PredicateMargins, PredicatePosition
@@ -49,27 +49,27 @@ if TYPE_CHECKING:
 STEPS_MAX = 20_000_000
 """Decisions that are replayed of one log; a thousand take half a second."""
 AGAINST = PredicatePosition(sense=-1.0)
-"""Distances count away from `ttf`."""
+"""The place of `ttf`: the further it is from holding, the better."""
 
 
-def replay(
+def replay_log(
     system: System,
     samples: list[TopicSamples],
     plan: Decidable,
     log: str,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
-    """Step all that `plan` says over the whole log; `progress` is told the share that is done.
+    """Steps all nodes and DMs of `plan` over the log; `progress` gets the share that is done.
 
-    A module whose mode the system forces is judged as if it did not: its DM decides; the system's
-    own faults are left out: what was wrong in a log is in the log.
+    Modes that the system forces are not: those DMs decide, too. Faults that the system declares are
+    left out, as what was wrong in a log is in the log.
     """
     forced = tuple(m.name for m in system.modules if m.forced)
     for m in system.modules:
         m.forced = None
     system.faults = ()
     interpreter = Interpreter(system, 0, _unused_externs(system))
-    started = [s for s in samples if not s.always]
+    started = [s for s in samples if not s.is_constant]
     from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
     _require_bounded(system, plan, to_ns - from_ns, log)
     judged = _empty_judgement(system, samples, plan, log)
@@ -82,7 +82,7 @@ def replay(
     watches = {m.index: _Watch(m, of_module) for m, of_module in pairs if of_module.decided}
     world = _LogState(system, interpreter, samples, plan, judged, from_ns)
     world.watches = watches
-    for ct in _instants(system, plan, to_ns - from_ns):
+    for ct in _release_times(system, plan, to_ns - from_ns):
         world.replay_instant(ct, watches)
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
@@ -95,7 +95,7 @@ def replay(
 def _empty_judgement(
     system: System, samples: list[TopicSamples], plan: Decidable, log: str
 ) -> LogJudgement:
-    """The judgement of a log before any step: the facts on its samples, and empty modules."""
+    """The judgement of a log before any step: facts on its samples, and modules without steps."""
 
     def by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
         return {s.topic.name: value for s in samples if (value := fact(s))}
@@ -121,13 +121,13 @@ def _empty_judgement(
         stamps=by_topic(lambda s: s.stamp),
         left_out=by_topic(lambda s: s.left_out and (s.left_out, s.first_left_out)),
         reasons=by_topic(lambda s: tuple(s.reasons.values())),
-        lost=[*chain.from_iterable(s.lost for s in samples), *doubts(system, samples)],
+        lost=[*chain.from_iterable(s.lost for s in samples), *doubt_notes(system, samples)],
         far_stamps=by_topic(lambda s: s.far_stamps),
     )
 
 
 def _unused_externs(system: System) -> dict[str, object]:
-    """Extern -> a function that is never called."""
+    """By name of an extern: a function that is never called."""
 
     def nobody(*_: object) -> object:
         raise AssertionError("a replay of a log asks no extern")
@@ -136,8 +136,8 @@ def _unused_externs(system: System) -> dict[str, object]:
     return dict.fromkeys([*(c.name for c in system.components if c.extern), *functions], nobody)
 
 
-def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
-    """The times at which something of the plan is released, from 0 to the end of the log."""
+def _release_times(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
+    """The times at which a node or DM of the plan is released, from 0 to the end of the log."""
     parts = [system.components[n] for n in plan.nodes]
     parts += [system.components[system.modules[m].dm] for m in plan.modules]
     released = sorted({(c.phase_ns, c.period_ns) for c in parts})
@@ -151,7 +151,7 @@ def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
 
 
 def _require_bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
-    """D016 for a log so long that it must be a mistake: a clock that jumped, another unit."""
+    """Raises D016 for a log so long that its clock must have jumped, or its unit is wrong."""
     parts = [system.components[system.modules[m].dm] for m in plan.modules]
     steps = sum(length_ns // c.period_ns for c in parts)
     if steps > STEPS_MAX:
@@ -181,23 +181,25 @@ class _LogState:
         self.from_ns = from_ns
         self.at: dict[int, list[_Feed]] = {}
         for s in samples:
-            self.at.setdefault(_driver(system, s.topic.index), []).append(_Feed(s, from_ns))
+            self.at.setdefault(_publishing_component(system, s.topic.index), []).append(
+                _Feed(s, from_ns)
+            )
         self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
         mapped = {s.topic.index for s in samples}
-        written = mapped.union(*(written_by_node(system.components[n]) for n in plan.nodes))
+        written = mapped.union(*(writes_of_node(system.components[n]) for n in plan.nodes))
         self.needs: dict[int, set[int]] = {}
         """Component -> the topics that have to be there before it steps; a node may feed itself."""
         for n in plan.nodes:
             self.needs[n] = (
-                topics_behind(system, plan.nodes, written_by_node(system.components[n])) & mapped
+                topics_behind(system, plan.nodes, writes_of_node(system.components[n])) & mapped
             )
         for m in (system.modules[i] for i in plan.modules):
             inputs = set(topics_behind(system, (), m.inputs))
             behind = topics_behind(system, plan.nodes, inputs) & mapped
             self.needs[m.dm] = behind | (inputs & written)
-        self.aging = {s.topic.index for s in samples if not s.always}
+        self.aging = {s.topic.index for s in samples if not s.is_constant}
         self.of_safe = {m.index: topics_of_safe(m) & written for m in system.modules}
-        self.hearing = TopicsHeard.of(system, samples, plan)
+        self.hearing = TopicsHeard.before_log(system, samples, plan)
         modules = [system.modules[i] for i in plan.modules]
         self.dm_rests = {m.index: self.hearing.sources_behind(m.inputs) for m in modules}
         self.safe_rests = {
@@ -208,46 +210,46 @@ class _LogState:
         """Modules, and topics of their `safe` that no step has read since they were published."""
 
     def replay_instant(self, ct: int, watches: dict[int, _Watch]) -> None:
-        """One instant: what was published before it, then everything in the deployed order."""
+        """Publishes the samples before an instant, then steps everything in the deployed order."""
         due = [n for n in self.system.components if n.index in self.stepping and _is_due(n, ct)]
         self.c = replace(self.c, ct=ct, FN=tuple(n.index for n in due))
         for feeds in self.at.values():
             for feed in feeds:
-                self._publish(feed, feed.before(ct))
+                self._publish_samples(feed, feed.samples_before(ct))
         self._feed_samples(-1, ct)
         released = {n.index for n in due}
         for n in self.system.components:
             self._feed_samples(n.index, ct)
             if n.index in released:
-                self._step(n, watches)
+                self._step_component(n, watches)
 
     def take_remaining(self, ct: int, watches: dict[int, _Watch]) -> None:
-        """Take in what came after the last step of anybody: refused, or too late for a DM."""
+        """Takes in the samples after the last step of all: refused, or too late for a DM."""
         self.c = replace(self.c, ct=ct)
         for feeds in self.at.values():
             for feed in feeds:
-                self._publish(feed, feed.before(ct + 1))
+                self._publish_samples(feed, feed.samples_before(ct + 1))
         for m, watch in watches.items():
             for on in (self.dm_rests[m], self.safe_rests[m]):
                 for name, then in self.hearing.fell_silent(self.c, on).items():
                     watch.found.last_heard[name] = max(0, then + self.from_ns) / 1e9
-            if self._heard(self.of_safe[m]) and self._read_by_safe(m) != watch.asked_of:
+            if self._is_heard(self.of_safe[m]) and self._reads_of_safe(m) != watch.asked_of:
                 env = self.machine.environment(self.c, self.system.components[watch.module.dm])
                 watch.note_late(env, (ct + self.from_ns) / 1e9)
 
-    def _heard(self, topics: set[int]) -> bool:
+    def _is_heard(self, topics: set[int]) -> bool:
         return all(self.c.stamps[i] != NEVER for i in topics)
 
-    def _read_by_safe(self, module: int) -> list[object]:
+    def _reads_of_safe(self, module: int) -> list[object]:
         return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.of_safe[module])]
 
     def _feed_samples(self, driver: int, ct: int) -> None:
         for feed in self.at.get(driver, ()):
-            self._publish(feed, feed.until(ct))
+            self._publish_samples(feed, feed.samples_until(ct))
 
-    def _publish(self, feed: _Feed, values: Iterator[tuple[int, object]]) -> None:
+    def _publish_samples(self, feed: _Feed, values: Iterator[tuple[int, object]]) -> None:
         topic = feed.samples.topic
-        sampled = not (feed.samples.linear or feed.samples.always)
+        sampled = not (feed.samples.linear or feed.samples.is_constant)
         for time_ns, value in values:
             try:
                 self.machine.checks[topic.index](value, topic.symbol.span)
@@ -257,28 +259,28 @@ class _LogState:
                 self.judged.refused[topic.name] = count + 1, first
                 if sampled:
                     refused = environment_input(self.machine, self.c, topic.index, value, time_ns)
-                    self._ask_between(refused, topic.index, set(self.watches))
+                    self._ask_safe_of_sample(refused, topic.index, set(self.watches))
                 continue
             if sampled:
                 lost = {m for m in self.watches if (m, topic.index) in self.unread}
-                self._ask_between(self.c, topic.index, lost)
+                self._ask_safe_of_sample(self.c, topic.index, lost)
                 self.unread |= {(m, topic.index) for m in self.watches}
             self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
 
-    def _ask_between(self, c: Configuration, topic: int, modules: set[int]) -> None:
-        """Ask `safe` of these modules of a sample that no step of their DMs reads."""
+    def _ask_safe_of_sample(self, c: Configuration, topic: int, modules: set[int]) -> None:
+        """Asks `safe` of these modules about a sample that no step of their DMs reads."""
         for m in modules:
             if topic in self.of_safe[m] and all(c.stamps[i] != NEVER for i in self.of_safe[m]):
                 watch = self.watches[m]
                 env = self.machine.environment(c, self.system.components[watch.module.dm])
                 watch.note_late(env, (c.stamps[topic] + self.from_ns) / 1e9)
 
-    def _step(self, n: Component, watches: dict[int, _Watch]) -> None:
-        heard = self._heard(self.needs[n.index])
+    def _step_component(self, n: Component, watches: dict[int, _Watch]) -> None:
+        heard = self._is_heard(self.needs[n.index])
         if n.role == "dm":
             assert n.module is not None
             if heard:
-                self._decide(n, n.module, watches[n.module])
+                self._step_dm(n, n.module, watches[n.module])
             else:
                 watches[n.module].found.waiting += 1
             return
@@ -290,14 +292,14 @@ class _LogState:
             text = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
             self.judged.faulted.setdefault(n.name, text)
 
-    def _decide(self, n: Component, m: int, watch: _Watch) -> None:
+    def _step_dm(self, n: Component, m: int, watch: _Watch) -> None:
         env = self.machine.environment(self.c, n)
         self.c, verdict = dm_step(self.machine, self.c, n.index)
         time_s = (self.c.ct + self.from_ns) / 1e9
-        watch.note(verdict, env, time_s)
-        rests = self.hearing.rests(self.c, self.dm_rests[m])
+        watch.note_decision(verdict, env, time_s)
+        rests = self.hearing.rests_on_young_topics(self.c, self.dm_rests[m])
         watch.found.silent += not (rests or verdict.stale)
-        too_old = not self.hearing.rests(self.c, self.safe_rests[m])
+        too_old = not self.hearing.rests_on_young_topics(self.c, self.safe_rests[m])
         for i in self.of_safe[m] | self.needs[n.index]:
             topic, age = self.system.topics[i], self.c.ct - self.c.stamps[i]
             if topic.max_age_ns is not None:
@@ -305,16 +307,16 @@ class _LogState:
             elif i in self.aging:
                 self.judged.ageless[topic.name] = max(age, self.judged.ageless.get(topic.name, 0))
         self.unread = {each for each in self.unread if each[0] != m}
-        if self._heard(self.of_safe[m]):
-            watch.asked_of = self._read_by_safe(m)
+        if self._is_heard(self.of_safe[m]):
+            watch.asked_of = self._reads_of_safe(m)
             if too_old:
                 watch.note_late(env, time_s)
             else:
                 watch.note_safe(env, time_s, fresh=rests and not verdict.stale)
 
 
-def _driver(system: System, topic: int) -> int:
-    """The component at whose place a mapped topic is published; -1: before all, as inputs are."""
+def _publishing_component(system: System, topic: int) -> int:
+    """The component at whose place a mapped topic is published; -1: first, as inputs are."""
     for c in system.components:
         if topic in c.writes:
             return c.index
@@ -326,32 +328,29 @@ def _is_due(n: Component, ct: int) -> bool:
 
 
 class _Feed:
-    """Hands out a topic's samples one after the other; times count from where judging begins.
-
-    A sample comes when it arrived, with the time at which it was measured.
-    """
+    """Hands out a topic's samples as they arrived; times count from where judging begins."""
 
     def __init__(self, samples: TopicSamples, from_ns: int) -> None:
         self.samples, self.from_ns = samples, from_ns
         self.next = max(0, bisect_right(samples.times_ns, from_ns) - 1)
 
-    def before(self, ct: int) -> Iterator[tuple[int, object]]:
-        """The samples that lie before `ct`."""
+    def samples_before(self, ct: int) -> Iterator[tuple[int, object]]:
+        """Gives the next samples that arrived before `ct`."""
         if not self.samples.linear:
-            yield from self._up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
+            yield from self._samples_up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
 
-    def until(self, ct: int) -> Iterator[tuple[int, object]]:
-        """The samples up to `ct`; of lines and of what is always so, the value at it."""
-        if self.samples.always:
+    def samples_until(self, ct: int) -> Iterator[tuple[int, object]]:
+        """Gives the next samples up to `ct`; of lines and constants, their value at `ct`."""
+        if self.samples.is_constant:
             yield ct, self.samples.values[0]
         elif self.samples.linear:
-            value = self.samples.at(ct + self.from_ns)
+            value = self.samples.value_at(ct + self.from_ns)
             if value is not None:
                 yield ct, value
         else:
-            yield from self._up_to(bisect_right(self.samples.times_ns, ct + self.from_ns))
+            yield from self._samples_up_to(bisect_right(self.samples.times_ns, ct + self.from_ns))
 
-    def _up_to(self, end: int) -> Iterator[tuple[int, object]]:
+    def _samples_up_to(self, end: int) -> Iterator[tuple[int, object]]:
         for i in range(self.next, end):
             yield self.samples.stamps_ns[i] - self.from_ns, self.samples.values[i]
         self.next = max(self.next, end)
@@ -372,8 +371,8 @@ class _Watch:
         """The stamps and values of which `safe` was last asked."""
         self.first_s: float | None = None
 
-    def note(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
-        """Notes a step of the DM; `env` is what it saw."""
+    def note_decision(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
+        """Notes a step of the DM; `env` is what the DM read."""
         module_log = self.found
         module_log.steps += 1
         self.first_s = time_s if self.first_s is None else self.first_s
@@ -393,46 +392,50 @@ class _Watch:
 
     def _note_distances(self, env: Environment, time_s: float) -> None:
         module_log = self.found
-        far = self._ask(self.ttf, env)
+        far = self._measured_distance(self.ttf, env)
         if far is not None:
-            module_log.margin = _least(module_log.margin, -far.far, far, self.margins, time_s)
+            module_log.margin = _nearest_margin(
+                module_log.margin, -far.far, far, self.margins, time_s
+            )
             for bound, distance in self.margins.seen.items():
-                text = self.margins.label(bound)
+                text = self.margins.label_of_bound(bound)
                 last = module_log.bounds.get(text)
                 if last is None or distance < last.distance:
                     module_log.bounds[text] = NearestMargin(distance, time_s, text)
             self.margins.seen.clear()
 
     def note_safe(self, env: Environment, time_s: float, *, fresh: bool) -> None:
-        """Ask `safe` of reads of its own that are young enough; `fresh`: the DM's are, too."""
-        holds = self._clear(env, time_s)
+        """Asks `safe` of its reads, which are young enough; `fresh`: so are the DM's."""
+        holds = self._is_safe(env, time_s)
         if holds is not None:
             self.found.asked += 1
             self.found.judged_steps += fresh
             self.found.outside += not holds
 
     def note_late(self, env: Environment, time_s: float) -> None:
-        """Ask `safe` of what no step judges: too late, refused, or overwritten by the next."""
-        self.found.outside_late += self._clear(env, time_s) is False
+        """Asks `safe` of a sample that no step judges: too late, refused, or overwritten."""
+        self.found.outside_late += self._is_safe(env, time_s) is False
 
-    def _clear(self, env: Environment, time_s: float) -> bool | None:
-        """Whether `safe` holds; None where nobody can say."""
-        clear = self._ask(self.safe, env)
+    def _is_safe(self, env: Environment, time_s: float) -> bool | None:
+        """Whether `safe` holds, with its distance noted; None where `safe` faults."""
+        clear = self._measured_distance(self.safe, env)
         if clear is None:
             return None
         found = self.found
-        found.clearance = _least(found.clearance, clear.far, clear, self.of_safe, time_s)
+        found.clearance = _nearest_margin(found.clearance, clear.far, clear, self.of_safe, time_s)
         holds = copysign(1.0, clear.far) > 0
         assert found.times is not None
-        found.times.alarms[found.times.column(time_s)] += not holds
+        found.times.alarms[found.times.column_at(time_s)] += not holds
         for bound, (value, *band) in self.of_safe.sides.items():
-            found.times.note(self.of_safe.compared(bound), time_s, value, band, alarm=not holds)
+            found.times.note_value(
+                self.of_safe.compared_signal(bound), time_s, value, band, alarm=not holds
+            )
         self.of_safe.sides.clear()
         if not holds and found.first_outside_s is None:
             found.first_outside_s = time_s
         return holds
 
-    def _ask(
+    def _measured_distance(
         self, measure: Callable[[Environment], Distance] | None, env: Environment
     ) -> Distance | None:
         if measure is None:
@@ -444,10 +447,10 @@ class _Watch:
             return None
 
 
-def _least(
+def _nearest_margin(
     before: NearestMargin | None, far: float, d: Distance, margins: PredicateMargins, time_s: float
 ) -> NearestMargin:
     if before is not None and before.distance <= far:
         return before
-    bound = margins.label(d.bound) if d.bound >= 0 and not isinf(far) else ""
+    bound = margins.label_of_bound(d.bound) if d.bound >= 0 and not isinf(far) else ""
     return NearestMargin(far, time_s, bound)

@@ -1,7 +1,7 @@
-"""Surveys the channels of a log.
+"""Surveys the channels of a log for the drafts of `soter new --from`.
 
-Purpose: for `soter new --from`, `surveyed` reads every number of every channel in one pass, with
-little memory: how often they speak, how old they get, and what stands in them.
+Purpose: `survey_of_logs` reads every number of every channel in one pass, with little memory: how
+often the channels speak, how old their samples get, and which numbers they have.
 Non-goals: drafts made of that (`survey_drafts.py`); a judgement: what is said of rates and ages is
 of this log and no promise of the robot's.
 """
@@ -18,12 +18,12 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from soter.mapping.message_types import EMPTY_MEMBER
-from soter.monitor.log_files.csv_log import csv_head, csv_rows, head_helps, is_table
+from soter.monitor.log_files.csv_log import csv_column_names, csv_rows, head_helps, is_table
 from soter.monitor.log_files.log_columns import (
     FileFacts,
     Wanted,
     is_plain,
-    no_time,
+    no_time_error,
     parse_decimal,
     unusable,
 )
@@ -45,13 +45,13 @@ if TYPE_CHECKING:
 
 
 ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
-"""Longer lists, and more numbers of a message, are left out: nobody writes a program over them."""
+"""Lists longer than that, numbers beyond that count and what is nested deeper are left out."""
 INT_END = 2**63
-"""Whole numbers of Soter end there."""
+"""Whole numbers of Soter are smaller."""
 INT_DIGITS, FLOAT_END = 19, 2**53
 COUNTED = re.compile(r"(?i)(?<![a-z])(id|count|seq|index|mode|state|status|flag)s?$")
 LATE_NS = 60 * 10**9
-"""A stamp that is further off is of another clock."""
+"""A stamp that is further from its arrival is of another clock."""
 STAMP = "header.stamp"
 TIME_COLUMN = re.compile(
     r"#? ?(time|timestamp|stamp|ts|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
@@ -67,7 +67,7 @@ UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 
 
 
 class _Every(dict[str, Wanted]):
-    """Every channel is wanted, with all that it has."""
+    """A mapping in which every channel is wanted, with all that it has."""
 
     def __contains__(self, channel: object) -> bool:
         return True
@@ -81,10 +81,7 @@ EVERY = _Every()
 
 @dataclass
 class Numbers:
-    """A summary of the numbers of a field: the least, the greatest, their count, their kind.
-
-    `place`: its number among the fields of its channel.
-    """
+    """A field's least and greatest number, their count, their kind; `place`: its bit in `masks`."""
 
     place: int
     low: float = inf
@@ -92,8 +89,8 @@ class Numbers:
     count: int = 0
     kind: str = "bool"
 
-    def note(self, value: Any) -> None:  # noqa: ANN401 - a number or a truth
-        """Count one more value."""
+    def note_number(self, value: Any) -> None:  # noqa: ANN401 - a number or a truth
+        """Counts one more value."""
         if not isfinite(value):
             self.kind = "float"
             return
@@ -126,26 +123,26 @@ class Channel:
     first_back_ns: int = 0
     typed: bool = True
 
-    def kind(self, path: str) -> str:
-        """The type of a field; what happens to be whole is a float, unless it surely counts."""
+    def type_of_field(self, path: str) -> str:
+        """The type of a field; untyped whole numbers are floats, unless they surely count."""
         n = self.fields[path]
         counts = self.typed or COUNTED.search(path) or max(-n.low, n.high) >= FLOAT_END
         return n.kind if counts or n.kind != "int" else "float"
 
-    def note(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
-        """Count a message."""
+    def note_message(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
+        """Counts a message."""
         if self.times_ns and now_ns < self.times_ns[-1]:
             self.first_back_ns = self.first_back_ns if self.back else now_ns
             self.back += 1
         self.times_ns.append(now_ns)
         mask = 0
-        for path, value in _leaves(content, "", DEPTH_MAX):
+        for path, value in _numbers_by_path(content, "", DEPTH_MAX):
             known = path in self.fields
             if value is None or (not known and len(self.fields) >= LEAVES_MAX):
                 self.left_out |= {path} if known or len(self.left_out) < LEAVES_MAX else set()
             else:
                 numbers = self.fields.setdefault(path, Numbers(len(self.fields)))
-                numbers.note(value)
+                numbers.note_number(value)
                 mask |= isfinite(value) << numbers.place
         self.held.append(self.masks.setdefault(mask, len(self.masks)))
         try:
@@ -155,13 +152,13 @@ class Channel:
         self.late_ns.append(late if 0 <= late < LATE_NS else -1)
 
     @property
-    def stamped(self) -> bool:
+    def is_stamped(self) -> bool:
         """Whether every message says when it was measured, in the clock of the log."""
         return min(self.late_ns, default=-1) >= 0
 
     @property
-    def kept(self) -> list[str]:
-        """The fields that its mapping reads: numbers, wherever they are there."""
+    def kept_fields(self) -> list[str]:
+        """The fields that the drafted mapping reads: numbers, wherever they are there."""
         return [
             p
             for p, n in self.fields.items()
@@ -172,31 +169,28 @@ class Channel:
         ]
 
     @cached_property
-    def taken(self) -> list[tuple[int, int]]:
-        """(when, how long after its stamp) of each sample that its mapping takes, in ns.
-
-        It has a number in every field and, where all have stamps, a later stamp than the last.
-        """
-        every = sum(1 << self.fields[p].place for p in self.kept)
+    def taken_samples(self) -> list[tuple[int, int]]:
+        """When each sample with all numbers and a later stamp came, and its age then, in ns."""
+        every = sum(1 << self.fields[p].place for p in self.kept_fields)
         whole = [mask & every == every for mask in self.masks]
-        stamped, last, found = self.stamped, 0, list[tuple[int, int]]()
+        stamped, last, found = self.is_stamped, 0, list[tuple[int, int]]()
         for now, late, held in zip(self.times_ns, self.late_ns, self.held, strict=True):
             if whole[held] and not (stamped and now - late <= last):
                 found.append((now, late if stamped else 0))
                 last = now - late
         return found
 
-    def gaps_ns(self) -> list[int]:
-        """Between one sample and the next, in order of length."""
-        return sorted(b - a for (a, _), (b, _) in pairwise(self.taken) if b >= a)
+    def sorted_gaps_ns(self) -> list[int]:
+        """The times between one sample and the next, the shortest first."""
+        return sorted(b - a for (a, _), (b, _) in pairwise(self.taken_samples) if b >= a)
 
-    def ages_ns(self) -> list[int]:
-        """How old each sample was when the next one came, in order."""
-        return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken) if b >= a)
+    def sorted_ages_ns(self) -> list[int]:
+        """How old each sample was when the next one came, the youngest first."""
+        return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken_samples) if b >= a)
 
     def first_max_age_ns(self) -> int:
-        """Two of its periods, or what 99 % of its messages kept to; 0 where it has no period."""
-        ages, gaps = self.ages_ns(), self.gaps_ns()
+        """A first `max_age`: two periods, or the age of 99 % of the samples; 0 without a period."""
+        ages, gaps = self.sorted_ages_ns(), self.sorted_gaps_ns()
         if not gaps or median(gaps) <= 0:
             return 0
         return rounded_up(max(2 * round(median(gaps)), ages[ceil(0.99 * len(ages)) - 1]))
@@ -204,15 +198,15 @@ class Channel:
 
 @dataclass
 class LogSurvey:
-    """The findings on a log, by channel; `time`: the column and unit of the time of a CSV."""
+    """The findings on a log, by channel; `time`: the name and unit of a CSV's time column."""
 
     channels: dict[str, Channel] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     time: tuple[str, str] | None = None
 
 
-def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
-    """Every channel of a log, or of several CSVs; SoterError D016, D007."""
+def survey_of_logs(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
+    """Surveys every channel of a log, or of several CSVs; SoterError D016, D007."""
     found = LogSurvey()
     for path in paths:
         facts = FileFacts()
@@ -220,27 +214,27 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
             raise unusable(
                 path, "of several files that are one log each is a CSV, and this is none"
             )
-        for now_ns, _, name, content in facts.readable(
-            path, _rows(path, facts, found), partial=partial
+        for now_ns, _, name, content in facts.readable_rows(
+            path, _log_rows(path, facts, found), partial=partial
         ):
             if content is not None:
                 typed = not isinstance(content, dict) or path.suffix.lower() in READERS
-                found.channels.setdefault(name, Channel(typed=typed)).note(now_ns, content)
+                found.channels.setdefault(name, Channel(typed=typed)).note_message(now_ns, content)
         found.notes += facts.notes
         if facts.damage is not None:
             found.notes.append(f"{facts.damage}; {facts.damage.told}")
-    if not any(c.kept for c in found.channels.values()):
+    if not any(c.kept_fields for c in found.channels.values()):
         raise unusable(paths[0], "it holds no numbers")
     return found
 
 
-def _rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
+def _log_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
     return _csv_rows(path, facts, found) if is_table(path) else channel_messages(path, EVERY, facts)
 
 
 def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    """The rows of a CSV; its time is the first column that is called so, in a unit that fits."""
-    head = csv_head(path)
+    """The rows of a CSV, whose time is the first column that is named so, in a unit that fits."""
+    head = csv_column_names(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:
         message = f"no column is called as a time is: {', '.join(head)[:200]}"
@@ -249,26 +243,26 @@ def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
     for line, (clock,), row in csv_rows(path, head, time, facts):
         now = parse_decimal(clock)
         if now is None or now.adjusted() >= INT_DIGITS:
-            raise no_time(path, clock, f"line {line}")
+            raise no_time_error(path, clock, f"line {line}")
         if not unit_ns:
-            unit, unit_ns = _unit(TIME_UNITS.get(called[2] or ""), now)
+            unit, unit_ns = _time_unit(TIME_UNITS.get(called[2] or ""), now)
             if found.time not in (None, (time, unit)):
                 raise unusable(path, f"its time is `{time}` in {unit}, that of another file is not")
             found.time = time, unit
-        cells = {k: _number(v) for k, v in row.items() if k != time and v.strip()}
+        cells = {k: _number_or_text(v) for k, v in row.items() if k != time and v.strip()}
         now_ns = round(now * unit_ns)
         if abs(now_ns) >= INT_END:
-            raise no_time(path, clock, f"line {line}")
+            raise no_time_error(path, clock, f"line {line}")
         yield now_ns, None, path.name, cells
 
 
-def _unit(unit: str | None, first: Decimal) -> tuple[str, int]:
-    """The unit of a time, and that in ns, as its name says or as fits its first value."""
+def _time_unit(unit: str | None, first: Decimal) -> tuple[str, int]:
+    """The unit of a time, and its length in ns: the named one, or one that fits the first value."""
     return next((u, ns) for at, u, ns in UNITS if (u == unit if unit else abs(first) > at))
 
 
-def _number(cell: str) -> float | int | str:
-    """A cell as a float or an int of a mapping reads it; a text as it is."""
+def _number_or_text(cell: str) -> float | int | str:
+    """A cell as a float or an int of a mapping reads it; other texts as they are."""
     number = parse_decimal(cell)
     if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
         return int(number) if number == number.to_integral_value() else float(cell)
@@ -278,8 +272,8 @@ def _number(cell: str) -> float | int | str:
         return cell
 
 
-def _leaves(content: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
-    """Path and number of all that it has; None for a text, a list that is too long and the like."""
+def _numbers_by_path(content: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
+    """The path and number of each part of a message; None for texts, long lists and the like."""
     if content is None:
         return
     if isinstance(content, (bool, int, float)):
@@ -287,15 +281,15 @@ def _leaves(content: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:  
         return
     if hasattr(content, "dtype"):
         content = content.tolist() if content.size <= ELEMENTS_MAX else None
-    members = _members(content) if depth else None
+    members = _named_members(content) if depth else None
     if members is None:
         yield path, None
         return
     for name, value in members:
-        yield from _leaves(value, f"{path}.{name}" if path else name, depth - 1)
+        yield from _numbers_by_path(value, f"{path}.{name}" if path else name, depth - 1)
 
 
-def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - the same
+def _named_members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - the same
     if isinstance(content, dict):
         return [(str(name), value) for name, value in content.items()]
     if isinstance(content, (list, tuple)) and len(content) <= ELEMENTS_MAX:
@@ -310,6 +304,6 @@ def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - th
 
 
 def rounded_up(ns: int) -> int:
-    """A time rounded up to two figures."""
+    """A time in ns, rounded up to two figures."""
     step = 10 ** max(0, floor(log10(ns)) - 1) if ns > 0 else 1
     return ceil(ns / step) * step

@@ -1,11 +1,12 @@
 """The model monitor: whether some run of the verification plants fits what was recorded.
 
-Purpose: `judge` follows a record by set-membership. X_k = image of X_(k-1) under the commands that
-acted, any disturbance within its bounds and the time that passed, met with what is known of x_k:
+Purpose: `judge_run` follows a record by set-membership. X_k is the box of states that the model
+allows at instant k: the image of X_(k-1) under the commands that acted, any disturbance within its
+bounds and the time that passed, intersected with what the record shows of the state x_k:
 the true state (error 0), or an estimate +-E. Where nothing is left the model is false: that is an
 alarm, and X_k starts anew.
-Non-goals: plants that are not affine; showing that a model is true: silence says that nothing has
-spoken against it. X_k is a box, so that it is never too small.
+Non-goals: plants that are not affine; showing that a model is true: no alarm only says
+that nothing has spoken against it. X_k is a box, so that it is never too small.
 """
 
 from __future__ import annotations
@@ -89,10 +90,7 @@ class Judgement:
 
     @property
     def judged(self) -> bool:
-        """Whether a step was judged in every run: else there is no verdict.
-
-        An alarm beside a silence is a verdict; no alarm there says nothing.
-        """
+        """Whether an alarm was raised, or a step judged in every run; else no verdict."""
         return (self.judged_ns > 0 or self.alarms > 0) and not self.empty_runs
 
     @property
@@ -102,7 +100,7 @@ class Judgement:
 
 
 class Models:
-    """The model's steps by parameter and length, each made once."""
+    """Keeps the model's matrices by parameter values, and its steps by length; makes each once."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -110,34 +108,34 @@ class Models:
         self._steps: dict[tuple[tuple[int, ...], int], AffineStep] = {}
         self._plants = Plants(problem)
 
-    def model(self, parameter: tuple[int, ...]) -> LinearModel:
-        """The matrices at values of the parameters of plants."""
+    def matrices(self, parameter: tuple[int, ...]) -> LinearModel:
+        """The matrices of the plants at these values of their parameters."""
         if parameter not in self._models:
             self._models[parameter] = linear_model(self.problem, parameter)
         return self._models[parameter]
 
-    def step(self, parameter: tuple[int, ...], ns: int) -> AffineStep:
-        """A step that long, in ns."""
+    def step_of_length(self, parameter: tuple[int, ...], ns: int) -> AffineStep:
+        """The model's step of `ns` nanoseconds."""
         key = (parameter, ns)
         if key not in self._steps:
-            self._steps[key] = discretised_step(self.model(parameter), ns / 1e9)
+            self._steps[key] = discretised_step(self.matrices(parameter), ns / 1e9)
         return self._steps[key]
 
-    def around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
-        """As `step`; of a map at `x` (states,), `u` (controls,), around which it may be bent."""
+    def step_around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
+        """A step of `ns` nanoseconds; of a map, its tangent at x (states,), u (controls,)."""
         if self.problem.kind != "map":
-            return self.step(parameter, ns)
+            return self.step_of_length(parameter, ns)
         low = np.array([r.low for r in self.problem.disturbances])
         high = np.array([r.high for r in self.problem.disturbances])
         middle = low / 2 + high / 2
-        centre = self._plants.rates(x, u, middle, parameter)
+        centre = self._plants.state_rates(x, u, middle, parameter)
         reach = np.zeros(len(x))
         for i in range(len(middle)):
             ends = []
             for d in (low, high):
                 moved = middle.copy()
                 moved[i] = d[i]
-                ends.append(np.abs(self._plants.rates(x, u, moved, parameter) - centre))
+                ends.append(np.abs(self._plants.state_rates(x, u, moved, parameter) - centre))
             reach += np.maximum(*ends)
         still = np.zeros((len(x), len(x)))
         return AffineStep(still, np.zeros((len(x), len(u))), centre, reach)
@@ -179,10 +177,10 @@ class RecordReader:
                 )
                 self._compiled.append((link, name, component, evaluator.expression(link.value)))
 
-    def truth(
+    def true_state(
         self, topics: Mapping[str, Value], truths: Mapping[str, Value]
     ) -> tuple[Floats, tuple[int, ...]]:
-        """The true state x, (states,), and the parameters in it."""
+        """The true state, (states,), and the values of the parameters."""
         values: dict[str, Value] = {}
         if self.links:
             listed = [topics.get(t.name, t.default) for t in self.flat.topics]
@@ -191,9 +189,9 @@ class RecordReader:
                 values[link.name] = compiled(env)
         else:
             values = {c.name: truths[n] for n, c in self.plants.items()}
-        return self._split(values)
+        return self._state_and_parameters(values)
 
-    def _split(self, values: Mapping[str, Value]) -> tuple[Floats, tuple[int, ...]]:
+    def _state_and_parameters(self, values: Mapping[str, Value]) -> tuple[Floats, tuple[int, ...]]:
         system = self.problem.system
 
         def part(leaf: object) -> float:
@@ -206,23 +204,23 @@ class RecordReader:
         x = np.array([part(leaf) for leaf in self.states])
         return x, tuple(int(part(leaf)) for leaf in self.parameters)
 
-    def before(self, record: RecordedRun, k: int) -> Mapping[str, Value]:
-        """Topics as they stand when plants have moved and no node has stepped yet."""
+    def topics_before_nodes(self, record: RecordedRun, k: int) -> Mapping[str, Value]:
+        """The topics at instant k when the plants have moved and no node has stepped yet."""
         first = record.before or {t.name: t.default for t in self.flat.topics}
         stood = record.topics[k - 1] if k else first
         return {**stood, **{n: record.topics[k][n] for n in self.driven}}
 
-    def shown(
+    def shown_parameters(
         self, places: Sequence[tuple[int, tuple[str, ...]]], topics: Mapping[str, Value]
     ) -> tuple[int, ...]:
-        """The parameters as driven topics show them (`parameter_leaves`)."""
+        """The parameters' values in the topics; `places` as of `parameter_leaves`."""
         known = self.problem.system.topics
         return tuple(
             int(leaf_number(known[i].type, topics[self.names[i]], path)) for i, path in places
         )
 
     def commands(self, topics: Mapping[str, Value]) -> Floats:
-        """The commands u as they stand in the topics, (controls,)."""
+        """The commands that stand in the topics, (controls,)."""
         system = self.problem.system
         commands = []
         for leaf in self.controls:
@@ -230,8 +228,8 @@ class RecordReader:
             commands.append(leaf_number(system.topics[leaf.owner].type, value, leaf.path))
         return np.array(commands)
 
-    def estimate(self, topics: Mapping[str, Value]) -> Floats:
-        """The driven float leaves as they stand in the topics, (leaves,)."""
+    def driven_values(self, topics: Mapping[str, Value]) -> Floats:
+        """The values of the driven float leaves in the topics, (leaves,)."""
         system = self.problem.system
         return np.array(
             [
@@ -250,7 +248,7 @@ def _scope_topics(flat: System, module: Module) -> dict[TopicSymbol, int]:
 
 
 def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str]:
-    """Topic of the verification system -> its name in the flying system, by declaration."""
+    """By index of a topic of the verification system: its name in the system that flies."""
     symbols = {}
     for c in problem.system.components:
         symbols.update({i: s for s, i in c.scope.topics.items()})
@@ -260,13 +258,13 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
 
 
 def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:
-    """The topics, by full names, that a judgement on estimates needs without true states."""
+    """The full names of the topics that `judge_run` reads when there are no true states."""
     names = topic_names(flat, module, problem)
     owners = [t for t, _ in driven_leaves(problem)] + [c.owner for c in problem.quantities.controls]
     return list(dict.fromkeys(names[i] for i in owners))
 
 
-def judge(
+def judge_run(
     flat: System,
     module: Module,
     problem: Problem,
@@ -276,13 +274,12 @@ def judge(
     truths: bool = True,
     models: Models | None = None,
 ) -> Judgement:
-    """Follow a record. SoterError U001 where the plants are not affine.
+    """Judges a record by the model of a module. SoterError U001 where the plants are not affine.
 
     `truths`: whether the record has true states; without them parameters are read off the topics.
-    `models`: those of the same problem, where several records are followed.
-
-    Instants count at which a verification plant's flying counterpart has stepped: those whose
-    time is a multiple of the record's own spacing.
+    `models`: those of the same problem, where several records are judged.
+    Of the record, the instants count at which a verification plant's flying counterpart has
+    stepped: those whose time is a multiple of the record's own spacing.
     """
     reader = RecordReader(flat, module, problem)
     models = models or Models(problem)
@@ -301,7 +298,7 @@ def judge(
 
 
 def note_alarm(judgement: Judgement, at_s: float, states: Sequence[str]) -> None:
-    """Count an alarm, and the states, or commands, that it is about."""
+    """Counts an alarm, and the states, or commands, that it is about."""
     judgement.alarms += 1
     judgement.alarm_times_s.append(at_s)
     first = judgement.first_alarm_s
@@ -319,17 +316,19 @@ def _judge_on_truth(
     for k, now in enumerate(record.times_ns):
         if period and now % period:
             continue
-        x, parameter = reader.truth(reader.before(record, k), record.truths[k])
+        x, parameter = reader.true_state(reader.topics_before_nodes(record, k), record.truths[k])
         if last is not None and now > last[3]:
             before, same, u, then = last
             if same == parameter:
-                step = models.around(same, now - then, before, u)
+                step = models.step_around(same, now - then, before, u)
                 judgement.judged_ns += now - then
-                _compare(step, before, u, x, judgement=judgement, record=record, k=k, names=names)
+                _judge_true_step(
+                    step, before, u, x, judgement=judgement, record=record, k=k, names=names
+                )
         last = x, parameter, reader.commands(record.topics[k]), now
 
 
-def _compare(
+def _judge_true_step(
     step: AffineStep,
     before: Floats,
     u: Floats,
@@ -368,14 +367,14 @@ def _compare(
 
 @dataclass(frozen=True)
 class ObservationMap:
-    """x in inverse (y - offset) +- error, for the states that the driven topics determine."""
+    """Maps the driven leaves y to states: x lies in inverse (y - offset) +- error."""
 
     inverse: Floats
     error: Floats
 
 
 def observation_map(problem: Problem, model: LinearModel) -> ObservationMap:
-    """The map from estimates to states, with its errors: infinite for states that nobody sees."""
+    """The map from estimates to states; the error of a state that nothing shows is infinite."""
     errors = np.zeros(len(model.drives))
     at = {key: i for i, key in enumerate(driven_leaves(problem))}
     for leaf, r in zip(problem.quantities.errors, problem.errors, strict=True):
@@ -388,7 +387,7 @@ def observation_map(problem: Problem, model: LinearModel) -> ObservationMap:
 
 
 class _Ages:
-    """The topics that are read: which were published at each instant, and which fell silent."""
+    """Says which topics were published at each instant, and which fell silent."""
 
     def __init__(self, flat: System, names: Sequence[str], record: RecordedRun) -> None:
         self.record, self.names = record, names
@@ -401,27 +400,27 @@ class _Ages:
             usual = float(np.median(np.diff(at))) if len(at) > 1 else np.inf
             self.most[t.name] = SILENT * usual if t.max_age_ns is None else t.max_age_ns
 
-    def fresh(self, k: int, leaves: Sequence[str]) -> NDArray[np.bool_]:
-        """Whether the driven leaves, by their topics, were published at instant k."""
+    def are_published(self, k: int, leaves: Sequence[str]) -> NDArray[np.bool_]:
+        """By driven leaf: whether its topic was published at instant k."""
         return np.array([name in self.record.published[k] for name in leaves], dtype=np.bool_)
 
-    def heard(self, k: int) -> bool:
-        """Whether no topic was silent for too long up to instant k, which is noted."""
+    def is_heard(self, k: int) -> bool:
+        """Notes which topics were published at instant k; whether none was silent for too long."""
         now = self.record.times_ns[k]
         too_old = [n for n, then in self.last.items() if now - then > self.most[n]]
         self.last.update((n, now) for n in self.names if n in self.record.published[k])
         return not too_old
 
 
-def _parameter(
+def _parameter_values(
     reader: RecordReader,
     record: RecordedRun,
     k: int,
     shown: Sequence[tuple[int, tuple[str, ...]]] | None,
 ) -> tuple[int, ...]:
     if shown is None:
-        return reader.truth(record.topics[k], record.truths[k])[1]
-    return reader.shown(shown, record.topics[k])
+        return reader.true_state(record.topics[k], record.truths[k])[1]
+    return reader.shown_parameters(shown, record.topics[k])
 
 
 def _judge_on_estimates(
@@ -439,18 +438,18 @@ def _judge_on_estimates(
     same: tuple[int, ...] = ()
     u, then, seen_ns, silent = np.zeros(0), 0, 0, False
     for k, now in enumerate(record.times_ns):
-        y = reader.estimate(record.topics[k])
-        parameter = _parameter(reader, record, k, shown)
+        y = reader.driven_values(record.topics[k])
+        parameter = _parameter_values(reader, record, k, shown)
         if box is not None and now > then:
-            box = _image(models.step(same, now - then), box, u)
+            box = _image_box(models.step_of_length(same, now - then), box, u)
         u, then = reader.commands(record.topics[k]), now
-        silent, fresh = not ages.heard(k) or silent, ages.fresh(k, leaves)
+        silent, fresh = not ages.is_heard(k) or silent, ages.are_published(k, leaves)
         if parameter == same and not fresh.any():
             continue  # nothing new was published
         apart, gap = now - seen_ns, silent
         seen_ns, silent = now, False
-        model = models.model(parameter)
-        seen = _seen(observation_map(models.problem, model), y - model.offset, fresh)
+        model = models.matrices(parameter)
+        seen = _seen_box(observation_map(models.problem, model), y - model.offset, fresh)
         if box is None or parameter != same:
             box, same = seen, parameter
             continue
@@ -458,7 +457,7 @@ def _judge_on_estimates(
             box = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
             continue  # there is no state of which both are known
         judgement.steps += 1
-        judgement.offsets.append(_offset(box, seen))
+        judgement.offsets.append(_offset_shares(box, seen))
         judgement.offset_times_s.append(now / 1e9)
         judgement.judged_ns += 0 if gap else apart
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
@@ -469,8 +468,8 @@ def _judge_on_estimates(
         box = low, high
 
 
-def _seen(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """The box in which the published leaves show the states; endless where others are needed."""
+def _seen_box(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """The box of the states that the published leaves show; infinite where they show none."""
     x = sight.inverse @ y
     slack = ROUNDING * (np.abs(sight.inverse) @ np.abs(y) + 1.0)
     old = (np.abs(sight.inverse[:, ~fresh]) > UNSEEN).any(axis=1)
@@ -478,13 +477,13 @@ def _seen(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[F
     return x - error, x + error
 
 
-def _offset(box: tuple[Floats, Floats], seen: tuple[Floats, Floats]) -> Floats:
+def _offset_shares(box: tuple[Floats, Floats], seen: tuple[Floats, Floats]) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):  # of a state that is not known
         apart = (seen[0] + seen[1] - box[0] - box[1]) / (seen[1] - seen[0] + box[1] - box[0])
     return np.where(np.isfinite(apart), apart, 0.0)
 
 
-def _image(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:
+def _image_box(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:
     half = (box[1] - box[0]) / 2
     with np.errstate(invalid="ignore"):  # of a state that is not known
         mid = np.where(np.isfinite(half), (box[0] + box[1]) / 2, 0.0)

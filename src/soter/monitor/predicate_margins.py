@@ -1,12 +1,13 @@
-"""How far a predicate is from changing, on given reads.
+"""Measures how far a predicate is from changing, on values of what it reads.
 
 Purpose: `PredicateMargins` compiles a predicate to a `Distance`, one number in place of a truth:
-above zero where it holds, below where it does not, as far from zero as its nearest comparison is
-from turning (`a < b`: b - a, in the unit that both have), and which comparison that is. && is the
-least, || the greatest, ! the negation; where a function decides by `if`, every condition counts.
+above zero where the predicate holds, below where it does not, as far from zero as its nearest
+comparison is from turning (`a < b`: b - a, in the unit that both have), and which comparison that
+is. && is the least, || the greatest, ! the negation; where a function decides by `if`, every
+condition counts.
 Non-goals: C; margins between instants.
 
-What has no distance (a bool, an equality) is infinitely far. Distances in different units are
+A bool or an equality, which has no distance, is infinitely far. Distances in different units are
 compared as numbers, so each comparison keeps its own least (`Bounds`).
 """
 
@@ -33,7 +34,7 @@ COMPARED = ("<", "<=", ">", ">=")
 
 
 class Distance(NamedTuple):
-    """A distance from changing; `bound`: its comparison, an index of `Margins.bounds`, -1: none."""
+    """A distance from changing; `bound`: index of its comparison in `bounds`, -1 if none."""
 
     far: float
     bound: int
@@ -43,9 +44,9 @@ Far = (Distance(math.inf, -1), Distance(-math.inf, -1))
 
 
 class PredicatePosition(NamedTuple):
-    """A place in a predicate: the calls that led there, and what a greater distance means.
+    """A place in a predicate: calls that led there, and whether more distance helps it.
 
-    `sense`: 1.0: the predicate is further from failing, -1.0: nearer, 0.0: it depends.
+    `sense`: 1.0: the predicate is further from failing; -1.0: it is nearer; 0.0: that depends.
     """
 
     calls: tuple[str, ...] = ()
@@ -74,35 +75,37 @@ class PredicateMargins:
         """Of each bound the side that is compared: the first that is no constant."""
 
     def of(self, e: t.TypedExpr, at: PredicatePosition = ROOT) -> Callable[[Environment], Distance]:
-        """`environment -> distance`; raises `StepFault` where the predicate does."""
+        """Compiles a predicate to its distance by environment, which faults where it does."""
         if isinstance(e, t.TypedBinary) and e.op in ("&&", "||"):
             return self._connective(e, at)
         if isinstance(e, t.TypedBinary) and e.op in COMPARED:
             return self._comparison(e, at)
         if isinstance(e, t.TypedUnary) and e.op == "!":
             inner = self.of(e.operand, at._replace(sense=-at.sense))
-            return lambda env: _negate(inner(env))
+            return lambda env: _negated(inner(env))
         if isinstance(e, t.Conditional):
             asked, then = self.of(e.condition, at._replace(sense=0.0)), self.of(e.then, at)
             otherwise = self.of(e.otherwise, at)
-            return lambda env: _after([c := asked(env)], (then if _holds(c) else otherwise)(env))
+            return lambda env: _returned_distance(
+                [c := asked(env)], (then if _holds(c) else otherwise)(env)
+            )
         if isinstance(e, t.TypedCall) and not e.fun.extern and e.fun.body is not None:
             return self._call(e, at)
         value = self._evaluator.expression(e)
         return lambda env: Far[0] if value(env) else Far[1]
 
-    def compared(self, bound: int) -> Compared:
-        """What a bound compares, for a drawing over time."""
+    def compared_signal(self, bound: int) -> Compared:
+        """The text, unit and label of the side of a comparison that varies, for a drawing."""
         e = self.curves[bound]
-        return _text(e), getattr(e.type, "unit", ""), f"`{self.label(bound)}`"
+        return _expression_text(e), getattr(e.type, "unit", ""), f"`{self.label_of_bound(bound)}`"
 
-    def label(self, bound: int) -> str:
-        """A comparison as people tell it from the others: with the calls in which they differ."""
+    def label_of_bound(self, bound: int) -> str:
+        """The text of a comparison, with the calls that tell it from others of the same text."""
         if len(self._labels) != len(self.bounds):
-            self._labels = [self._label(*b) for b in self.bounds]
+            self._labels = [self._label_of_comparison(*b) for b in self.bounds]
         return self._labels[bound]
 
-    def _label(self, text: str, calls: tuple[str, ...]) -> str:
+    def _label_of_comparison(self, text: str, calls: tuple[str, ...]) -> str:
         others = [c for t_, c in self.bounds if t_ == text and c != calls]
         labels: list[str] = []
         for depth, call in enumerate(calls):
@@ -116,7 +119,7 @@ class PredicateMargins:
     def _connective(
         self, e: t.TypedBinary, at: PredicatePosition
     ) -> Callable[[Environment], Distance]:
-        """Both sides count; one that faults where the language would not ask it does not."""
+        """Joins both sides; a fault of the right one counts only if the language asks it."""
         left, right = self.of(e.left, at), self.of(e.right, at)
         choose = max if e.op == "||" else min
 
@@ -128,7 +131,7 @@ class PredicateMargins:
                 if _holds(a) == (choose is max):
                     return a
                 raise
-            return choose(a, b, key=_order)
+            return choose(a, b, key=_sort_key)
 
         return joined
 
@@ -138,7 +141,7 @@ class PredicateMargins:
         left, right = self._evaluator.expression(e.left), self._evaluator.expression(e.right)
         holds = self._evaluator.expression(e)
         bound, seen = len(self.bounds), self.seen
-        self.bounds.append((_text(e), at.calls))
+        self.bounds.append((_expression_text(e), at.calls))
         self.curves.append(e.left if _varies(e.left) else e.right)
         first, sides = self.curves[-1] is e.left, self.sides
         sign = 1.0 if e.op in ("<", "<=") else -1.0
@@ -161,7 +164,9 @@ class PredicateMargins:
 
     def _call(self, e: t.TypedCall, at: PredicatePosition) -> Callable[[Environment], Distance]:
         arguments = [self._evaluator.expression(a) for a in e.arguments]
-        body = self._block(e.fun.body or (), PredicatePosition((*at.calls, _text(e)), at.sense))
+        body = self._block(
+            e.fun.body or (), PredicatePosition((*at.calls, _expression_text(e)), at.sense)
+        )
         parameters = e.fun.parameters
 
         def called(env: Environment) -> Distance:
@@ -172,7 +177,7 @@ class PredicateMargins:
                 way: list[Distance] = []
                 distance = body(env, way)
                 assert distance is not None
-                return _after(way, distance)
+                return _returned_distance(way, distance)
             finally:
                 env.variables = outside
 
@@ -181,7 +186,7 @@ class PredicateMargins:
     def _block(
         self, statements: tuple[t.TypedStmt, ...], at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
-        """Runs statements; gives what was returned, and adds the conditions on the way."""
+        """Compiles statements to a function that gives what is returned and collects conditions."""
         steps = [self._statement(s, at) for s in statements]
 
         def run(env: Environment, way: list[Distance]) -> Distance | None:
@@ -202,7 +207,7 @@ class PredicateMargins:
         if isinstance(s, t.TypedIf):
             return self._branches(s, at)
         if isinstance(s, (t.ForRange, t.ForEach)):
-            return self._rounds(s, at)
+            return self._loop(s, at)
         step = self._evaluator.block([s])
 
         def run(env: Environment, _way: list[Distance]) -> None:
@@ -227,7 +232,7 @@ class PredicateMargins:
 
         return choose
 
-    def _rounds(
+    def _loop(
         self, s: t.ForRange | t.ForEach, at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
         body = self._block(s.body, at)
@@ -250,20 +255,20 @@ class PredicateMargins:
 
 
 def _holds(d: Distance) -> bool:
-    """Whether what was measured is true: -0.0 is a comparison that just fails."""
+    """Whether the predicate of a distance holds: -0.0 is a comparison that just fails."""
     return math.copysign(1.0, d.far) > 0
 
 
-def _order(d: Distance) -> tuple[float, float]:
+def _sort_key(d: Distance) -> tuple[float, float]:
     return d.far, math.copysign(1.0, d.far)
 
 
-def _negate(d: Distance) -> Distance:
+def _negated(d: Distance) -> Distance:
     return Distance(-d.far, d.bound)
 
 
-def _after(way: list[Distance], distance: Distance) -> Distance:
-    """The distance of a returned value, at most that of the conditions (`way`) that led to it."""
+def _returned_distance(way: list[Distance], distance: Distance) -> Distance:
+    """The distance of a returned value, cut to the nearest condition that led to it."""
     nearest = min([*way, distance], key=lambda d: abs(d.far))
     return Distance(math.copysign(abs(nearest.far), distance.far), nearest.bound)
 
@@ -272,6 +277,6 @@ def _varies(e: t.TypedExpr) -> bool:
     return any(isinstance(n, (t.VarRead, t.TopicRead, t.AgeRead, t.TypedCall)) for n in nodes([e]))
 
 
-def _text(e: t.TypedExpr) -> str:
+def _expression_text(e: t.TypedExpr) -> str:
     text = " ".join(e.span.text.split())
     return text if len(text) <= TEXT_MAX else text[: TEXT_MAX - 3] + "..."

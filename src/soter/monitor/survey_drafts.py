@@ -29,7 +29,7 @@ COMMAND_NAME = re.compile(
 
 
 def program_head(survey: LogSurvey, log: str, name: str) -> str:
-    """The head of a program: a type and a topic for each channel, and what the log says of it."""
+    """Drafts the head of a program: for each channel a type, a topic and comments."""
     lines = [
         "soter 1;",
         "",
@@ -46,13 +46,19 @@ def program_head(survey: LogSurvey, log: str, name: str) -> str:
     lines += [f"// {_comment_text(note)}" for note in survey.notes]
     for channel, topic, of_type, fields in _named_channels(survey):
         found = survey.channels[channel]
-        lines += ["", f"// {_comment_text(channel)}: {_rate(found)}", *_remarks(found)]
+        lines += [
+            "",
+            f"// {_comment_text(channel)}: {_rate_text(found)}",
+            *_remarks_on_channel(found),
+        ]
         lines.append(f"type {of_type} = {{")
         for path, called in fields.items():
             n = found.fields[path]
             turns = '; an angle? `float unit "rad"`, or "deg", counts modulo a turn'
-            span = f"{_figure(n.low)} to {_figure(n.high)}{turns * bool(ANGLE.search(path))}"
-            lines.append(f"  {called}: {found.kind(path)},  // {span}")
+            span = (
+                f"{_figure_text(n.low)} to {_figure_text(n.high)}{turns * bool(ANGLE.search(path))}"
+            )
+            lines.append(f"  {called}: {found.type_of_field(path)},  // {span}")
         age = found.first_max_age_ns()
         lines += [
             "};",
@@ -62,7 +68,7 @@ def program_head(survey: LogSurvey, log: str, name: str) -> str:
 
 
 def mapping_of_log(survey: LogSurvey, log: str) -> str:
-    """A mapping of the log, as TOML."""
+    """Drafts a mapping of the log, as TOML."""
     lines = [f"# What is what in {_comment_text(log)}: docs/mapping.md."]
     if survey.time is not None:
         name, unit = survey.time
@@ -71,7 +77,7 @@ def mapping_of_log(survey: LogSurvey, log: str) -> str:
     topics = [*_named_channels(survey)]
     for channel, topic, _, fields in topics:
         lines += ["", f"[topics.{topic}]", f"channel = {_toml_text(channel)}"]
-        if survey.channels[channel].stamped:
+        if survey.channels[channel].is_stamped:
             lines.append(f'stamp = "{STAMP}"')
         lines += ["", f"[topics.{topic}.fields]"]
         lines += [f"{called} = {_toml_text(path)}" for path, called in fields.items()]
@@ -81,21 +87,21 @@ def mapping_of_log(survey: LogSurvey, log: str) -> str:
 
 
 def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
-    """Channel, topic, type, and names of fields by path: of each that has a number."""
+    """Gives each channel with a number, its topic, its type, and field names by path."""
     taken: set[str] = set(RESERVED)
     for channel in sorted(survey.channels):
-        kept = survey.channels[channel].kept
+        kept = survey.channels[channel].kept_fields
         if not kept:
             continue
-        topic = _name(channel.removesuffix(".csv"), taken)
+        topic = _free_name(channel.removesuffix(".csv"), taken)
         words = NOT_A_NAME.sub("_", topic).split("_")
-        of_type = _name("".join(w[:1].upper() + w[1:] for w in words) + "Data", taken)
+        of_type = _free_name("".join(w[:1].upper() + w[1:] for w in words) + "Data", taken)
         names = set(RESERVED)
-        yield channel, topic, of_type, {p: _name(p, names) for p in kept}
+        yield channel, topic, of_type, {p: _free_name(p, names) for p in kept}
 
 
-def _name(text: str, taken: set[str]) -> str:
-    """A name in Soter that is like a text, and not yet taken."""
+def _free_name(text: str, taken: set[str]) -> str:
+    """Makes a name of Soter that is like a text, and adds it to the names that are taken."""
     name = NOT_A_NAME.sub("_", text).strip("_")
     name = name if name[:1].isalpha() else f"n{name}"
     number, tried = 1, name
@@ -106,18 +112,18 @@ def _name(text: str, taken: set[str]) -> str:
 
 
 def _csv_with_command(survey: LogSurvey) -> tuple[str, str] | None:
-    """A CSV that has several numbers, and that which is called as a command is, or the last."""
+    """A CSV of several numbers, and its column that is called as a command is, or its last one."""
     channels = survey.channels if survey.time is not None else {}
-    channel = next((c for c, found in channels.items() if found.kept[1:]), None)
+    channel = next((c for c, found in channels.items() if found.kept_fields[1:]), None)
     if channel is None:
         return None
-    kept = channels[channel].kept
+    kept = channels[channel].kept_fields
     return channel, next((k for k in kept if COMMAND_NAME.search(k)), kept[-1])
 
 
 def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:
-    """Lines of comments for a mapping, by which a column may become a command."""
-    topic = _name(path, taken)
+    """The comments of a mapping that say how a column becomes a command."""
+    topic = _free_name(path, taken)
     return [
         "",
         "# A command that a node publishes is a topic of its own. Were it the one below: take its",
@@ -129,15 +135,15 @@ def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:
     ]
 
 
-def _remarks(found: Channel) -> list[str]:
-    """Comments on what is left out of a channel, and what `soter monitor` will not read."""
+def _remarks_on_channel(found: Channel) -> list[str]:
+    """Comments on what is left out of a channel, and on what `soter monitor` will not read."""
     lines = []
     no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
     if no_number:
         lines.append(
             f"// Left out, as no single number: {_comment_text(', '.join(sorted(no_number)))}"
         )
-    missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept}
+    missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept_fields}
     counts = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
     if counts:
         lines += [
@@ -153,22 +159,22 @@ def _remarks(found: Channel) -> list[str]:
     return lines
 
 
-def _rate(found: Channel) -> str:
-    """How often a channel speaks and how old its samples get, in words."""
-    gaps, count = found.gaps_ns(), f"{len(found.times_ns):,} messages"
-    if len(found.taken) < len(found.times_ns):
-        count = f"{len(found.taken):,} samples in {count}"
+def _rate_text(found: Channel) -> str:
+    """Says in words how often a channel speaks, and how old its samples get."""
+    gaps, count = found.sorted_gaps_ns(), f"{len(found.times_ns):,} messages"
+    if len(found.taken_samples) < len(found.times_ns):
+        count = f"{len(found.taken_samples):,} samples in {count}"
     if not gaps or gaps[-1] <= 0:
         return f"{count} at one time" if gaps else count if found.back else "one message"
     hertz = len(gaps) * 1e9 / sum(gaps)
     half, most = round(median(gaps)), gaps[-1]
-    ages = found.ages_ns()
+    ages = found.sorted_ages_ns()
     gap = f"gaps {write_ns(rounded_up(half))} (half) to {write_ns(rounded_up(most))}"
-    since = "since its stamp" if found.stamped else "since it was logged"
+    since = "since its stamp" if found.is_stamped else "since it was logged"
     return f"{count}, {hertz:.3g} Hz, {gap}, at most {write_ns(rounded_up(ages[-1]))} old {since}"
 
 
-def _figure(x: float) -> str:
+def _figure_text(x: float) -> str:
     return f"{x:.6g}" if isinstance(x, float) else str(x).lower()
 
 
@@ -177,6 +183,6 @@ def _comment_text(text: str) -> str:
 
 
 def _toml_text(text: str) -> str:
-    """A text of TOML, without characters that a terminal would act upon."""
+    """Quotes a text for TOML, without characters that a terminal would act upon."""
     quoted = json.dumps(text, ensure_ascii=False)
     return "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in quoted)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate.passes.step_times import is_measured
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
-from soter.monitor.decidable_modules import Decidable, reads_of_node, topics_behind, written_by_node
+from soter.monitor.decidable_modules import Decidable, reads_of_node, topics_behind, writes_of_node
 from soter.monitor.model_membership import SILENT
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class RestsOn:
-    """The topics of the log and the nodes on which a step rests."""
+    """The topics of the log and the nodes on which a step depends."""
 
     topics: set[int]
     nodes: set[int]
@@ -38,11 +38,11 @@ class RestsOn:
 
 @dataclass
 class TopicsHeard:
-    """Until when topics of the log were heard, and whether nodes had read what was young enough.
+    """Until when topics of the log were heard, and whether nodes' own reads were young enough.
 
     `most_ns`: by topic of the log the age up to which a read counts as judged; `silent_ns`: the age
-    from which on it is called silent. `sound`: by node, whether at its last step all was young
-    enough that it reads of the log itself.
+    from which on the topic is called silent. `sound`: by node, whether all topics of the log that
+    it reads itself were young enough at its last step.
     """
 
     system: System
@@ -52,13 +52,15 @@ class TopicsHeard:
     sound: dict[int, bool] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> TopicsHeard:
-        """A record of a log of which nothing was heard yet."""
+    def before_log(
+        cls, system: System, samples: Iterable[TopicSamples], plan: Decidable
+    ) -> TopicsHeard:
+        """A record for a log of which nothing was heard yet."""
         made = cls(system, plan)
         looked_at = _ages_read(system)
         alone_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
         for s in samples:
-            if s.always:
+            if s.is_constant:
                 continue
             topic, gaps = s.topic, [b - a for a, b in pairwise(s.times_ns) if b > a]
             measured = is_measured(system, topic.index) and topic.index not in looked_at
@@ -71,35 +73,35 @@ class TopicsHeard:
         return made
 
     def sources_behind(self, topics: Iterable[int]) -> RestsOn:
-        """The logged topics and the run nodes on which these reads of a DM or `safe` rest."""
+        """The topics of the log and the nodes on which these reads of a DM or of `safe` depend."""
         topics = set(topics)
         behind = topics_behind(self.system, self.plan.nodes, topics)
-        ran = {n for n in self.plan.nodes if written_by_node(self.system.components[n]) & behind}
+        ran = {n for n in self.plan.nodes if writes_of_node(self.system.components[n]) & behind}
         return RestsOn(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
 
     def note_node(self, c: Configuration, node: int) -> None:
-        """Notes a step of a node, before it publishes."""
+        """Notes a step of a node, before the node publishes."""
         reads = reads_of_node(self.system, self.system.components[node])
-        self.sound[node] = self._young(c, reads & self.most_ns.keys())
+        self.sound[node] = self._are_young(c, reads & self.most_ns.keys())
 
-    def rests(self, c: Configuration, on: RestsOn) -> bool:
-        """Whether a step rests on young enough topics only; nodes count by what they last read."""
-        return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
+    def rests_on_young_topics(self, c: Configuration, on: RestsOn) -> bool:
+        """Whether all topics are young enough; nodes count by what they last read."""
+        return self._are_young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
 
     def fell_silent(self, c: Configuration, on: RestsOn) -> dict[str, int]:
-        """Topic behind a step that is silent now -> its last stamp in ns."""
-        read = on.topics.union(*(self._reads(n) for n in on.nodes))
+        """By topic that a step depends on and that is silent now: its last stamp in ns."""
+        read = on.topics.union(*(self._logged_reads(n) for n in on.nodes))
         return {
             self.system.topics[i].name: c.stamps[i]
             for i in sorted(read)
             if c.ct - c.stamps[i] > self.silent_ns[i]
         }
 
-    def _reads(self, node: int) -> set[int]:
+    def _logged_reads(self, node: int) -> set[int]:
         reads = reads_of_node(self.system, self.system.components[node])
         return set(reads & self.silent_ns.keys())
 
-    def _young(self, c: Configuration, topics: Iterable[int]) -> bool:
+    def _are_young(self, c: Configuration, topics: Iterable[int]) -> bool:
         return all(c.ct - c.stamps[i] <= self.most_ns[i] for i in topics)
 
 

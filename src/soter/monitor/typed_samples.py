@@ -1,6 +1,6 @@
-"""The values of topics in a log, with their times, and all that was done to get them.
+"""Makes typed values of topics, with their times, from the columns of a log.
 
-Purpose: from columns and a mapping `read_samples` makes values of the program's types; it counts
+Purpose: `read_samples` makes values of the program's types from columns and a mapping; it counts
 what it leaves out, and names what it derives, with its error.
 Non-goals: whether a value lies in its topic's set: the gate decides.
 """
@@ -56,12 +56,12 @@ if TYPE_CHECKING:
 
 UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
 REASONS_MAX = 8
-"""The most reasons for leaving out samples of a topic; all others count as one."""
+"""So many reasons for leaving out samples of a topic are counted apart, the others as one."""
 
 
 @dataclass(frozen=True)
 class DerivedValue:
-    """A leaf, or a topic between its samples: how it was made, and 50, 95, 100 % of its error."""
+    """A derived leaf or topic: how it was made, and 50, 95 and 100 % quantiles of its error."""
 
     name: str
     how: str
@@ -98,12 +98,12 @@ class TopicSamples:
     clipped: str = ""
 
     @property
-    def always(self) -> bool:
+    def is_constant(self) -> bool:
         """Whether the topic has one value at all times."""
         return not self.times_ns
 
     def compare_clocks(self, stamp_ns: int | None, now_ns: int) -> None:
-        """Count a stamp, if there is one, that is further from its arrival than the log is long."""
+        """Counts a stamp that is further from its arrival than the log is long."""
         if stamp_ns is None or stamp_ns <= 0:
             return
         offset_ns, length_ns = stamp_ns - now_ns, self.log_ns[1] - self.log_ns[0]
@@ -112,14 +112,14 @@ class TopicSamples:
             furthest = max(before.offset_s, offset_ns / 1e9, key=abs)
             self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
 
-    def older_stamp(self, stamp_ns: int) -> str:
-        """Why a stamp is none, as the last sample has that or a later one; "" where it is later."""
+    def why_no_later_stamp(self, stamp_ns: int) -> str:
+        """Says that a stamp is no later than the last sample's; "" where it is later."""
         if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
             return "its stamp is older than the one before it, or the same"
         return ""
 
     def leave_out(self, where: str, why: str) -> None:
-        """Count a row that gives no sample."""
+        """Counts a row that gives no sample."""
         reason = re.split(r"\d", why, maxsplit=1)[0]
         if reason not in self.reasons and len(self.reasons) >= REASONS_MAX:
             reason = ""
@@ -128,7 +128,7 @@ class TopicSamples:
 
     @property
     def left_out(self) -> int:
-        """How many rows gave no sample."""
+        """The number of rows that gave no sample."""
         return sum(count for count, _ in self.reasons.values())
 
     @property
@@ -138,7 +138,7 @@ class TopicSamples:
 
     @property
     def lost(self) -> list[str]:
-        """Notes for people on samples that were not used, and on stamps in another clock."""
+        """Notes for people on samples that were not used, and on stamps of another clock."""
         name = self.topic.name
         texts = [
             f"left out: {count:,} samples of {name}; the first: {first}"
@@ -153,14 +153,15 @@ class TopicSamples:
 
     @property
     def from_ns(self) -> int:
-        """The time of its first value; of values along lines, where the first line begins."""
+        """The time of the first value; of values along lines, the begin of the first line."""
         return self.times_ns[1 if self.linear and len(self.times_ns) > 1 else 0]
 
-    def at(self, time_ns: int) -> Value | None:
-        """The value at a time, of samples up to then; None where nothing follows from them.
+    def value_at(self, time_ns: int) -> Value | None:
+        """The value at a time, by samples up to then; None where nothing follows from them.
 
-        When a sample was measured it is that sample; after it, for at most `gap_ns`, it lies on the
-        line through that sample and the one before it, if these are no further apart.
+        When a sample was measured the value is that sample; after it, for at most `gap_ns`, the
+        value lies on the line through that sample and the one before, if these are no further
+        apart.
         """
         i = bisect_right(self.times_ns, time_ns) - 1
         if time_ns < self.from_ns:
@@ -171,34 +172,34 @@ class TopicSamples:
         apart = self.stamps_ns[i] - self.stamps_ns[i - 1]
         if i == 0 or since > self.gap_ns or apart > self.gap_ns:
             return None
-        before, last = (_leaves_of(self.topic.type, v) for v in self.values[i - 1 : i + 1])
+        before, last = (_leaf_values(self.topic.type, v) for v in self.values[i - 1 : i + 1])
         leaf_values = zip(before, last, self.turns, self.begins, strict=True)
         ahead = (
-            derived.ahead(a, b, since / apart, turn, begin) if isinstance(b, float) else b
+            derived.value_ahead(a, b, since / apart, turn, begin) if isinstance(b, float) else b
             for a, b, turn, begin in leaf_values
         )
         return assemble(self.topic.type, ahead)
 
-    def going_on(self, before: Value, value: Value) -> Value:
-        """A value whose angles lie as near to those of another as whole turns make them."""
-        near, far = (_leaves_of(self.topic.type, v) for v in (before, value))
+    def unwrapped_value(self, before: Value, value: Value) -> Value:
+        """The value with whole turns added to its angles, so that they lie nearest to `before`."""
+        near, far = (_leaf_values(self.topic.type, v) for v in (before, value))
         both = zip(near, far, self.turns, strict=True)
         going = (b if math.isinf(turn) else a + math.remainder(b - a, turn) for a, b, turn in both)
         return assemble(self.topic.type, going)
 
 
-def _leaves_of(t: Type, value: Value) -> list[Value]:
+def _leaf_values(t: Type, value: Value) -> list[Value]:
     """The leaves of a value, in the order of `leaves(t)`."""
     if isinstance(t, (RecordType, ArrayType)):
         parts = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
-        return [x for part, v in zip(parts, value, strict=True) for x in _leaves_of(part, v)]
+        return [x for part, v in zip(parts, value, strict=True) for x in _leaf_values(part, v)]
     return [value]
 
 
 def read_samples(
     path: Path, mapping: LogMap, columns: dict[str | None, Columns]
 ) -> list[TopicSamples]:
-    """All mapped topics, times counted from the first row of the log; SoterError D016."""
+    """Samples of all mapped topics, times counted from the log's first row; SoterError D016."""
     first = min(c.times_ns[0] for c in columns.values())
     begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
     log_ns = min(begins) - first, max(ends) - first
@@ -221,14 +222,14 @@ def read_samples(
             made.clipped = f"clipped to its set: {moved:,} samples of {t.topic.name}" * bool(moved)
             made.values = inside
         if t.linear:
-            columns_of = zip(*(_leaves_of(t.topic.type, v) for v in made.values), strict=True)
-            made.begins = [*map(derived.turn_begins, columns_of, made.turns)]
+            columns_of = zip(*(_leaf_values(t.topic.type, v) for v in made.values), strict=True)
+            made.begins = [*map(derived.begin_of_turn, columns_of, made.turns)]
         samples.append(made)
     return samples
 
 
 def _add_constants(t: TopicMap, made: TopicSamples) -> None:
-    made.values.append(_built(t.topic.type, _constants(t)))
+    made.values.append(_value_of_leaves(t.topic.type, _constant_leaves(t)))
     made.constants = [t.name_of(p) for p in t.leaves]
 
 
@@ -244,14 +245,14 @@ def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, fir
     choice = RowChoice(t.where)
     follows_lines = t.linear or any(isinstance(x, SlopeSource) for x in t.leaves.values())
     for i, now in enumerate(columns.times_ns):
-        if not choice.takes(lambda name: columns.cells[name][i]):  # noqa: B023 - called at once
+        if not choice.chooses(lambda name: columns.cells[name][i]):  # noqa: B023 - called at once
             continue
-        why = _foreign(t, columns, i)
+        why = _why_foreign(t, columns, i)
         stamp_ns = (stamps[i] or 0) - first_ns
         if t.stamp is not None and not why:
             made.compare_clocks(stamps[i], now)
-            why = _ill_stamped(stamps[i], now) or made.older_stamp(stamp_ns)
-        row, why = ({}, why) if why else _cells(path, t, columns, i)
+            why = _why_ill_stamped(stamps[i], now) or made.why_no_later_stamp(stamp_ns)
+        row, why = ({}, why) if why else _row_values(path, t, columns, i)
         if why:
             made.leave_out(columns.where[i], why)
             continue
@@ -265,18 +266,18 @@ def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, fir
     if not made.times_ns:
         required = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
         arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
-        helps = (made.first_left_out, arrival, *choice.helps)
+        helps = (made.first_left_out, arrival, *choice.seen_values)
         raise unusable(path, f"no row of it has {required}", *helps)
-    _fill(path, t, made, read)
+    _fill_in(path, t, made, read)
 
 
 def _take_samples_of_sources(
     path: Path, sources: list[tuple[TopicMap, Columns]], made: TopicSamples, first_ns: int
 ) -> None:
-    """The samples that a bridge takes of several sources: one after the other, as they arrived."""
+    """Takes samples of several sources in the order of arrival, as a bridge does."""
     topic = made.topic
     made.stamp = ", ".join(dict.fromkeys(t.stamp.path for t, _ in sources if t.stamp is not None))
-    made.constants = [n for t, _ in sources for n in map(t.name_of, _constants(t))]
+    made.constants = [n for t, _ in sources for n in map(t.name_of, _constant_leaves(t))]
     turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
     taken = []
     check = make_check(topic)
@@ -284,7 +285,7 @@ def _take_samples_of_sources(
     arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
     for now, rank, i in sorted(arrivals):
         t, columns = sources[rank]
-        if not choices[rank].takes(lambda name: columns.cells[name][i]):  # noqa: B023 - the same
+        if not choices[rank].chooses(lambda name: columns.cells[name][i]):  # noqa: B023 - the same
             continue
         if t.stamp is not None:
             made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
@@ -297,36 +298,36 @@ def _take_samples_of_sources(
             made.values.append(value)
             taken.append(rank)
     if not made.times_ns:
-        seen = [help_ for choice in choices for help_ in choice.helps]
+        seen = [help_ for choice in choices for help_ in choice.seen_values]
         raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen)
-    made.sources = _turns_taken([t.channel for t, _ in sources], taken)
+    made.sources = _sources_text([t.channel for t, _ in sources], taken)
 
 
-def _turns_taken(channels: Sequence[str | None], taken: Sequence[int]) -> str:
-    """The number of samples taken of each source, by rank, and of changes between them."""
+def _sources_text(channels: Sequence[str | None], taken: Sequence[int]) -> str:
+    """Says how many samples were taken of each source, and how often the source changed."""
     counts = [f"{channel or k + 1} ({taken.count(k):,})" for k, channel in enumerate(channels)]
     changes = sum(a != b for a, b in pairwise(taken))
     return f"{', '.join(counts)}, {changes:,} changes from one to the other"
 
 
-def _constants(t: TopicMap) -> dict[LeafPath, Value]:
-    """The values of a topic that the mapping itself gives."""
+def _constant_leaves(t: TopicMap) -> dict[LeafPath, Value]:
+    """The values of leaves that the mapping itself gives."""
     return {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
 
 
 def _source_row(
     path: Path, t: TopicMap, columns: Columns, i: int, check: Check
 ) -> tuple[Value, int, str]:
-    """Value and stamp of a row of one of several sources; why it says nothing, or ""."""
+    """The value and stamp of a row of one of several sources, and why it gives none, or ""."""
     assert t.stamp is not None
     stamp = columns.stamps_ns[t.stamp][i]
-    why = _foreign(t, columns, i) or _ill_stamped(stamp, columns.times_ns[i])
+    why = _why_foreign(t, columns, i) or _why_ill_stamped(stamp, columns.times_ns[i])
     if why:
         return None, 0, why
-    row, why = _cells(path, t, columns, i)
+    row, why = _row_values(path, t, columns, i)
     if why:
         return None, 0, why
-    value = _built(t.topic.type, {**row, **_constants(t)})
+    value = _value_of_leaves(t.topic.type, {**row, **_constant_leaves(t)})
     try:
         check(value, t.topic.symbol.span)
     except StepFault as fault:
@@ -334,13 +335,13 @@ def _source_row(
     return value, stamp or 0, ""
 
 
-def _cells(
+def _row_values(
     path: Path, t: TopicMap, columns: Columns, i: int
 ) -> tuple[dict[LeafPath, Value | None], str]:
     """The values that a row has itself, and why it gives none, or ""."""
     types = dict(leaves(t.topic.type))
     row = {
-        p: _leaf(path, types[p], leaf, columns.cells[leaf.name][i], columns.where[i])
+        p: _cell_value(path, types[p], leaf, columns.cells[leaf.name][i], columns.where[i])
         for p, leaf in t.leaves.items()
         if isinstance(leaf, SignalSource)
     }
@@ -348,8 +349,8 @@ def _cells(
     return row, "" if lost is None else f"no finite number for `{t.name_of(lost)}`"
 
 
-def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
-    """Why a row is none of the frame that the mapping takes; "" where it is."""
+def _why_foreign(t: TopicMap, columns: Columns, i: int) -> str:
+    """Says that a row is of another frame than the mapping takes; "" where it is of that frame."""
     if t.frame_id is None:
         return ""
     frame = columns.cells[HEADER_FRAME][i]
@@ -357,8 +358,8 @@ def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
     return "" if shown == t.frame_id else f"its frame is `{shown[:40]}`, not `{t.frame_id}`"
 
 
-def _ill_stamped(stamp: int | None, now: int) -> str:
-    """Why a stamp says no time at which a sample can have been measured; "" where it does."""
+def _why_ill_stamped(stamp: int | None, now: int) -> str:
+    """Says why a stamp cannot be a time of measurement; "" where it can."""
     if stamp is None:
         return "it has no stamp"
     if stamp <= 0:
@@ -368,8 +369,8 @@ def _ill_stamped(stamp: int | None, now: int) -> str:
     return ""
 
 
-def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
-    """Enter slopes and constants, and put whole values together."""
+def _fill_in(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
+    """Enters slopes and constants, and joins the leaves of each sample to a value."""
     n = len(made.times_ns)
     times_s = np.array(made.stamps_ns, dtype=np.float64) / 1e9
     whole: dict[LeafPath, list[Any]] = dict(read)
@@ -380,8 +381,8 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
         elif isinstance(leaf, SlopeSource):
             if n < 2:
                 raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
-            values, window = _going_on(t, leaf.of, read[leaf.of]), leaf.window_ns / 1e9
-            derivatives = derived.slopes(times_s, values, window)
+            values, window = _unwrapped_column(t, leaf.of, read[leaf.of]), leaf.window_ns / 1e9
+            derivatives = derived.window_slopes(times_s, values, window)
             error = quantiles(derived.slope_errors(times_s, values, window, derivatives))
             how = (
                 f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
@@ -395,11 +396,11 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
     if t.linear:
         _note_errors_ahead(t, made, times_s, whole)
     for i in range(n):
-        made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
+        made.values.append(_value_of_leaves(t.topic.type, {p: v[i] for p, v in whole.items()}))
 
 
-def _going_on(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, Any]:
-    """The values of a leaf, (n,), without jumps of more than half a turn."""
+def _unwrapped_column(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, Any]:
+    """The values of a leaf, (n,), with turns added so that none jumps more than half a turn."""
     turn = min(getattr(t.leaves[p], "turn", math.inf), 1e300)  # NumPy knows no infinite period
     return np.unwrap(np.array(column, dtype=np.float64), period=turn)
 
@@ -407,10 +408,10 @@ def _going_on(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, An
 def _note_errors_ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
-    """Note by how much straight lines miss the samples; times_s (n,)."""
+    """Notes by how much straight lines miss the samples; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
-            values = _going_on(t, p, whole[p])
+            values = _unwrapped_column(t, p, whole[p])
             error = quantiles(derived.ahead_errors(times_s, values, t.gap_ns / 1e9))
             how = (
                 "on the line through the last two samples, for at most "
@@ -420,30 +421,30 @@ def _note_errors_ahead(
                 made.derived.append(DerivedValue(t.name_of(p), how, error))
 
 
-def _built(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
+def _value_of_leaves(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
     return assemble(t, (value_by_path[path] for path, _ in leaves(t)))
 
 
 # ---------------------------------------------------------------- cells
 
 
-def _leaf(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> Value | None:
-    """A value; None for an empty cell, NaN and infinities. SoterError D016 for anything else."""
+def _cell_value(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> Value | None:
+    """A cell's value; None for an empty cell, NaN, infinities. SoterError D016 for other texts."""
     if isinstance(cell, str):
         cell = cell.strip()
     if cell is None or cell == "":
         return None
     try:
         if isinstance(t, FloatType):
-            return _number(leaf, cell)
-        return _other(t, cell)
+            return _float_value(leaf, cell)
+        return _discrete_value(t, cell)
     except (ValueError, TypeError, OverflowError) as error:
         shown = str(cell)[:40]
         text = f"`{shown}` in {where}, `{leaf.name}`, is no `{t}`"
         raise unusable(path, text) from error
 
 
-def _number(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
+def _float_value(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
     if isinstance(cell, bool):
         raise TypeError
     if isinstance(cell, str) and not is_plain(cell):
@@ -456,21 +457,21 @@ def _number(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a 
     return value if math.isfinite(value) else None
 
 
-def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
+def _discrete_value(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
     if isinstance(t, BoolType):
         if isinstance(cell, bool):
             return cell
         truth = TRUTHS.get(str(cell).lower())
-        return (False, True)[_between(0, whole_number(cell), 1)] if truth is None else truth
+        return (False, True)[_require_between(0, whole_number(cell), 1)] if truth is None else truth
     if isinstance(t, EnumType):
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
         raise TypeError
     number = whole_number(cell)
-    return _between(t.low, number, t.high) if isinstance(t, IntType) else number
+    return _require_between(t.low, number, t.high) if isinstance(t, IntType) else number
 
 
-def _between(low: int, value: int, high: int) -> int:
+def _require_between(low: int, value: int, high: int) -> int:
     if not low <= value <= high:
         raise ValueError
     return value

@@ -1,4 +1,4 @@
-"""The connection: what a policy calls, what it reads, and what it wants for its next steps.
+"""Connects a policy in Python to a robot: what it calls, reads and writes.
 
 Purpose: `connect` gives a `Robot`, with `read`, `every`, `publish`, `publish_chunk`. A `Reading` is
 the value of one topic with the time of its measurement, an `Observation` those of several. The
@@ -37,10 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reading:
-    """A topic's newest value: `stamp`, ns on CLOCK_MONOTONIC, is when it was measured.
-
-    `age`: how long that was ago as it was read, in s.
-    """
+    """A topic's newest value, its `stamp` of measurement (ns, CLOCK_MONOTONIC), and `age` in s."""
 
     value: Any
     stamp: int
@@ -48,7 +45,7 @@ class Reading:
 
 
 class Observation(dict[str, Any]):
-    """Topic -> value, with the readings behind them in `readings`."""
+    """By name of a topic its value, with the readings behind them in `readings`."""
 
     def __init__(self, readings: dict[str, Reading]) -> None:
         super().__init__({name: r.value for name, r in readings.items()})
@@ -61,7 +58,7 @@ class Observation(dict[str, Any]):
 
     @property
     def age(self) -> float:
-        """The age of the oldest of its values as they were read, in s."""
+        """The age of the oldest value when it was read, in s."""
         return max(r.age for r in self.readings.values())
 
 
@@ -78,7 +75,7 @@ class Chunk:
     measured_ns: int | None = None
 
     def slot(self, now_ns: int) -> int:
-        """The number of the slot that a time is in: below 0 before the first."""
+        """The number of the slot at a time: below 0 before the first one."""
         return (now_ns - self.start_ns) // self.every_ns
 
     def begin_ns(self, k: int) -> int:
@@ -98,7 +95,7 @@ class _Playing:
 
 
 class Player:
-    """Plays a chunk on each topic that has one, from the first chunk on in a thread."""
+    """Writes a chunk's actions on each topic that has one, from the first chunk on in a thread."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -108,23 +105,25 @@ class Player:
         self._ended = False
 
     def begin(self, topic: str, chunk: Chunk, write: Write) -> None:
-        """Replaces what is played on a topic; what is due is written before this returns."""
+        """Replaces what is played on a topic; due actions are written before this returns."""
         with self._changed:
             self._playing[topic] = _Playing(chunk, write)
             self.play(self._clock())
             if self._playing and self._thread is None and not self._ended:
-                self._thread = threading.Thread(target=self._run, name="soter.remote", daemon=True)
+                self._thread = threading.Thread(
+                    target=self._play_until_ended, name="soter.remote", daemon=True
+                )
                 self._thread.start()
             self._changed.notify()
 
     def write_instead(self, topic: str, write: Callable[[], None]) -> None:
-        """Ends what is played on a topic, and writes something else."""
+        """Ends the chunk on a topic, and writes something else."""
         with self._changed:
             self._playing.pop(topic, None)
             write()
 
     def play(self, now_ns: int) -> int | None:
-        """Writes what is due, and says when something is again; None: nothing is left."""
+        """Writes the actions that are due; gives the time of the next ones, None without any."""
         with self._changed:
             for topic, p in list(self._playing.items()):
                 k = p.chunk.slot(now_ns)
@@ -137,7 +136,7 @@ class Player:
             return min((p.chunk.begin_ns(p.next) for p in left), default=None)
 
     def end(self) -> None:
-        """Stop writing, and wait for the thread."""
+        """Ends all chunks, and waits for the thread."""
         with self._changed:
             self._ended = True
             self._playing.clear()
@@ -145,7 +144,7 @@ class Player:
         if self._thread is not None:
             self._thread.join()
 
-    def _run(self) -> None:
+    def _play_until_ended(self) -> None:
         with self._changed:
             while not self._ended:
                 wake_ns = self.play(self._clock())
@@ -154,17 +153,17 @@ class Player:
 
 
 SLICE_NS = 50_000_000
-"""The time in ns after which `every`, while it waits, looks whether the connection was closed."""
+"""The time in ns after which a waiting `every` looks whether the connection was closed."""
 
 
 def connect(
     program: str | Path | Declared, *, channels: str | Path, system: str | None = None
 ) -> Robot:
-    """A robot whose trusted part has its channels in the folder `channels`.
+    """Connects to a robot whose trusted part has its channels in the folder `channels`.
 
     `program`: a file, what `soter.load` gave, the folder of a built package, or its
-    `channels.json`. `system`: of a program; by default the only one, or the `default`.
-    SoterError X013, U002 and those of the program; X004, X005 where no C compiles here.
+    `channels.json`. `system`: of a program; by default the only one, or the `default`. SoterError
+    X013, U002 and those of the program; X004, X005 where no C compiles here.
     """
     topics = find_topics(program, system)
     folder = Path(channels)
@@ -266,7 +265,7 @@ class Robot:
         t = self._topics.to_publish(topic)
         image, writer = t.image(value, clip=clip), self._writer(t)
         now_ns = time.monotonic_ns()
-        stamp = now_ns if measured is None else _past(measured, now_ns)
+        stamp = now_ns if measured is None else _past_time_ns(measured, now_ns)
         self._player.write_instead(t.name, partial(writer.write, stamp, image))
 
     def publish_chunk(
@@ -298,8 +297,8 @@ class Robot:
         images = [t.image(a, clip=clip, path=f"{t.name} {k}") for k, a in enumerate(rows)]
         writer = self._writer(t)
         now_ns = time.monotonic_ns()
-        stamp = None if measured is None else _past(measured, now_ns)
-        first_ns = now_ns if start is None else _time("start", start)
+        stamp = None if measured is None else _past_time_ns(measured, now_ns)
+        first_ns = now_ns if start is None else _time_ns("start", start)
         chunk = Chunk(images, first_ns, every_ns, stamp)
         self._player.begin(t.name, chunk, writer.write)
         return chunk
@@ -307,7 +306,7 @@ class Robot:
     # ------------------------------------------------------------ end
 
     def close(self) -> None:
-        """Ends chunks, gives channels free; what was written stays, and grows old."""
+        """Ends chunks and closes channels; written values stay, and grow old."""
         self._closed = True
         self._player.end()
         with self._lock:
@@ -355,15 +354,15 @@ def _positive_ns(what: str, given: float | str) -> int:
     return ns
 
 
-def _time(what: str, given: object) -> int:
+def _time_ns(what: str, given: object) -> int:
     if isinstance(given, bool) or not hasattr(given, "__index__"):
         message = f"`{what}` is a time in ns as `time.monotonic_ns()` gives it, not {given!r}"
         raise SoterError((Diagnostic("U001", message),))
     return int(given.__index__())
 
 
-def _past(measured: object, now_ns: int) -> int:
-    stamp = _time("measured", measured)
+def _past_time_ns(measured: object, now_ns: int) -> int:
+    stamp = _time_ns("measured", measured)
     if stamp > now_ns or stamp < 0:
         late = f"{(stamp - now_ns) / SECOND_NS:.3f} s from now"
         message = f"nothing was measured {late}: times are those of `time.monotonic_ns()`"

@@ -1,4 +1,4 @@
-"""The channels and topics of a robot from Python: which type, which set; values to bytes and back.
+"""Reads and writes the channels of a robot from Python: types, sets, values to bytes and back.
 
 Purpose: a `Channel` is a topic's file in shared memory, to write, read or wait for; many threads
 may use one. The C is that of the robot: the order of its stores and loads makes a value whole, and
@@ -43,6 +43,7 @@ from soter.native.c_interface import declarations, interface
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
 from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, include_flags, texts
+from soter.targets import CHANNELS, CHANNELS_SCHEMA, TRUSTED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -56,12 +57,14 @@ if TYPE_CHECKING:
 POSIX = RUNTIME / "posix"
 SOURCES = (POSIX / "soter_outside.c", POSIX / "soter_channel.c", CHECK_FAILED)
 LIBRARY = "channels.so"
+INTS = {c_type: IntType(low, high) for _, _, low, high, c_type, _ in INT_KINDS}
+ENUM_STORAGE = {1: "uint8_t", 2: "uint16_t"}
 ANEW = "stop everything that uses the folder, empty it, start anew"
 
 
 @lru_cache(maxsize=1)
 def compiled_library() -> tuple[Any, Any]:
-    """(ffi, library); SoterError X004, X005 where nothing compiles here."""
+    """Gives cffi and the library; SoterError X004, X005 where nothing compiles here."""
     compiler = find()
     flags = (*STRICT, "-O2", "-fPIC", "-shared", *OWN_SYMBOLS)
 
@@ -78,7 +81,7 @@ def compiled_library() -> tuple[Any, Any]:
 
 
 class Channel:
-    """A topic's file; `writes`: opened as its only writer, which a forked child no longer is."""
+    """The file of a topic; `writes`: opened as its only writer, which a forked child is not."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None
@@ -107,10 +110,7 @@ class Channel:
             self._lib.soter_outside_write(self._c, stamp_ns, self._ffi.from_buffer(image))
 
     def read(self) -> tuple[int, bytes] | None:
-        """Stamp and bytes of a value that was not read before; None where there is none.
-
-        SoterError X013 where somebody writes here who was built for another program.
-        """
+        """Gives stamp and bytes of a value not read before, or None; SoterError X013 if foreign."""
         with self._lock:
             self._require_open()
             value, null = self._value, self._ffi.NULL
@@ -121,18 +121,18 @@ class Channel:
         return None
 
     def wait(self, most_ns: int) -> None:
-        """Wait until something new is written, `most_ns` at most; other threads wait meanwhile."""
+        """Waits until something new is written, `most_ns` at most; other threads wait meanwhile."""
         with self._lock:
             self._require_open()
             self._lib.soter_outside_wait(self._c, most_ns)
 
     def close(self) -> None:
-        """Give the channel's memory back; the file stays."""
+        """Gives the channel's memory back; the file stays."""
         with self._lock:
             self._lib.soter_outside_close(self._c)
 
     def close_in_child(self) -> None:
-        """In a forked process, where no other thread has the handle, whoever had its lock."""
+        """Closes in a forked process, where no other thread runs, whichever had the lock."""
         self._lock = Lock()
         self.close()
 
@@ -147,7 +147,7 @@ class Channel:
             )
 
     def _is_foreign(self) -> bool:
-        """Whether a value of another layout stands here, and none of ours."""
+        """Whether a value of another layout stands here, and none of this topic's layout."""
         own, other = self._lib.SOTER_CHANNEL_OTHER, self._lib.SOTER_CHANNEL_LAYOUT
         c = self._c
         found = [
@@ -176,19 +176,12 @@ WRITERS: WeakSet[Channel] = WeakSet()
 os.register_at_fork(after_in_child=_close_in_child)
 
 
-CHANNELS = "channels.json"
-TRUSTED = "trusted"
-"""The folder of the trusted part in a package of a target for a middleware."""
-SCHEMA = 1
-INTS = {c_type: IntType(low, high) for _, _, low, high, c_type, _ in INT_KINDS}
-ENUM_STORAGE = {1: "uint8_t", 2: "uint16_t"}
-
-
 @dataclass(frozen=True)
 class Topic:
     """A topic with a channel. `number`: of its layout; `writable`: others than the robot write it.
 
-    `ends`: for each leaf of the type the least and the greatest value, None where all may be.
+    `ends`: for each leaf of the type the least and the greatest value, None for a leaf without
+    bounds.
     """
 
     name: str
@@ -200,7 +193,7 @@ class Topic:
 
     @property
     def size(self) -> int:
-        """Bytes of a value."""
+        """The bytes of a value."""
         return size_of(self.type)
 
     def image(self, given: object, *, clip: bool, path: str = "") -> bytes:
@@ -212,13 +205,13 @@ class Topic:
             value = from_python(widened(self.type), given, where)
         except ValueShapeError as error:
             raise _refusal(str(error)) from error
-        fitting = _Fitting(self.ends, clip=clip).value(self.type, value, where)
+        fitting = _Fitting(self.ends, clip=clip).fitted_value(self.type, value, where)
         buffer = bytearray(self.size)
         encode_into(buffer, 0, self.type, fitting)
         return bytes(buffer)
 
     def value(self, image: bytes) -> Any:  # noqa: ANN401 - any type of Soter
-        """The value in these bytes, records as dicts; SoterError X013 where they are none."""
+        """The value in these bytes, records as dicts; SoterError X013 where they hold none."""
         try:
             return to_python(self.type, decode_from(image, 0, self.type), record=dict)
         except (ValueError, IndexError) as error:
@@ -227,7 +220,7 @@ class Topic:
 
 
 class Topics:
-    """Topics by the name that the program gives them, or that of their channel."""
+    """The topics by the name that the program gives them, or that of their channel."""
 
     def __init__(self, system: str, topics: Sequence[Topic]) -> None:
         self.system = system
@@ -280,7 +273,7 @@ def _package_topics(path: Path, system: str | None) -> Topics:
         message = f"cannot read `{path}`: {reason(error)}; `soter build --target posix` writes it"
         raise SoterError((Diagnostic("X013", message),)) from error
     except (ValueError, RecursionError) as error:
-        raise _no_document(str(path)) from error
+        raise _document_error(str(path)) from error
     topics = parse_channels(document, str(path))
     if system is not None and system not in (topics.system, topics.system.rpartition(".")[2]):
         message = f"`{path}` is about system `{topics.system}`, not `{system}`"
@@ -289,29 +282,31 @@ def _package_topics(path: Path, system: str | None) -> Topics:
 
 
 def parse_channels(document: object, where: str) -> Topics:
-    """The topics of a `channels.json`; SoterError X013 where it is none, or has no channels."""
+    """The topics of a `channels.json`; SoterError X013 if it is malformed or has no channels."""
     try:
         whole = cast("Mapping[str, Any]", document)
-        if whole["schema"] != SCHEMA:
-            raise _no_document(where)
-        topics = [_topic(t) for t in whole["topics"]]
+        if whole["schema"] != CHANNELS_SCHEMA:
+            raise _document_error(where)
+        topics = [_parsed_topic(t) for t in whole["topics"]]
         system = str(whole["system"])
     except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise _no_document(where) from error
+        raise _document_error(where) from error
     if not topics:
         message = f"system `{system}` has no channels: no `external topic` is declared in it"
         raise SoterError((Diagnostic("X013", message),))
     return Topics(system, topics)
 
 
-def _no_document(where: str) -> SoterError:
+def _document_error(where: str) -> SoterError:
     message = f"`{where}` is no channels.json of this version of soter: build the package anew"
     return SoterError((Diagnostic("X013", message),))
 
 
-def _topic(t: Mapping[str, Any]) -> Topic:
-    made = _type(t["type"])
-    ends = tuple(None if e is None else (_number(e[0]), _number(e[1])) for e in t["set"])
+def _parsed_topic(t: Mapping[str, Any]) -> Topic:
+    made = _parsed_type(t["type"])
+    ends = tuple(
+        None if e is None else (_finite_number(e[0]), _finite_number(e[1])) for e in t["set"]
+    )
     if len(ends) != sum(1 for _ in leaves(made)) or size_of(made) != t["type"]["size"]:
         raise ValueError(t["name"])
     return Topic(
@@ -324,13 +319,13 @@ def _topic(t: Mapping[str, Any]) -> Topic:
     )
 
 
-def _number(given: object) -> float:
+def _finite_number(given: object) -> float:
     if isinstance(given, bool) or not isinstance(given, (int, float)):
         raise TypeError(given)
     return given
 
 
-def _type(d: Mapping[str, Any]) -> Type:
+def _parsed_type(d: Mapping[str, Any]) -> Type:
     """The type that `targets/firmware_interface.py` described; of ints the storage, no names."""
     kind = d["kind"]
     if "members" in d:
@@ -339,11 +334,11 @@ def _type(d: Mapping[str, Any]) -> Type:
             raise ValueError(kind)
         return made
     if kind == "record":
-        return RecordType(tuple((str(f["name"]), _type(f["type"])) for f in d["fields"]))
+        return RecordType(tuple((str(f["name"]), _parsed_type(f["type"])) for f in d["fields"]))
     if kind == "array":
-        return ArrayType(_type(d["element"]), int(d["length"]))
+        return ArrayType(_parsed_type(d["element"]), int(d["length"]))
     if kind == "list":
-        return ListType(_type(d["element"]), int(d["capacity"]))
+        return ListType(_parsed_type(d["element"]), int(d["capacity"]))
     if kind == "double":
         return FLOAT
     return BOOL if d.get("bool") else INTS[kind]
@@ -353,30 +348,34 @@ def _type(d: Mapping[str, Any]) -> Type:
 
 
 def _only_element(given: object) -> object:
-    """The number of an array of one, which is what networks answer."""
+    """The number in an array of one, which networks answer; anything else as it is."""
     if hasattr(given, "tolist") and hasattr(given, "ndim"):
         given = cast("Any", given).tolist()
     return given[0] if isinstance(given, (list, tuple)) and len(given) == 1 else given
 
 
 class _Fitting:
-    """Checks that a value is in its topic's set, or U012; `clip`: puts numbers at its ends."""
+    """Checks that a value is in its topic's set, else U012; `clip`: puts numbers at its ends."""
 
     def __init__(self, ends: Sequence[Ends], *, clip: bool) -> None:
         self._ends = iter(ends)
         self._clip = clip
 
-    def value(self, t: Type, given: Value, path: str) -> Value:
+    def fitted_value(self, t: Type, given: Value, path: str) -> Value:
         """The value, checked; takes as many ends as the type has leaves."""
         if isinstance(t, RecordType):
             parts = zip(t.fields, given, strict=True)
-            return tuple([self.value(f, v, f"{path}.{n}") for (n, f), v in parts])
+            return tuple([self.fitted_value(f, v, f"{path}.{n}") for (n, f), v in parts])
         if isinstance(t, ArrayType):
-            return tuple([self.value(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
+            return tuple(
+                [self.fitted_value(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)]
+            )
         if isinstance(t, ListType):
             own = [next(self._ends) for _ in leaves(t.element)]
             each = [(_Fitting(own, clip=self._clip), v) for v in given]
-            return tuple([f.value(t.element, v, f"{path}[{i}]") for i, (f, v) in enumerate(each)])
+            return tuple(
+                [f.fitted_value(t.element, v, f"{path}[{i}]") for i, (f, v) in enumerate(each)]
+            )
         return self._leaf(t, given, next(self._ends), path)
 
     def _leaf(self, t: Type, given: Value, ends: Ends, path: str) -> Value:
@@ -397,17 +396,14 @@ def _refusal(message: str) -> SoterError:
 
 
 class Declared(Protocol):
-    """The systems of a program, as `soter.load` gives it."""
+    """The systems of a program, as `soter.load` gives them."""
 
     def declared(self, system: str | None = None) -> System:
         """A system of the program; SoterError where there is none."""
 
 
 def channels_document(program: str | Path | Declared, system: str | None) -> dict[str, object]:
-    """`channels.json` of a system; `program`: a file, or what `soter.load` gave.
-
-    SoterError where the program has mistakes, U002 where there is no such system.
-    """
+    """Gives `channels.json` of a system of a file or loaded program; SoterError U002."""
     from soter.language.front_end import check_file, system_of  # noqa: PLC0415 - as below
     from soter.targets.world_interface import channel_document  # noqa: PLC0415 - not of a package
 

@@ -52,10 +52,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
 
 def own_place(folder: Path, name: str) -> Path:
-    """The path of Soter's own file `name` in a folder; OSError if it is a link out of the folder.
-
-    Otherwise the maker of the folder could choose which file is overwritten.
-    """
+    """The path of Soter's own file `name` in a folder; OSError for a link out of that folder."""
     path = folder
     for part in PurePath(name).parts:
         path /= part
@@ -75,8 +72,8 @@ def _require_no_link(path: Path) -> None:
         raise OSError(f"`{path}` is a link, and what that leads to is not written: remove it")
 
 
-def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
-    """(temporary file, its intended path) of files that an ended process was writing."""
+def files_left_by(folder: Path, process: int) -> list[tuple[Path, Path]]:
+    """By an ended process's unfinished files in a folder: (temporary file, intended path)."""
     mark = f".{process}-"
     return [
         (part, part.with_name(part.name[1 : part.name.rindex(mark)]))
@@ -84,17 +81,17 @@ def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
     ]
 
 
-def unfinished(path: Path) -> list[Path]:
-    """The temporary files that ended processes have left of the file at `path`."""
+def unfinished_parts(path: Path) -> list[Path]:
+    """The temporary files of the file at `path` that ended processes have left."""
     target = path.resolve()
     named = re.compile(rf"\.{re.escape(target.name)}\.([0-9]+)-[0-9a-f]{{8}}{re.escape(PART)}")
     with suppress(OSError):
         parts = [(p, named.fullmatch(p.name)) for p in sorted(target.parent.iterdir())]
-        return [p for p, match in parts if match and not _runs(int(match.group(1)))]
+        return [p for p, match in parts if match and not _is_running(int(match.group(1)))]
     return []
 
 
-def _runs(process: int) -> bool:
+def _is_running(process: int) -> bool:
     """Whether a process exists; one that the system does not tell about counts as running."""
     if os.name != "posix":
         return True  # on this system signal 0 would end the process

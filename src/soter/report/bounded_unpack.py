@@ -30,25 +30,25 @@ class BoundedUnpacking:
     def __init__(self, size: int) -> None:
         self.left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
 
-    def bz2(self, packed: bytes) -> bytes:
+    def unpack_bz2(self, packed: bytes) -> bytes:
         """Unpacks a chunk of bz2."""
-        return self.plain(_joined(_parts(bz2.BZ2Decompressor(), packed)))
+        return self.count_plain(_joined(_parts(bz2.BZ2Decompressor(), packed)))
 
-    def lz4(self, packed: bytes) -> bytes:
+    def unpack_lz4(self, packed: bytes) -> bytes:
         """Unpacks a frame of lz4."""
         from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - comes with an extra
 
-        return self.plain(_joined(_parts(LZ4FrameDecompressor(), packed)))
+        return self.count_plain(_joined(_parts(LZ4FrameDecompressor(), packed)))
 
-    def zstd(self, packed: bytes) -> bytes:
+    def unpack_zstd(self, packed: bytes) -> bytes:
         """Unpacks frames of zstd."""
         from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
         with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
-            return self.plain(_joined(iter(lambda: reader.read(PART), b"")))
+            return self.count_plain(_joined(iter(lambda: reader.read(PART), b"")))
 
-    def plain(self, data: bytes) -> bytes:
-        """Counts bytes that are not packed, or not any more, and returns them."""
+    def count_plain(self, data: bytes) -> bytes:
+        """Counts bytes that are not packed, or were unpacked, and returns them."""
         self.left -= len(data)
         if self.left < 0:
             raise TooLargeError("it unpacks to more than any log has")
@@ -86,4 +86,4 @@ def unpack_file(packed: BinaryIO, into: BinaryIO, size: int) -> None:
     unpacking = BoundedUnpacking(size)
     with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
         while part := reader.read(PART):
-            into.write(unpacking.plain(part))
+            into.write(unpacking.count_plain(part))

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.report.atomic_write import atomic_write, own_place
-from soter.report.run.page import body
-from soter.report.templates import packed, script_json
+from soter.report.run.page import page_body
+from soter.report.templates import packed_numbers, script_json
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -98,9 +98,9 @@ def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
 def document(title: str, main: str, asset: str = "") -> str:
     """Returns a page without the drawing library, with `asset.css` and `asset.js` if named."""
     if not asset:
-        return _document(title, main, "")
+        return _html_text(title, main, "")
     script = f"<script>\n{asset_text(f'{asset}.js')}</script>\n"
-    return _document(title, main, script, asset_text(f"{asset}.css"))
+    return _html_text(title, main, script, asset_text(f"{asset}.css"))
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
@@ -120,11 +120,8 @@ def _cannot_write(target: Path, error: OSError) -> SoterError:
 
 
 def html_document(page: ReportPage, drawing_library: str = "", beside: str = "") -> str:
-    """Return the whole file as text.
-
-    `drawing_library` is the JavaScript of plotly, `beside` the name of a file that has it.
-    """
-    main, figures = body(page)
+    """Return the file; `drawing_library`: plotly's JavaScript, `beside`: a file that has it."""
+    main, figures = page_body(page)
     drawings = script_json([_packed_figure(f.to_json()) for f in figures])
     scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
 <script type="application/json" id="figures">{drawings}</script>
@@ -132,14 +129,17 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
 <script>
 {asset_text("packed.js")}{asset_text("report.js")}</script>
 {_led_script(main)}"""
-    return _document(page.title, main, scripts, policy=BESIDE if beside else POLICY)
+    return _html_text(page.title, main, scripts, policy=BESIDE if beside else POLICY)
 
 
 def _packed_figure(figure: Json) -> Json:
     """The figure with its long lists of x and y packed (`templates.py`)."""
     traces = figure["data"]
     assert isinstance(traces, list)
-    data = [{k: packed(v) if k in ("x", "y") else v for k, v in trace.items()} for trace in traces]
+    data = [
+        {k: packed_numbers(v) if k in ("x", "y") else v for k, v in trace.items()}
+        for trace in traces
+    ]
     return {**figure, "data": data}
 
 
@@ -148,7 +148,7 @@ def _led_script(main: str) -> str:
     return f"<script>\n{asset_text('led.js')}</script>\n" if 'class="led"' in main else ""
 
 
-def _document(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:
+def _html_text(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>

@@ -2,7 +2,7 @@
 
 Purpose: `JudgedTimes` keeps of each curve, in each of `COLUMNS` equal parts of the time, the least
 and the greatest value, so that a log of any length is a drawing of one size in which nothing that
-lay outside is lost; `drawing` makes HTML and SVG of it, without scripts.
+lay outside is lost; `drawing_html` makes HTML and SVG of it, without scripts.
 Non-goals: judging: what lies outside, and when an alarm is, the caller says.
 """
 
@@ -41,10 +41,7 @@ class JudgedCurve:
 
 @dataclass
 class JudgedTimes:
-    """Curves, and how many alarms there are in each column; times in s.
-
-    `changes`: when who took control, "AC" or "SC"; the first is who had it at first.
-    """
+    """Curves and alarms by column, in s; `changes`: when "AC" or "SC" took control, or began."""
 
     begin_s: float
     end_s: float
@@ -52,17 +49,17 @@ class JudgedTimes:
     curves: dict[Compared, JudgedCurve] = field(default_factory=dict)
     changes: Sequence[tuple[float, str]] = ()
 
-    def column(self, at_s: float) -> int:
-        """The column of a time."""
+    def column_at(self, at_s: float) -> int:
+        """The number of the column in which a time lies."""
         share = (at_s - self.begin_s) / ((self.end_s - self.begin_s) or 1.0)
         return min(max(int(share * COLUMNS), 0), COLUMNS - 1)
 
-    def note(
+    def note_value(
         self, of: Compared, at_s: float, value: float, band: Sequence[float], *, alarm: bool
     ) -> None:
-        """Adds a value of a curve, `of` name, unit and what is asked; outside: only at an alarm."""
+        """Adds a value of the curve `of`; it is outside its band only at an `alarm`."""
         if isfinite(value):
-            curve, at = self.curves.setdefault(of, JudgedCurve()), self.column(at_s)
+            curve, at = self.curves.setdefault(of, JudgedCurve()), self.column_at(at_s)
             low, high, *_ = curve.columns.get(at, (value, value))
             curve.columns[at] = min(low, value), max(high, value), band[0], band[1]
             far = min(value - band[0], band[1] - value)
@@ -70,10 +67,10 @@ class JudgedTimes:
             curve.nearest = min(curve.nearest, (far, at_s))
 
 
-def drawing(times: JudgedTimes, noun: str) -> str:
-    """The drawing as HTML, "" where there is no curve; `noun`: what its alarms are."""
+def drawing_html(times: JudgedTimes, noun: str) -> str:
+    """Makes HTML of the curves, "" without any; `noun`: what an alarm is called."""
     most, span = max([*times.alarms.values(), 1]), times.end_s - times.begin_s
-    starts = [times.column(at_s) for at_s, _ in times.changes]
+    starts = [times.column_at(at_s) for at_s, _ in times.changes]
     wrong = [(of, c) for of, c in times.curves.items() if c.outside]
     nearest = sorted(wrong or times.curves.items(), key=lambda c: (-c[1].outside, c[1].nearest))
     if not nearest:
@@ -84,14 +81,16 @@ def drawing(times: JudgedTimes, noun: str) -> str:
         alarms=[(k, 100 - 30 - 70 * n / most) for k, n in sorted(times.alarms.items()) if n],
         count=times.alarms.total(),
         noun=noun,
-        panels=[_panel(*c) for c in nearest[: OUTSIDE_MAX if wrong else NEAREST_MAX]],
+        panels=[_panel_values(*c) for c in nearest[: OUTSIDE_MAX if wrong else NEAREST_MAX]],
         ticks=[f"{round(times.begin_s + span * k / 4, 2):g} s" for k in range(5)],
         columns=COLUMNS,
     )
 
 
-def _scale(columns: Iterable[tuple[float, ...]]) -> tuple[dict[float, float], list[float]]:
-    """Of each value its place from the top, in percent; the values that stand beside a drawing."""
+def _places_and_labels(
+    columns: Iterable[tuple[float, ...]],
+) -> tuple[dict[float, float], list[float]]:
+    """By value, its place from the top in percent; and the values to label."""
     lows, highs, *ends = (set(values) for values in zip(*columns, strict=True))
     seen = [v for v in chain(lows, highs, *ends) if isfinite(v)]
     room = ROOM * ((max(seen) - min(seen)) or 1.0)
@@ -104,9 +103,9 @@ def _scale(columns: Iterable[tuple[float, ...]]) -> tuple[dict[float, float], li
     return y, numbers
 
 
-def _panel(of: Compared, curve: JudgedCurve) -> dict[str, object]:
+def _panel_values(of: Compared, curve: JudgedCurve) -> dict[str, object]:
     (name, unit, asked), columns = of, sorted(curve.columns.items())
-    y, numbers = _scale(curve.columns.values())
+    y, numbers = _places_and_labels(curve.columns.values())
     band = [*((k, c[3]) for k, c in columns), *((k, c[2]) for k, c in reversed(columns))]
     far, at_s = curve.nearest
     how = f"outside {curve.outside:,} times, furthest" if curve.outside else "nearest"

@@ -79,10 +79,7 @@ def array_schema(items: JsonSchema, length_max: int | None = None) -> JsonSchema
 
 
 def object_schema(fields: Mapping[str, JsonSchema], title: str = "") -> JsonSchema:
-    """Return the schema of a record with exactly these fields.
-
-    A message is always an object: a topic of a plain float is logged as `{"value": 1.5}`.
-    """
+    """Return the schema of an object with exactly these fields; every message is an object."""
     return {
         "type": "object",
         **({"title": title} if title else {}),
@@ -185,7 +182,7 @@ class LogHeader:
     tool_version: str
     more: Mapping[str, str] = field(default_factory=dict)
 
-    def entries(self) -> dict[str, str]:
+    def metadata_entries(self) -> dict[str, str]:
         """Return the entries as texts, the only values MCAP's metadata holds."""
         return {
             "program_sha256": self.program_sha256,
@@ -236,7 +233,7 @@ class McapLog:
         channels: Sequence[tuple[str, JsonSchema]],
         header: LogHeader,
     ) -> None:
-        _check(channels)
+        _check_channels(channels)
         self.path = Path(path)
         self._names = [name for name, _ in channels]
         self._sequences = [0] * len(channels)
@@ -261,12 +258,9 @@ class McapLog:
             raise
 
     def add(self, channels: Iterable[LogChannel]) -> None:
-        """Writes the messages of all channels, in the order of their times, and flushes them.
-
-        ValueError if the times of a channel run backwards.
-        """
+        """Writes and flushes the channels' messages, by time; ValueError if times run backwards."""
         with self.dropped_on_error():
-            for time_ns, index, message in _merged([c.messages for c in channels]):
+            for time_ns, index, message in _merged_messages([c.messages for c in channels]):
                 if time_ns < self._last_ns[index]:
                     name, last_ns = self._names[index], self._last_ns[index]
                     raise ValueError(f"{name}: time runs back from {last_ns} to {time_ns} ns")
@@ -294,7 +288,7 @@ class McapLog:
 def to_json(message: Mapping[str, object]) -> bytes:
     """Return a message as JSON text in UTF-8, NaN and infinities as strings."""
     try:
-        text = json.dumps(message, allow_nan=False, separators=(",", ":"), default=_plain)
+        text = json.dumps(message, allow_nan=False, separators=(",", ":"), default=_plain_json)
     except ValueError:
         # Only now is the message walked through: nearly all hold finite numbers only.
         text = json.dumps(_spell_numbers(message), allow_nan=False, separators=(",", ":"))
@@ -318,7 +312,7 @@ def _open_writer(
         enable_data_crcs=True,
     )
     writer.start(profile=PROFILE, library=f"soter {header.tool_version}")
-    writer.add_metadata(METADATA_NAME, header.entries())
+    writer.add_metadata(METADATA_NAME, header.metadata_entries())
     ids: list[int] = []
     for name, of in channels:
         schema = json.dumps({"$schema": SCHEMA_DIALECT, **of}).encode()
@@ -327,11 +321,8 @@ def _open_writer(
     return writer, ids
 
 
-def mended(path: Path) -> bool:
-    """Makes a log of a file that a dead process left: keeps whole chunks, and adds an end.
-
-    Returns False, and leaves the file as it was, if it is no log. Raises `OSError`.
-    """
+def mend_log(path: Path) -> bool:
+    """Makes a log of a dead process's file: whole chunks and an end. False: no log; `OSError`."""
     with path.open("r+b") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             return False
@@ -347,7 +338,9 @@ def mended(path: Path) -> bool:
             end = at if kind != MESSAGE_INDEX else end
         stream.seek(end)
         stream.truncate()
-        name, key, value = (_text(s) for s in (END_NAME, "ended", f"{ABNORMALLY}the process died"))
+        name, key, value = (
+            _packed_text(s) for s in (END_NAME, "ended", f"{ABNORMALLY}the process died")
+        )
         entries = struct.pack("<I", len(key) + len(value)) + key + value
         stream.write(RECORD.pack(METADATA, len(name) + len(entries)) + name + entries)
         stream.write(RECORD.pack(DATA_END, 4) + struct.pack("<I", crc_between(stream)))
@@ -365,14 +358,14 @@ def crc_between(stream: IO[bytes], begin: int = 0, end: int | None = None) -> in
     return crc
 
 
-def _text(text: str) -> bytes:
+def _packed_text(text: str) -> bytes:
     return struct.pack("<I", len(text)) + text.encode("ascii")
 
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def _merged(
+def _merged_messages(
     channels: Sequence[Iterable[Message]],
 ) -> Iterator[tuple[int, int, Mapping[str, object]]]:
     """Merge the channels' messages: time in ns, index of the channel, message."""
@@ -387,7 +380,7 @@ def _merged(
     return heapq.merge(*streams, key=lambda item: item[:2])
 
 
-def _check(channels: Sequence[tuple[str, JsonSchema]]) -> None:
+def _check_channels(channels: Sequence[tuple[str, JsonSchema]]) -> None:
     """Raise `ValueError` for names used twice and schemas that viewers cannot read."""
     names = [name for name, _ in channels]
     for name, schema in channels:
@@ -418,7 +411,7 @@ def decision_message(step: DecisionStep) -> Message:
     }
 
 
-def _plain(value: object) -> object:
+def _plain_json(value: object) -> object:
     """Turn what JSON does not know into what it knows."""
     if isinstance(value, np.generic):
         return value.item()
@@ -432,7 +425,7 @@ def _plain(value: object) -> object:
 def _spell_numbers(value: object) -> object:
     """Return a copy of a message with NaN and infinities spelled out."""
     if isinstance(value, (np.generic, np.ndarray)):
-        return _spell_numbers(_plain(value))
+        return _spell_numbers(_plain_json(value))
     if isinstance(value, float) and not math.isfinite(value):
         if math.isnan(value):
             return "NaN"

@@ -3,7 +3,7 @@
 Purpose: `McapRecords` reads all records in one pass, within bounds, and compares what the file says
 of itself with its content: checksums, sizes, ids, indexes, statistics, its end. It refuses a file
 that contradicts itself or has no end, with the place; a checksum of 0 is none (by the format).
-`messages` and `metadata` read a log of Soter's own; SoterError D006 if it cannot be read.
+`log_messages` and `log_metadata` read a log of Soter's own; SoterError D006 if it cannot be read.
 Non-goals: what messages mean; a reader that jumps by the index; logs of other systems
 (`monitor/log_files/`).
 """
@@ -82,7 +82,7 @@ class McapRecords:
 
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
-        self.size = _size(file)
+        self.size = _file_size(file)
         self.metadata: dict[str, dict[str, str]] = {}
         self.private = 0
         self.unchecked = False
@@ -112,19 +112,19 @@ class McapRecords:
         summary_at, first = None, True
         while True:
             at = self.file.tell()
-            head = self._exactly(RECORD.size)
+            head = self._read_exactly(RECORD.size)
             kind, length = RECORD.unpack(head)
             if length > self.size - at:
                 raise CutMcapError(f"the record at byte {at} is longer than the file: {ENDS}")
             if length > RECORD_MAX:
                 raise DamagedMcapError(f"the record at byte {at} is longer than any is")
-            body = self._exactly(length)
+            body = self._read_exactly(length)
             if first != (kind == HEADER):
                 raise DamagedMcapError("its header does not stand at its beginning, or not once")
             first = False
             if kind == DATA_END and summary_at is None:
-                self._end_of_index(at)
-                stored = _read("DataEnd", body, at).data_section_crc
+                self._check_index_end(at)
+                stored = _read_record("DataEnd", body, at).data_section_crc
                 _compare_crc(stored, crc, "its data section (all up to its summary)")
                 self.unchecked = self._loose and not stored
                 summary_at = self.file.tell()
@@ -135,7 +135,7 @@ class McapRecords:
                 self._require_kind(kind, IN_DATA if summary_at is None else IN_SUMMARY, at)
                 if summary_at is None:
                     crc = zlib.crc32(body, zlib.crc32(head, crc))
-                    yield from self._data(kind, body, at)
+                    yield from self._data_messages(kind, body, at)
                 else:
                     self._read_summary(kind, body, at)
 
@@ -145,7 +145,7 @@ class McapRecords:
         elif kind not in known and kind != HEADER:
             raise DamagedMcapError(f"a record of kind {kind} stands at byte {at}, where none may")
 
-    def _exactly(self, length: int) -> bytes:
+    def _read_exactly(self, length: int) -> bytes:
         data = self.file.read(length)
         if len(data) < length:
             raise CutMcapError(ENDS)
@@ -153,29 +153,29 @@ class McapRecords:
 
     # ------------------------------------------------------------ the data section
 
-    def _data(self, kind: int, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
+    def _data_messages(self, kind: int, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
         self._kinds[kind] += 1
         if kind != MESSAGE_INDEX:
-            self._end_of_index(at)
+            self._check_index_end(at)
         if kind == CHUNK:
-            yield from self._chunk(body, at)
+            yield from self._chunk_messages(body, at)
         elif kind == MESSAGE:
             self._loose = True
-            yield self._message(body, f"at byte {at}")
+            yield self._read_message(body, f"at byte {at}")
         elif kind in (SCHEMA, CHANNEL):
-            self._define(kind, body, at)
+            self._define_id(kind, body, at)
         elif kind == MESSAGE_INDEX:
             self._check_message_index(body, at)
         elif kind == METADATA:
-            record = _read("Metadata", body, at)
+            record = _read_record("Metadata", body, at)
             self.metadata.setdefault(record.name, dict(record.metadata))
         elif kind == ATTACHMENT and len(body) > 4:
             (crc,) = struct.unpack("<I", body[-4:])
             _compare_crc(crc, zlib.crc32(memoryview(body)[:-4]), f"the attachment at byte {at}")
 
-    def _chunk(self, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
-        chunk = _read("Chunk", body, at)
-        data = self._unpacked(chunk)
+    def _chunk_messages(self, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
+        chunk = _read_record("Chunk", body, at)
+        data = self._unpacked_chunk(chunk)
         where = f"the chunk at byte {at}"
         if len(data) != chunk.uncompressed_size:
             text = f"it says {chunk.uncompressed_size:,} bytes and has {len(data):,}"
@@ -197,12 +197,12 @@ class McapRecords:
             if place > len(data):
                 raise DamagedMcapError(f"a record is cut {here}")
             if kind == MESSAGE:
-                triple = self._message(bytes(inside[begin:place]), here)
+                triple = self._read_message(bytes(inside[begin:place]), here)
                 channel, _, message = triple
                 self._of_chunk.setdefault(channel.id, []).append(message.log_time)
                 yield triple
             elif kind in (SCHEMA, CHANNEL):
-                self._define(kind, bytes(inside[begin:place]), at)
+                self._define_id(kind, bytes(inside[begin:place]), at)
             else:
                 raise DamagedMcapError(f"a record of kind {kind} stands {here}, where none may")
         times = [t for of_channel in self._of_chunk.values() for t in of_channel]
@@ -210,16 +210,16 @@ class McapRecords:
         if times and (min(times), max(times)) != said_times:
             raise DamagedMcapError(f"{where} has messages of other times than it says")
 
-    def _unpacked(self, chunk: Any) -> bytes:  # noqa: ANN401 - a record
+    def _unpacked_chunk(self, chunk: Any) -> bytes:  # noqa: ANN401 - a record
         if chunk.compression == "zstd":
-            return self._unpacking.zstd(chunk.data)
+            return self._unpacking.unpack_zstd(chunk.data)
         if chunk.compression == "lz4":
-            return self._unpacking.lz4(chunk.data)
+            return self._unpacking.unpack_lz4(chunk.data)
         if chunk.compression:
             raise DamagedMcapError(f"a chunk is packed by `{chunk.compression[:40]}`")
-        return self._unpacking.plain(chunk.data)
+        return self._unpacking.count_plain(chunk.data)
 
-    def _message(self, body: bytes, here: str) -> tuple[Any, Any, Any]:
+    def _read_message(self, body: bytes, here: str) -> tuple[Any, Any, Any]:
         from mcap.records import Message  # noqa: PLC0415 - an extra
 
         if len(body) < MESSAGE_HEAD.size:
@@ -238,9 +238,9 @@ class McapRecords:
         data = body[MESSAGE_HEAD.size :]
         return channel, schema, Message(channel_id, log_time, data, publish_time, sequence)
 
-    def _define(self, kind: int, body: bytes, at: int) -> None:
+    def _define_id(self, kind: int, body: bytes, at: int) -> None:
         """Enters a schema or a channel; DamagedMcapError if its id had another meaning before."""
-        record = _read("Schema" if kind == SCHEMA else "Channel", body, at)
+        record = _read_record("Schema" if kind == SCHEMA else "Channel", body, at)
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
         if before != record:
@@ -250,14 +250,14 @@ class McapRecords:
             raise DamagedMcapError(text, MERGED)
 
     def _check_message_index(self, body: bytes, at: int) -> None:
-        record = _read("MessageIndex", body, at)
+        record = _read_record("MessageIndex", body, at)
         times = self._of_chunk.get(record.channel_id, [])
         if sorted(t for t, _ in record.records) != sorted(times):
             text = f"the index at byte {at} has other messages of channel {record.channel_id}"
             raise DamagedMcapError(f"{text} than the chunk before it")
         self._indexed[record.channel_id] += 1
 
-    def _end_of_index(self, at: int) -> None:
+    def _check_index_end(self, at: int) -> None:
         lost = set(self._of_chunk) - set(self._indexed)
         if self._indexed and lost:
             raise DamagedMcapError(f"the index before byte {at} leaves out channel {min(lost)}")
@@ -268,11 +268,11 @@ class McapRecords:
 
     def _read_summary(self, kind: int, body: bytes, at: int) -> None:
         if kind in (SCHEMA, CHANNEL):
-            self._define(kind, body, at)
+            self._define_id(kind, body, at)
         elif kind == STATISTICS:
-            self._check_statistics(_read("Statistics", body, at))
+            self._check_statistics(_read_record("Statistics", body, at))
         elif kind == CHUNK_INDEX:
-            entry = _read("ChunkIndex", body, at)
+            entry = _read_record("ChunkIndex", body, at)
             self._indexed[entry.chunk_start_offset] += 1
             chunk, length = self._chunks.get(entry.chunk_start_offset, (None, 0))
             names = ["message_start_time", "message_end_time", "compression", "uncompressed_size"]
@@ -304,10 +304,10 @@ class McapRecords:
             raise DamagedMcapError("its messages are of other times than its statistics say")
 
     def _check_footer(self, body: bytes, at: int, summary_at: int | None) -> None:
-        footer = _read("Footer", body, at)
+        footer = _read_record("Footer", body, at)
         if summary_at is None:
             raise DamagedMcapError("the end of its data section is missing")
-        if self._exactly(len(MAGIC)) != MAGIC:
+        if self._read_exactly(len(MAGIC)) != MAGIC:
             raise CutMcapError(ENDS)
         if self.file.read(1):
             text = f"more bytes stand behind its end, from byte {self.file.tell() - 1} on"
@@ -331,7 +331,7 @@ class _StrictBytes(BytesIO):
         return data
 
 
-def _read(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
+def _read_record(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
     """The record `name` from `body`, all of whose bytes it has to use."""
     from mcap import records  # noqa: PLC0415 - an extra
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
@@ -353,7 +353,7 @@ def _compare_crc(stored: int, counted: int, part: str) -> None:
         raise DamagedMcapError(text)
 
 
-def _size(file: BinaryIO) -> int:
+def _file_size(file: BinaryIO) -> int:
     return len(file.getbuffer()) if isinstance(file, BytesIO) else os.fstat(file.fileno()).st_size
 
 
@@ -374,21 +374,18 @@ def _records(path: Path) -> Iterator[McapRecords]:
         with opened(path) as file:
             yield McapRecords(file)
     except OSError as error:
-        raise unreadable(path, reason(error)) from error
+        raise unreadable_error(path, reason(error)) from error
     except SoterError:
         raise
     except DamagedMcapError as error:
         text = f"cannot read the log `{path}`: {error}"
         raise mistake("D006", text, error.remedy) from error
     except Exception as error:
-        raise unreadable(path, damaged(error)) from error
+        raise unreadable_error(path, damage_text(error)) from error
 
 
-def metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run, {} if `soter run` did not write it; SoterError D006.
-
-    That is at the beginning, so the end of the file may be missing.
-    """
+def log_metadata(path: Path) -> dict[str, str]:
+    """What a log's begin says of its run; {} if `soter run` did not write it; SoterError D006."""
     with _records(path) as records:
         for _ in _up_to_cut(records, lambda _: None):
             if METADATA_NAME in records.metadata:
@@ -396,7 +393,7 @@ def metadata(path: Path) -> dict[str, str]:
         return records.metadata.get(METADATA_NAME, {})
 
 
-def messages(
+def log_messages(
     path: Path, cut: Callable[[str], None] | None = None
 ) -> Iterator[tuple[int, str, Any]]:
     """Yields time (ns), channel and message of a log, in order; SoterError D006.
@@ -412,7 +409,7 @@ def messages(
                 text = (
                     f"time goes back from {last_ns / 1e9:.9g} s to {message.log_time / 1e9:.9g} s"
                 )
-                raise unreadable(path, f"{text} at a message of `{channel.topic}`")
+                raise unreadable_error(path, f"{text} at a message of `{channel.topic}`")
             last_ns = message.log_time
             yield message.log_time, channel.topic, json.loads(message.data)
         ended = records.metadata.get(END_NAME, {}).get("ended", "")
@@ -431,11 +428,8 @@ def _up_to_cut(
         cut(str(error))
 
 
-def damaged(error: Exception) -> str:
-    """What is wrong with a log that the package `mcap` could not read, in words.
-
-    The package unpacks bytes without checks, so a damaged file may make it raise any error.
-    """
+def damage_text(error: Exception) -> str:
+    """Says what is wrong with a log at which the package `mcap` raised this error."""
     from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
 
     by_mcap = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
@@ -443,7 +437,7 @@ def damaged(error: Exception) -> str:
     return text or "it is no MCAP file, or damaged"
 
 
-def unreadable(path: Path, why: str) -> SoterError:
-    """The SoterError D006 for a log that cannot be read as one of `soter run --log`."""
+def unreadable_error(path: Path, why: str) -> SoterError:
+    """Gives a SoterError D006 for a log that is none of `soter run --log`, or damaged."""
     helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
     return mistake("D006", f"cannot read the log `{path}`: {why}", *helps)

@@ -60,10 +60,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class RegionSlice:
-    """A region figure at another place of the third axis: `where` says at which, for people.
-
-    `regions` as of `RegionFigure`, of the same shape.
-    """
+    """A region figure at the place `where` of the third axis, shaped as its `RegionFigure`."""
 
     where: str
     regions: NDArray[np.uint8]
@@ -164,13 +161,13 @@ def region_svg(figure: RegionFigure) -> str:
     height = STRIP + TOP + BOTTOM if flat else HEIGHT
     x = _Scale(figure.x_edges, LEFT, WIDTH - RIGHT)
     y = _Scale(figure.y_edges, height - BOTTOM, TOP)
-    parts = [_slice(s, k == figure.shown, x, y) for k, s in enumerate(figure.slices)]
-    parts = parts or [*_paths(figure.regions, x, y), _border(figure.lets_ac, x, y)]
+    parts = [_slice_svg(s, k == figure.shown, x, y) for k, s in enumerate(figure.slices)]
+    parts = parts or [*_region_paths(figure.regions, x, y), _border_path(figure.lets_ac, x, y)]
     parts += _axis_x(x, quantity(figure.x_name, figure.x_unit), height)
     if not flat:
         parts += _axis_y(y, quantity(figure.y_name, figure.y_unit), height)
     if figure.trajectory is not None:
-        parts.append(_trajectory(figure.trajectory, x, y))
+        parts.append(_trajectory_svg(figure.trajectory, x, y))
     frame = (
         f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{WIDTH - LEFT - RIGHT}" '
         f'height="{height - TOP - BOTTOM}"/>'
@@ -189,8 +186,8 @@ class _Scale:
         self.at_low, self.per_unit = at_low, (at_high - at_low) / (self.high - self.low)
         self.places = np.round(at_low + (edges - self.low) * self.per_unit, 2)
 
-    def at(self, value: float) -> float:
-        """Place of one value, px."""
+    def px_of(self, value: float) -> float:
+        """The place of a value on the drawing, in px."""
         return self.at_low + (value - self.low) * self.per_unit
 
     def ticks(self) -> list[float]:
@@ -203,14 +200,14 @@ class _Scale:
         return [float((first + k) * step) for k in range(count)]
 
 
-def _slice(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
-    """One slice of several: all but the one that is shown are there for the slider."""
+def _slice_svg(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
+    """One slice of several; all but the shown one are hidden until the slider asks for them."""
     hidden = "" if shown else ' display="none"'
-    paths = "".join((*_paths(part.regions, x, y), _border(part.lets_ac, x, y)))
+    paths = "".join((*_region_paths(part.regions, x, y), _border_path(part.lets_ac, x, y)))
     return f'<g class="slice"{hidden}><title>{escape(part.where)}</title>{paths}</g>'
 
 
-def _paths(regions: NDArray[np.uint8], x: _Scale, y: _Scale) -> list[str]:
+def _region_paths(regions: NDArray[np.uint8], x: _Scale, y: _Scale) -> list[str]:
     """A path for each region that has cells."""
     return [
         f'<path class="r{code}" d="{path}"/>'
@@ -235,7 +232,7 @@ def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
     return "".join(pieces)
 
 
-def _border(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
+def _border_path(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
     """The line between cells of a set and others, without the frame."""
     if inside is None:
         return ""
@@ -250,7 +247,7 @@ def _border(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
     return f'<path class="border" d="{"".join(pieces)}"/>' if pieces else ""
 
 
-def _number(value: float) -> str:
+def _tick(value: float) -> str:
     """The text of a tick."""
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
 
@@ -259,8 +256,8 @@ def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
     """Draws ticks and name below the figure."""
     base, middle = height - BOTTOM, (LEFT + WIDTH - RIGHT) / 2
     ticks = [
-        f'<text x="{x.at(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_number(t)}</text>'
-        f'<path class="tick" d="M{x.at(t):.1f} {base:g}v4"/>'
+        f'<text x="{x.px_of(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_tick(t)}</text>'
+        f'<path class="tick" d="M{x.px_of(t):.1f} {base:g}v4"/>'
         for t in x.ticks()
     ]
     at = f'x="{middle:g}" y="{base + 37:g}" text-anchor="middle"'
@@ -270,18 +267,18 @@ def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
 def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
     """Draws ticks and name on the left of the figure."""
     ticks = [
-        f'<text x="{LEFT - 8:g}" y="{y.at(t) + 4:.1f}" text-anchor="end">{_number(t)}</text>'
-        f'<path class="tick" d="M{LEFT:g} {y.at(t):.1f}h-4"/>'
+        f'<text x="{LEFT - 8:g}" y="{y.px_of(t) + 4:.1f}" text-anchor="end">{_tick(t)}</text>'
+        f'<path class="tick" d="M{LEFT:g} {y.px_of(t):.1f}h-4"/>'
         for t in y.ticks()
     ]
     at = f'transform="translate(14 {(TOP + height - BOTTOM) / 2:g}) rotate(-90)"'
     return [*ticks, f'<text class="name" {at} text-anchor="middle">{escape(name)}</text>']
 
 
-def _trajectory(run: Trajectory, x: _Scale, y: _Scale) -> str:
+def _trajectory_svg(run: Trajectory, x: _Scale, y: _Scale) -> str:
     """Draws a run in the colours of who is in control, with dots where that changes."""
-    px = np.round([x.at(float(v)) for v in run.x], 1)
-    py = np.round([y.at(float(v)) for v in run.y], 1)
+    px = np.round([x.px_of(float(v)) for v in run.x], 1)
+    py = np.round([y.px_of(float(v)) for v in run.y], 1)
     changes = np.flatnonzero(np.diff(run.in_control.astype(int))) + 1
     bounds = [0, *changes.tolist(), len(px) - 1]
     parts: list[str] = []
@@ -328,7 +325,7 @@ def proof_document(page: ProofPage) -> str:
 
 
 def proof_body(page: ProofPage) -> str:
-    """Return the inside of `<main>`."""
+    """Return the inside of `<main>` of the report."""
     return filled(
         "report/proof_page.html.j2",
         page=page,
@@ -337,7 +334,7 @@ def proof_body(page: ProofPage) -> str:
         switched=SWITCHED,
         region_svg=region_svg,
         of_one_region=_single_region,
-        undrawn=_undrawn,
+        undrawn=_undrawn_regions,
     )
 
 
@@ -351,7 +348,7 @@ def _single_region(f: RegionFigure) -> int | None:
     return first if (f.regions == first).all() else None
 
 
-def _undrawn(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
+def _undrawn_regions(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
     """For each region and note, the axes along which it reaches from end to end."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
@@ -394,11 +391,11 @@ class AdvicePage:
 
 
 def advice_main(pages: Sequence[AdvicePage]) -> str:
-    """The body of the page."""
-    return filled("report/advice.html.j2", pages=pages, svg=_figure)
+    """The body of the page of advice."""
+    return filled("report/advice.html.j2", pages=pages, svg=_advice_svg)
 
 
-def _figure(page: AdvicePage) -> Iterator[str]:
+def _advice_svg(page: AdvicePage) -> Iterator[str]:
     width, height, left, bottom, top, right = 530, 320, 64, 46, 22, 100
     longest = max((x for line in page.lines for x, _ in line.points), default=1.0) * 1.05
 
@@ -425,11 +422,11 @@ def _figure(page: AdvicePage) -> Iterator[str]:
         yield f'<path class="best" d="M{x:.1f} {y:.1f}V{top}"/><text class="name" x="{x:.1f}" '
         yield f'y="{top - 8}" text-anchor="middle">longest that verifies</text>'
     for k, line in enumerate(page.lines[:CURVES_MAX]):
-        yield from _line(line, f"curve-{k}", [at(x, y) for x, y in line.points])
+        yield from _line_svg(line, f"curve-{k}", [at(x, y) for x, y in line.points])
     yield "</svg>"
 
 
-def _line(line: Line, kind: str, points: list[tuple[float, float]]) -> Iterator[str]:
+def _line_svg(line: Line, kind: str, points: list[tuple[float, float]]) -> Iterator[str]:
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
     yield f'<g class="{kind}"><polyline points="{path}"/>'
     for (x, y), sure in zip(points, line.sure, strict=True):

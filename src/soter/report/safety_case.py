@@ -4,7 +4,7 @@ Purpose: `SafetyCase` holds nodes by id, and finds which goals are supported, fr
 `Assurance` is such a case with its files and what refutes it.
 `Traceability` holds hazards and requirements with the properties they lead to, and open items.
 `ExpandedPredicate` holds a module's predicate for people who do not read the program.
-`sdoc` writes a document for trace matrices of a larger project: a requirement for every goal,
+`strictdoc` writes a document for trace matrices of a larger project: a requirement for every goal,
 strategy and solution, whose parent it supports; contexts and assumptions as text before them.
 Non-goals: checking a leaf, expanding predicates, following the rows of hazards (`api/assurance/`);
 the page (`safety_case_page.py`); grammars of StrictDoc of one's own. Sources: GSN Community
@@ -219,10 +219,7 @@ class CaseNode:
 
 @dataclass
 class SafetyCase:
-    """Nodes in the order in which they are read; the first is the top goal.
-
-    `provenance`: with what it was made, by what people call it.
-    """
+    """Nodes in reading order, the top goal first; `provenance`: with what the case was made."""
 
     title: str
     program: str
@@ -287,14 +284,14 @@ class SafetyCase:
             "params": self.params,
             "top": self.nodes[0].id,
             "supported": self.supported,
-            "nodes": [self._node(n) for n in self.nodes],
+            "nodes": [self._node_json(n) for n in self.nodes],
             "provenance": self.provenance,
             "predicates": [p.to_json() for p in self.predicates],
             "traceability": self.traceability.to_json(),
             "conditions": None if self.conditions is None else asdict(self.conditions),
         }
 
-    def _node(self, n: CaseNode) -> dict[str, object]:
+    def _node_json(self, n: CaseNode) -> dict[str, object]:
         judged = n.kind in ("goal", "strategy", "solution")
         return {
             "id": n.id,
@@ -339,16 +336,16 @@ class Assurance:
         return all(self.case.status(g) == SUPPORTED for g in self.case.goals if g.id == RETURNS)
 
 
-def sdoc(case: SafetyCase) -> str:
-    """The document, as text."""
-    return "\n".join(_lines(case))
+def strictdoc(case: SafetyCase) -> str:
+    """The case as a document of StrictDoc, as text."""
+    return "\n".join(_document_lines(case))
 
 
-def _lines(case: SafetyCase) -> Iterator[str]:
-    yield from ("[DOCUMENT]", f"TITLE: {_line(case.title)}", "")
+def _document_lines(case: SafetyCase) -> Iterator[str]:
+    yield from ("[DOCUMENT]", f"TITLE: {_one_line(case.title)}", "")
     for n in case.nodes:
         if n.kind in ("context", "assumption"):
-            yield from ("[TEXT]", "STATEMENT: >>>", *_text(f"{n.id} ({n.kind}): {n.text}"))
+            yield from ("[TEXT]", "STATEMENT: >>>", *_text_lines(f"{n.id} ({n.kind}): {n.text}"))
             yield from ("<<<", "")
     parents: dict[str, list[str]] = {}
     for n in case.nodes:
@@ -356,18 +353,18 @@ def _lines(case: SafetyCase) -> Iterator[str]:
             parents.setdefault(child, []).append(n.id)
     for n in case.nodes:
         if n.kind not in ("context", "assumption"):
-            yield from _requirement(case, n, parents.get(n.id, []))
+            yield from _requirement_lines(case, n, parents.get(n.id, []))
 
 
-def _requirement(case: SafetyCase, n: CaseNode, parents: list[str]) -> Iterator[str]:
+def _requirement_lines(case: SafetyCase, n: CaseNode, parents: list[str]) -> Iterator[str]:
     yield from ("[REQUIREMENT]", f"UID: {n.id}", f"STATUS: {case.status(n)}")
-    yield f"TITLE: {_line(f'{n.kind}: {n.text}')[:120]}"
-    yield from ("STATEMENT: >>>", *_text(n.text), "<<<")
+    yield f"TITLE: {_one_line(f'{n.kind}: {n.text}')[:120]}"
+    yield from ("STATEMENT: >>>", *_text_lines(n.text), "<<<")
     texts = [n.why] if n.why else []
     texts += [f"sha256 {n.sha256} {n.path}".rstrip()] if n.sha256 else []
     texts += [f"in the context of {', '.join(n.in_context_of)}"] if n.in_context_of else []
     if texts:
-        yield from ("COMMENT: >>>", *_text("\n\n".join(texts)), "<<<")
+        yield from ("COMMENT: >>>", *_text_lines("\n\n".join(texts)), "<<<")
     if parents:
         yield "RELATIONS:"
         for parent in parents:
@@ -375,11 +372,11 @@ def _requirement(case: SafetyCase, n: CaseNode, parents: list[str]) -> Iterator[
     yield ""
 
 
-def _line(text: str) -> str:
+def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _text(text: str) -> list[str]:
-    """Lines that cannot end the field they stand in; never none."""
+def _text_lines(text: str) -> list[str]:
+    """The lines of a text, of which none can end its field; at least one."""
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     return [f" {x}" if x.startswith(("<<<", ">>>", "[")) else x for x in lines] or ["-"]

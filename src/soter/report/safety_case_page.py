@@ -73,7 +73,7 @@ class _Spot:
 
     @property
     def lines(self) -> list[str]:
-        """The lines of its text, cut to the room that there is."""
+        """The lines of the node's text, cut to the room that there is."""
         lines = textwrap.wrap(self.node.text.replace("`", ""), LETTERS) or [""]
         if len(lines) > LINES_MAX:
             lines = [*lines[: LINES_MAX - 1], f"{lines[LINES_MAX - 1][: LETTERS - 1]}…"]
@@ -86,23 +86,25 @@ class _Spot:
         return LINE * (len(self.lines) + 1) + 14.0
 
 
-def pictures(case: SafetyCase) -> list[tuple[str, str]]:
+def argument_pictures(case: SafetyCase) -> list[tuple[str, str]]:
     """(title, SVG) pairs: the top goal ("" as title), parts that did not fit, then other goals."""
     below = {i for n in case.nodes for i in n.supported_by}
     drawings: list[tuple[str, str]] = []
     for root in (n for n in case.goals if n.id not in below):
-        spot = _spot(case, root, None)
+        spot = _spot_tree(case, root, None)
         title = "" if not drawings else root.id
-        if _leaves(spot) <= TOGETHER_MAX:
-            drawings.append((title, _svg(case, spot)))
+        if _column_count(spot) <= TOGETHER_MAX:
+            drawings.append((title, _picture_svg(case, spot)))
             continue
-        parts = _parts(case, root)
-        drawings.append((title, _svg(case, _spot(case, root, frozenset(p.id for p in parts)))))
-        drawings += [(p.id, _svg(case, _spot(case, p, None))) for p in parts]
+        parts = _goals_of_modules(case, root)
+        drawings.append(
+            (title, _picture_svg(case, _spot_tree(case, root, frozenset(p.id for p in parts))))
+        )
+        drawings += [(p.id, _picture_svg(case, _spot_tree(case, p, None))) for p in parts]
     return drawings
 
 
-def _parts(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
+def _goals_of_modules(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
     """The goals below the first strategy, or else below the root."""
     nodes = [case.node(i) for i in root.supported_by]
     if [n.kind for n in nodes] == ["strategy"]:
@@ -110,23 +112,23 @@ def _parts(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
     return nodes
 
 
-def _spot(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) -> _Spot:
-    """A node with what is below it, without what is below `ends`."""
+def _spot_tree(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) -> _Spot:
+    """A node with the nodes below it, without those below `ends`."""
     spot = _Spot([node])
     if ends is not None and node.id in ends:
         return spot
-    spot.below = [_spot(case, case.node(i), ends) for i in node.supported_by]
+    spot.below = [_spot_tree(case, case.node(i), ends) for i in node.supported_by]
     return spot
 
 
-def _leaves(spot: _Spot) -> int:
+def _column_count(spot: _Spot) -> int:
     """How many columns of goals a branch takes."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
-    return max(sum(_leaves(s) for s in goals), len(spot.below) - len(goals), 1)
+    return max(sum(_column_count(s) for s in goals), len(spot.below) - len(goals), 1)
 
 
-def _rows(spot: _Spot) -> list[list[_Spot]]:
-    """The spots by layers; solutions that say the same stand once, below all that they support."""
+def _spot_rows(spot: _Spot) -> list[list[_Spot]]:
+    """The spots by layers; equal solutions stand once, below all that they support."""
     rows = [[spot]]
     while True:
         row: list[_Spot] = []
@@ -147,35 +149,37 @@ def _rows(spot: _Spot) -> list[list[_Spot]]:
         rows.append(row)
 
 
-def _place(spot: _Spot, left: float) -> float:
-    """Columns from the left for goals; what is above stands over their middle. Where it ends."""
+def _place_columns(spot: _Spot, left: float) -> float:
+    """Gives goals columns from the left, and nodes above the middle of theirs; gives the end."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
     if not goals:
-        spot.x = left + COLUMN * _leaves(spot) / 2
-        return left + COLUMN * _leaves(spot)
+        spot.x = left + COLUMN * _column_count(spot) / 2
+        return left + COLUMN * _column_count(spot)
     end = left
     for s in goals:
-        end = _place(s, end)
+        end = _place_columns(s, end)
     spot.x = min((goals[0].x + goals[-1].x) / 2, left + PHONE_COLUMNS * COLUMN / 2)
     return end
 
 
-def _svg(case: SafetyCase, root: _Spot) -> str:
-    beside = _beside(case, root.node)
-    width = max(_place(root, 0.0), 3.0 * COLUMN)
+def _picture_svg(case: SafetyCase, root: _Spot) -> str:
+    beside = _nodes_beside(case, root.node)
+    width = max(_place_columns(root, 0.0), 3.0 * COLUMN)
     root_x = root.x
     if beside:  # assumptions to the left of the top goal, contexts to its right
         short = max(1.5 * COLUMN - root_x, 1.5 * COLUMN - (width - root_x), 0.0)
-        _move(root, short)
+        _move_by(root, short)
         width += 2 * short
-    rows = _rows(root)
+    rows = _spot_rows(root)
     y = _place_rows(rows)
     spots = [s for row in rows for s in row]
-    parts = [line for s in spots for below in s.below for line in _arrow(s, below)]
-    parts += [line for s in spots for line in _shape(case, s)]
-    parts += [line for k, (kind, ids) in enumerate(beside) for line in _boxes(root, kind, ids, k)]
+    parts = [line for s in spots for below in s.below for line in _arrow_svg(s, below)]
+    parts += [line for s in spots for line in _spot_svg(case, s)]
+    parts += [
+        line for k, (kind, ids) in enumerate(beside) for line in _boxes_svg(root, kind, ids, k)
+    ]
     drawn = {part for s in spots for part in _legend_symbols(case, s.node)}
-    lines = _legend([*drawn, *(kind for kind, _ in beside)])
+    lines = _legend_lines([*drawn, *(kind for kind, _ in beside)])
     parts += [
         f'<g transform="translate({MARGIN} {y - 10 + LEGEND_LINE * k:.0f})">{line}</g>'
         for k, line in enumerate(lines)
@@ -192,7 +196,7 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
 
 
 def _place_rows(rows: list[list[_Spot]]) -> float:
-    """Rows below one another, circles below what they support; where the last one ends."""
+    """Puts rows below one another, circles below what they support; gives the end of the last."""
     above: dict[int, list[_Spot]] = {}
     for a in (a for row in rows for a in row):
         for b in dict.fromkeys(map(id, a.below)):
@@ -209,22 +213,22 @@ def _place_rows(rows: list[list[_Spot]]) -> float:
     return y
 
 
-def _move(spot: _Spot, by: float) -> None:
+def _move_by(spot: _Spot, by: float) -> None:
     spot.x += by
     for s in spot.below:
-        _move(s, by)
+        _move_by(s, by)
 
 
 def _move_apart(spots: Sequence[_Spot]) -> None:
-    """Circles of a row, in their order, so that none covers another."""
+    """Moves the circles of a row apart, in their order, so that none covers another."""
     least = RADIUS + 0.0
     for s in sorted(spots, key=lambda s: s.x):
         s.x = max(s.x, least)
         least = s.x + 2 * RADIUS + 12
 
 
-def _beside(case: SafetyCase, node: CaseNode) -> list[tuple[str, list[str]]]:
-    """Assumptions and contexts of a node, with their ids."""
+def _nodes_beside(case: SafetyCase, node: CaseNode) -> list[tuple[str, list[str]]]:
+    """The assumptions and contexts of a node, with their ids."""
     near = [case.node(i) for i in node.in_context_of]
     kinds = ("assumption", "context")
     ids_by_kind = [(kind, [n.id for n in near if n.kind == kind]) for kind in kinds]
@@ -234,7 +238,7 @@ def _beside(case: SafetyCase, node: CaseNode) -> list[tuple[str, list[str]]]:
 # ---------------------------------------------------------------- shapes
 
 
-def _shape(case: SafetyCase, s: _Spot) -> Iterator[str]:
+def _spot_svg(case: SafetyCase, s: _Spot) -> Iterator[str]:
     n, status = s.node, case.status(s.node)
     left, top, high = s.x - BOX / 2, s.y, s.height
     yield f'<a href="#{escape(n.id, quote=True)}"><g class="{n.kind} {status}">'
@@ -244,7 +248,7 @@ def _shape(case: SafetyCase, s: _Spot) -> Iterator[str]:
         words = textwrap.wrap(re.split("[,:]", n.text)[0].replace("`", ""), 13)
         words = [*words[:2], f"{words[2][:12]}…"] if len(words) > 3 else words
         hash_ = [n.sha256[:12]] if n.sha256 else []
-        yield from _lines(
+        yield from _text_svg(
             s.x, top + RADIUS - 7 * (len(words) + len(hash_)), [about, *words, *hash_]
         )
     else:
@@ -254,26 +258,26 @@ def _shape(case: SafetyCase, s: _Spot) -> Iterator[str]:
             f'L{left + BOX - slant:.1f} {top + high:.1f}H{left - slant:.1f}Z"/>'
         )
         sign = "\N{CHECK MARK}" if status == SUPPORTED else ""
-        yield from _lines(s.x, top + 16, [f"{n.id} {sign}".strip(), *s.lines])
+        yield from _text_svg(s.x, top + 16, [f"{n.id} {sign}".strip(), *s.lines])
         if n.kind == "goal" and not n.supported_by:
-            yield _diamond(s.x, top + high)
+            yield _diamond_svg(s.x, top + high)
     yield "</g></a>"
 
 
-def _lines(x: float, y: float, lines: Sequence[str]) -> Iterator[str]:
+def _text_svg(x: float, y: float, lines: Sequence[str]) -> Iterator[str]:
     for i, line in enumerate(lines):
         kind = ' class="id"' if i == 0 else ""
         yield f'<text{kind} x="{x:.1f}" y="{y + LINE * i:.1f}">{escape(line)}</text>'
 
 
-def _diamond(x: float, y: float) -> str:
+def _diamond_svg(x: float, y: float) -> str:
     return (
         f'<path class="diamond" d="M{x:.1f} {y:.1f}l8 9l-8 9l-8 -9Z">'
         "<title>undeveloped</title></path>"
     )
 
 
-def _arrow(above: _Spot, below: _Spot) -> Iterator[str]:
+def _arrow_svg(above: _Spot, below: _Spot) -> Iterator[str]:
     x0, y0, x1, y1 = above.x, above.y + above.height, below.x, below.y
     half = (y1 - y0) / 2
     yield (
@@ -283,8 +287,8 @@ def _arrow(above: _Spot, below: _Spot) -> Iterator[str]:
     yield f'<path class="head" d="M{x1:.1f} {y1:.1f}l-4 -8h8Z"/>'
 
 
-def _boxes(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
-    """The assumptions to the left, contexts to the right, each as one element."""
+def _boxes_svg(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
+    """Draws assumptions on the left, contexts on the right, each as one element."""
     side = -1 if at == 0 and kind == "assumption" else 1
     x, y = root.x + side * 1.05 * COLUMN, root.y + root.height / 2
     edge, end = root.x + side * BOX / 2, x - side * SIDE
@@ -295,7 +299,7 @@ def _boxes(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]
     radius = 22 if kind == "assumption" else 10
     yield f'<a href="#{kind}s"><g class="{kind}"><rect x="{x - SIDE:.1f}" y="{y - 22:.1f}" '
     yield f'width="{2 * SIDE}" height="44" rx="{radius}"/>'
-    yield from _lines(x, y - 3, [span, count])
+    yield from _text_svg(x, y - 3, [span, count])
     yield "</g></a>"
 
 
@@ -305,8 +309,8 @@ def _legend_symbols(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
     return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
 
 
-def _legend(drawn: Sequence[str]) -> list[str]:
-    """The symbols of the notation that are drawn, in lines that a phone shows whole."""
+def _legend_lines(drawn: Sequence[str]) -> list[str]:
+    """The drawn symbols of the notation, in lines that a phone shows whole."""
     shapes = {
         "goal": '<g class="goal"><path d="M0 0H26V14H0Z"/></g>',
         "strategy": '<g class="strategy"><path d="M4 0H30L26 14H0Z"/></g>',
@@ -315,7 +319,7 @@ def _legend(drawn: Sequence[str]) -> list[str]:
         "context": '<g class="context"><rect width="26" height="14" rx="4"/></g>',
         "supported": '<g class="supported"><path d="M0 0H26V14H0Z"/></g>',
         "undeveloped": '<g class="undeveloped"><path d="M0 0H26V14H0Z"/></g>',
-        "diamond": '<g class="undeveloped">' + _diamond(14, -2) + "</g>",
+        "diamond": '<g class="undeveloped">' + _diamond_svg(14, -2) + "</g>",
     }
     lines, x = [""], 0
     for kind, text in LEGEND:
@@ -351,10 +355,10 @@ HOW = {
 
 def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
     """Writes the page; `SoterError` D006 if it cannot be written."""
-    return write_document(case.title, body(case), path)
+    return write_document(case.title, case_body(case), path)
 
 
-def body(case: SafetyCase) -> str:
+def case_body(case: SafetyCase) -> str:
     """The main part of the page."""
     text = [f"program SHA-256 {case.program_sha256}"]
     text += [f"{name} {case.provenance[name]}" for name in ON_EVERY_PAGE if name in case.provenance]
@@ -365,25 +369,25 @@ def body(case: SafetyCase) -> str:
         "report/safety_case_page.html.j2",
         case=case,
         css=asset_text("assurance.css"),
-        facts=_facts(case),
-        pictures=pictures(case),
+        facts=_page_facts(case),
+        pictures=argument_pictures(case),
         open_goals=open_goals,
         beside=[g for g in open_goals if g is not case.goals[0] and g.id not in below],
         counted=[f"{n} {PLURALS[kind] if n > 1 else kind}" for kind, n in count.items()],
         near=lambda n: [case.node(i) for i in n.supported_by],
         open_items=_open_items(case),
         names={p.name for p in case.traceability.properties},
-        traced=_traced(case),
+        traced=_traced_items(case),
         provided=lambda behind: _open_conditions(case, behind),
         how=HOW,
-        evidence=_evidence(case),
+        evidence=_evidence_rows(case),
         meanings=MEANINGS,
-        formula=_formula,
+        formula=_formula_html,
         identified=text,
     )
 
 
-def _facts(case: SafetyCase) -> dict[str, str]:
+def _page_facts(case: SafetyCase) -> dict[str, str]:
     return {
         "program": case.program,
         "SHA-256": case.program_sha256,
@@ -408,7 +412,9 @@ def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], 
     return listed
 
 
-def _traced(case: SafetyCase) -> list[tuple[str, list[tuple[TracedItem, list[TracedProperty]]]]]:
+def _traced_items(
+    case: SafetyCase,
+) -> list[tuple[str, list[tuple[TracedItem, list[TracedProperty]]]]]:
     """Hazards and requirements as given, and what stands behind each."""
     properties = {p.name: p for p in case.traceability.properties}
     sections = []
@@ -428,7 +434,7 @@ def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
     return "; ".join(parts)
 
 
-def _evidence(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
+def _evidence_rows(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
     """The table of evidence: each piece once, with everything that it supports."""
     nodes_by_evidence: dict[tuple[str, str, str, str, bool], list[CaseNode]] = {}
     for n in case.nodes:
@@ -440,6 +446,6 @@ def _evidence(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
     ]
 
 
-def _formula(text: str) -> str:
+def _formula_html(text: str) -> str:
     """A text as HTML in which no line breaks between a sign and what it belongs to."""
     return re.sub(r"-\w", r'<span class="whole">\g<0></span>', escape(text))

@@ -39,10 +39,7 @@ class Lane:
 
 @dataclass(frozen=True)
 class ModuleModes:
-    """The modes of one module as `(number of a step, mode from then on)`, from the start on.
-
-    The step of that number is the one that changed the mode.
-    """
+    """A module's modes as `(number of the step that changed it, mode)`, from the start on."""
 
     module: str
     modes: tuple[tuple[int, Mode], ...]
@@ -132,13 +129,13 @@ class SequenceView:
     remark: str = ""
 
 
-def violating(view: SequenceView) -> SequenceStep | None:
+def first_violation(view: SequenceView) -> SequenceStep | None:
     """Return the first step that violates the property."""
     return next((step for step in view.steps if step.violates), None)
 
 
-def reached(step: SequenceStep) -> tuple[Published, ...]:
-    """Return what a step published to others: nothing where its outputs were not enabled."""
+def reaching_values(step: SequenceStep) -> tuple[Published, ...]:
+    """Return what a step published to others: nothing if its outputs were not enabled."""
     return () if step.gated or step.kind in ("lost", "overrun") else step.published
 
 
@@ -151,11 +148,11 @@ def duration_text(time_ns: int) -> str:
     """Write a time in its largest exact unit, so that different times look different: `1.5 ms`."""
     for unit, size in (("s", 10**9), ("ms", 10**6), ("µs", 10**3)):
         if abs(time_ns) >= size:
-            return f"{_exact(time_ns, size)} {unit}"
+            return f"{_exact_decimal(time_ns, size)} {unit}"
     return f"{time_ns} ns" if time_ns else "0"
 
 
-def _exact(time_ns: int, size: int) -> str:
+def _exact_decimal(time_ns: int, size: int) -> str:
     whole, rest = divmod(abs(time_ns), size)
     digits = f"{rest:0{len(str(size)) - 1}d}".rstrip("0")
     return f"{'-' if time_ns < 0 else ''}{whole}{'.' if digits else ''}{digits}"
@@ -178,7 +175,7 @@ SAID = {
 }
 
 
-def clipped(text: str, width: int) -> str:
+def clipped_to_width(text: str, width: int) -> str:
     """Return a text of at most `width` columns; what is left out shows as an ellipsis."""
     if display_width(text) <= width:
         return text
@@ -207,9 +204,9 @@ def late_text(step: SequenceStep) -> str:
     return f"{duration_text(late)} late" if late else ""
 
 
-def does(step: SequenceStep) -> list[str]:
+def deed_phrases(step: SequenceStep) -> list[str]:
     """Return what a step does beside publishing, a phrase each."""
-    phrases = [_kind(step)]
+    phrases = [_kind_text(step)]
     if step.switch is not None:
         change = f"{step.switch.before} {ARROW} {step.switch.after}"
         phrases.append(f"{visible(step.switch.module)}: {change}")
@@ -222,7 +219,7 @@ def does(step: SequenceStep) -> list[str]:
     return [phrase for phrase in phrases if phrase]
 
 
-def _kind(step: SequenceStep) -> str:
+def _kind_text(step: SequenceStep) -> str:
     """The kind of a step; for one that overruns, also how long it took."""
     if step.lasts_ns is None:
         return KINDS[step.kind]
@@ -235,7 +232,7 @@ def _kind(step: SequenceStep) -> str:
 
 def explanation(view: SequenceView) -> str:
     """Say in one sentence where the property fails; empty where it does not."""
-    step = violating(view)
+    step = first_violation(view)
     if step is None:
         return ""
     when = SAID[step.kind].format(lane=f"`{visible(step.lane)}`")
@@ -268,7 +265,7 @@ def table_text(
     Of more than `most` steps (0: no limit) it has the first and the last. `width`: columns of the
     terminal, where they are known.
     """
-    made = rows(view, cell_max=cell_max)
+    made = table_rows(view, cell_max=cell_max)
     left_out = len(made) - most if 0 < most < len(made) else 0
     if left_out:
         first = most // 4
@@ -279,28 +276,30 @@ def table_text(
     return [*lines, "", text] if text else lines
 
 
-def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
+def table_rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
     """Return the cells of each step under `HEADERS`, clipped to `cell_max` columns."""
     made: list[list[Styled]] = []
     time_ns: int | None = None
     for step in view.steps:
-        made.append(_row(step, cell_max, same_time=step.time_ns == time_ns))
+        made.append(_step_row(step, cell_max, same_time=step.time_ns == time_ns))
         time_ns = step.time_ns
     return made
 
 
-def _row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Styled]:
+def _step_row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Styled]:
     tone: Tone = "bad" if step.violates else "muted" if step.kind == "lost" else "plain"
     return [
         Styled(str(step.number), "muted"),
         Styled("" if same_time else duration_text(step.time_ns), "plain"),
-        Styled(clipped(visible(step.lane), cell_max), tone),
+        Styled(clipped_to_width(visible(step.lane), cell_max), tone),
         Styled(
-            clipped(", ".join(filter(None, (late_text(step), *does(step)))), cell_max),
+            clipped_to_width(
+                ", ".join(filter(None, (late_text(step), *deed_phrases(step)))), cell_max
+            ),
             _tone_of_deed(step),
         ),
         Styled(
-            clipped(", ".join(map(published_text, step.published)), cell_max),
+            clipped_to_width(", ".join(map(published_text, step.published)), cell_max),
             "muted" if step.gated else "plain",
         ),
         Styled("✕ violated", "bad") if step.violates else Styled("", "plain"),

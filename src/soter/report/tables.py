@@ -1,9 +1,9 @@
 """Tables and time lines for a terminal, and results as a notebook shows them.
 
 Purpose: `table` and `mode_timeline` write the same few lines of plain text under `soter run`, the
-demo and in a log file. `notebook_table` and `framed` make the HTML of `_repr_html_`, without
-scripts and in the notebook's own style: a line that says how it went, a table, below it the whole
-report in a frame of its own (`srcdoc`), which a notebook that trusts nobody leaves out.
+demo and in a log file. `notebook_table` and `framed_document` make the HTML of `_repr_html_`,
+without scripts and in the notebook's own style: a line that says how it went, a table, below it the
+whole report in a frame of its own (`srcdoc`), which a notebook that trusts nobody leaves out.
 Non-goals: terminal control beyond colour; deciding whether colour is wanted; what the report says.
 """
 
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from soter.report.run.figure_parts import runs
+from soter.report.run.figure_parts import mode_stretches
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -61,23 +61,23 @@ def table(
     wider table has its widest columns broken between words, as far as there are words (a
     no-break space is none). Raises `ValueError` for a row of another length.
     """
-    cells = [[_styled(entry) for entry in row] for row in rows]
+    cells = [[_styled_entry(entry) for entry in row] for row in rows]
     for row in cells:
         if len(row) != len(headers):
             raise ValueError(f"a row of {len(headers)} entries expected, found {len(row)}")
     head = [Styled(header, "strong") for header in headers]
     columns = [[row[index].text for row in cells] for index in range(len(headers))]
     right = [_is_numeric(column) for column in columns]
-    widths = _widths(headers, columns, right, width)
+    widths = _column_widths(headers, columns, right, width)
     rule = _paint("  ".join("─" * width for width in widths), "muted", color=color)
     above, *below = (
-        [_line(line, widths, right, color=color) for line in _row_lines(row, widths)]
+        [_table_line(line, widths, right, color=color) for line in _row_lines(row, widths)]
         for row in (head, *cells)
     )
     return "\n".join([*above, rule, *(line for lines in below for line in lines)])
 
 
-def _widths(
+def _column_widths(
     headers: Sequence[str], columns: list[list[str]], right: list[bool], most: int | None
 ) -> list[int]:
     """Return the width of every column: the widest give way until all fit, or nothing can."""
@@ -87,7 +87,7 @@ def _widths(
         return widths
     least = [
         max(
-            max((display_width(w) for t in texts for w in _words(t)), default=0),
+            max((display_width(w) for t in texts for w in _breakable_words(t)), default=0),
             max((display_width(t) for t in texts[1:]), default=0) if numeric else 0,
         )
         for texts, numeric in zip(every, right, strict=True)
@@ -100,14 +100,14 @@ def _widths(
     return widths
 
 
-def _words(text: str) -> list[str]:
-    """Return what a text can be broken into."""
+def _breakable_words(text: str) -> list[str]:
+    """Return the words between which a text can be broken."""
     return [word for word in text.split(" ") if word]
 
 
 def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
     """Return the lines of a row."""
-    parts = [_wrapped(cell.text, width) for cell, width in zip(row, widths, strict=True)]
+    parts = [_wrapped_lines(cell.text, width) for cell, width in zip(row, widths, strict=True)]
     return [
         [
             Styled(lines[k].replace("\u00a0", " ") if k < len(lines) else "", cell.tone)
@@ -117,12 +117,12 @@ def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled
     ]
 
 
-def _wrapped(text: str, width: int) -> list[str]:
+def _wrapped_lines(text: str, width: int) -> list[str]:
     """Return the lines of a text, none wider than `width` but for a word that is."""
     if display_width(text) <= width:
         return [text]
     lines = [""]
-    for word in _words(text):
+    for word in _breakable_words(text):
         longer = f"{lines[-1]} {word}" if lines[-1] else word
         if lines[-1] and display_width(longer) > width:
             lines.append(word)
@@ -172,7 +172,7 @@ def _control_by_column(
         return np.full(width, bool(in_control[0]))
     share = np.zeros(width)
     takeovers: list[int] = []
-    for first, last, is_ac in runs(in_control):
+    for first, last, is_ac in mode_stretches(in_control):
         left = (float(time_s[first]) - start) / duration * width
         right = (float(time_s[last]) - start) / duration * width
         if is_ac:
@@ -198,7 +198,7 @@ def _mode_columns(is_ac: bool, length: int, *, ascii_only: bool) -> str:
     return left + (name.center(inner) if inner >= 2 else " " * inner) + right
 
 
-def _styled(entry: Entry) -> Styled:
+def _styled_entry(entry: Entry) -> Styled:
     """Turn an entry into text."""
     if isinstance(entry, Styled):
         return entry
@@ -213,7 +213,7 @@ def _is_numeric(column: Sequence[str]) -> bool:
     return bool(filled) and all(NUMBER.match(text.strip()) for text in filled)
 
 
-def _line(
+def _table_line(
     row: Sequence[Styled], widths: Sequence[int], right: Sequence[bool], *, color: bool
 ) -> str:
     """Return one line of a table, without blanks at its end."""
@@ -244,7 +244,7 @@ def notebook_table(
     return f"<div><b>{escape(head)}</b>{table if lines else ''}{below}</div>"
 
 
-def framed(document: str, height_px: int = 720) -> str:
+def framed_document(document: str, height_px: int = 720) -> str:
     """Return an HTML document in a frame: its scripts reach neither notebook nor network."""
     return (
         f'<iframe srcdoc="{escape(document, quote=True)}" sandbox="allow-scripts" title="report" '

@@ -3,9 +3,9 @@
 Purpose: `filled` is the one way to fill them in. A name without a value is an error; texts for HTML
 and XML are escaped. The lines of a page's template are joined without their indentation, which is
 there for its readers only. `sections_main` makes headings, sentences and tables, as a command told
-them. `script_json` makes JSON for a script element; `numbers` rounds; `packed` gives a long list of
-rounded numbers as differences of whole numbers, `{"e": digits, "d": [...]}`, which the page
-(`assets/packed.js`) adds up and divides by 10^e: the same doubles.
+them. `script_json` makes JSON for a script element; `rounded_numbers` rounds; `packed_numbers`
+gives a long list of rounded numbers as differences of whole numbers, `{"e": digits, "d": [...]}`,
+which the page (`assets/packed.js`) adds up and divides by 10^e: the same doubles.
 Non-goals: what is told; pictures, which pages put beside these sections; compression that a browser
 might not know.
 """
@@ -105,7 +105,7 @@ def script_json(value: object) -> str:
     return text
 
 
-def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
+def rounded_numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
     """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
     import numpy as np  # noqa: PLC0415 - sections of text need no figures
 
@@ -113,7 +113,7 @@ def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in rounded.tolist()]
 
 
-def packed(value: object) -> object:
+def packed_numbers(value: object) -> object:
     """A list of more than `LONG` numbers and gaps (None), packed; everything else as it is.
 
     A list in which a number has more than 12 digits behind the point, or is no number, stays.
@@ -122,7 +122,7 @@ def packed(value: object) -> object:
         return value
     if not all(v is None or (type(v) in (int, float) and math.isfinite(v)) for v in value):
         return value
-    digits = max((_digits(v) for v in value if v is not None), default=0)
+    digits = max((_decimal_digits(v) for v in value if v is not None), default=0)
     if digits > DIGITS_MAX:
         return value
     deltas: list[int | None] = []
@@ -139,7 +139,7 @@ def packed(value: object) -> object:
     return {"e": digits, "d": deltas}
 
 
-def _digits(value: float) -> int:
+def _decimal_digits(value: float) -> int:
     """Digits behind the point of the shortest decimal that is this double."""
     mantissa, _, exponent = repr(float(value)).partition("e")
     return max(len(mantissa.partition(".")[2].rstrip("0")) - int(exponent or 0), 0)

@@ -28,7 +28,7 @@ from soter.report.mcap_log import (
     object_schema,
     write_mcap,
 )
-from soter.report.sequence_view import Mode, SequenceStep, SequenceView, late_ns, reached
+from soter.report.sequence_view import Mode, SequenceStep, SequenceView, late_ns, reaching_values
 from soter.report.wording import visible
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def write_log(view: SequenceView, path: str | os.PathLike[str]) -> Path:
         *_topic_channels(view),
     ]
     return write_mcap(
-        path, channels, modes=_mode_changes(view), decisions=_decisions(view), header=header
+        path, channels, modes=_mode_changes(view), decisions=_dm_steps(view), header=header
     )
 
 
@@ -113,10 +113,10 @@ def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
     """Return a channel for each topic that is named or got a value, in that order."""
     values: dict[str, list[tuple[SequenceStep, str]]] = {name: [] for name in view.topics}
     for step in view.steps:
-        for published in reached(step):
+        for published in reaching_values(step):
             values.setdefault(published.topic, []).append((step, published.value))
     for name, taken in values.items():
-        schema, read = _reading([value for _, value in taken])
+        schema, read = _typed_values([value for _, value in taken])
         messages = [
             (step.time_ns, {"value": made, "step": step.number})
             for (step, _), made in zip(taken, read, strict=True)
@@ -124,7 +124,7 @@ def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
         yield LogChannel(name, object_schema({"value": schema, "step": INTEGER}), messages)
 
 
-def _reading(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | list[str]]:
+def _typed_values(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | list[str]]:
     """Read the texts of a topic as truth values, else as numbers, else as texts."""
     if texts and all(text in TRUTH for text in texts):
         return BOOLEAN, [TRUTH[text] for text in texts]
@@ -146,7 +146,7 @@ def _mode_changes(view: SequenceView) -> list[ModeRecord]:
     return [change for _, change in sorted(changes, key=lambda item: item[0])]
 
 
-def _decisions(view: SequenceView) -> Iterator[DecisionStep]:
+def _dm_steps(view: SequenceView) -> Iterator[DecisionStep]:
     """Return every step of a DM that was made, with the modes before and after it."""
     modules = {lane.name: lane.module for lane in view.lanes if lane.role == "dm"}
     for step in view.steps:

@@ -22,7 +22,7 @@ from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import opened
 from soter.report.wording import visible
-from soter.targets.posix_package import FIRST_LINE, head_of
+from soter.targets.posix_package import FIRST_LINE, flight_head
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -110,7 +110,7 @@ class FlightRecording:
         if first != FIRST_LINE:
             raise self._cannot_read("it does not begin as a recording does")
         fields_of_head = dict(line.partition("=")[::2] for line in lines)
-        seed, now = fields_of_head.pop("seed", ""), head_of(self.system, self._layout)
+        seed, now = fields_of_head.pop("seed", ""), flight_head(self.system, self._layout)
         for name in sorted(now.keys() | fields_of_head.keys()):
             was, here = (fields_of_head.get(name, "the default"), now.get(name, "the default"))
             if was != here:

@@ -33,7 +33,7 @@ from soter.simulate.externs.extern_process import write_spec
 from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer, make_observer, named_parts
-from soter.targets.posix_package import nodes_of, posix_package
+from soter.targets.posix_package import extern_nodes, posix_package
 from soter.workers.child_process import end_with, resume
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ def _run_driver(
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
     command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
-    for node in nodes_of(bindings.system):
+    for node in extern_nodes(bindings.system):
         if is_in_python(node.binding):
             spec = work / f"worker_{node.index}"
             write_spec(bindings.system, node, seed, spec)

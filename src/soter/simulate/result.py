@@ -173,7 +173,7 @@ class Run:
         return Counter({x.name: int(rows[x.index]["faults"]) for x in self.system.components})
 
     def _repr_html_(self) -> str:
-        from soter.report.tables import framed, notebook_table  # noqa: PLC0415 - in notebooks only
+        from soter.report.tables import framed_document, notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (n, f"{m.ac_share:.1%}", m.switches_to_ac, m.switches_to_sc, m.gate_faults)
@@ -183,7 +183,7 @@ class Run:
         broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
         html = notebook_table(repr(self)[1:-1], heads, rows, [*broken, *self.failures, *self.notes])
         page = self.page(self) if self.page is not None else ""
-        return html + framed(page) if page else html
+        return html + framed_document(page) if page else html
 
     @property
     def notes(self) -> list[str]:

@@ -28,7 +28,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.language.model.values import ValueShapeError, from_json, to_json
-from soter.report.atomic_write import unfinished
+from soter.report.atomic_write import unfinished_parts
 from soter.report.mcap_log import (
     ABNORMALLY,
     BOOLEAN,
@@ -50,7 +50,7 @@ from soter.report.mcap_log import (
     mode_message,
     object_schema,
 )
-from soter.report.mcap_reading import messages, require_log_package, unreadable
+from soter.report.mcap_reading import log_messages, require_log_package, unreadable_error
 from soter.report.wording import changed_parameters
 from soter.simulate import decisions
 from soter.simulate.explain_decision import Explainer
@@ -114,7 +114,7 @@ class RunLog:
         self._explainer = Explainer(system, layout)
         self.path = self.path(system) if callable(self.path) else self.path
         self.path = self.path.absolute()  # an extern may change the folder
-        self.unfinished = unfinished(self.path)
+        self.unfinished = unfinished_parts(self.path)
         plants = [component for component in system.components if component.plant is not None]
         self._channels = [
             (MODES_TOPIC, MODES_SCHEMA),
@@ -353,7 +353,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
     record, since = RecordedRun([], [], [], []), set[str]()
     topics: dict[str, Any] = {t.name: t.default for t in system.topics}
     states: dict[str, Any] = {}
-    for time_ns, channel, message in messages(path):
+    for time_ns, channel, message in log_messages(path):
         t = types.get(channel)
         if channel == MODES_TOPIC:
             record.modes.append((time_ns / 1e9, message["module"], message["mode"]))
@@ -370,7 +370,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
             topics[channel] = value
             since.add(channel)
     if not record.times_ns or len(states) < len(truths):
-        raise unreadable(path, f"it holds no true states of `{system.name}`")
+        raise unreadable_error(path, f"it holds no true states of `{system.name}`")
     _keep(record, topics, states, since)
     _drop_unpublished(record, system)
     return record
@@ -381,7 +381,7 @@ def _logged_value(path: Path, system: System, channel: str, t: Type, message: An
     try:
         return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
     except (ValueShapeError, LookupError, TypeError) as error:
-        raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+        raise unreadable_error(path, f"{error}; is it a log of `{system.name}`?") from error
 
 
 def _keep(

@@ -26,7 +26,7 @@ from soter.report.run.record import (
     Series,
     Violation,
 )
-from soter.report.run.signals import SERIES_MAX, by_interest, value_series
+from soter.report.run.signals import SERIES_MAX, sorted_by_interest, value_series
 from soter.report.run.where_sc_leads import LedLook, LedPicture
 from soter.report.wording import count_text, prose
 from soter.simulate import decisions
@@ -161,7 +161,7 @@ def run_chart(run: Run) -> Chart:
         name=f"System {run.system.name}",
         title=f"System {run.system.name}",
         time_s=time_s,
-        series=by_interest(run.system, _all_series(run, trace, thin))[:SERIES_MAX],
+        series=sorted_by_interest(run.system, _all_series(run, trace, thin))[:SERIES_MAX],
         modes=bands,
         decisions=tuple(_decision(d) for d in run.decisions),
         violations=tuple(

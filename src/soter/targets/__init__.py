@@ -17,3 +17,8 @@ C that packages take along as it is lies in `runtime/`. In reading order:
 - `dds_package.py` and `mavlink_package.py`: the targets of these names.
 - `programs.cmake.j2` is the part of CMake files that the bridges to ROS and to DDS share.
 """
+
+CHANNELS = "channels.json"
+CHANNELS_SCHEMA = 1
+TRUSTED = "trusted"
+"""The folder of the trusted part in a package of a middleware, which that part knows nothing of."""

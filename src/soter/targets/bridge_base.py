@@ -1,7 +1,7 @@
-"""What the targets `ros1`, `ros2`, `dds` and `mavlink` share: each is a bridge to a middleware.
+"""Holds what the targets `ros1`, `ros2`, `dds` and `mavlink`, which bridge to a middleware, share.
 
-Purpose: a `BridgedSystem` is what a bridge is made around: the package of target `posix` in its own
-folder, and for each topic that goes out the fail-safe law, and when its writer counts as gone.
+Purpose: a `BridgedSystem` has the package of target `posix` around which a bridge is made, in its
+own folder, and for each topic that goes out the fail-safe law, and when its writer counts as gone.
 `bridged_topics` checks a mapping (D015, all mistakes at once): it may carry topics that meet the
 world, each whole, with no source worse than `external topic` says, alone or at a takeover.
 Non-goals: what a mapping may say (`soter.mapping`), the proof, which rests on what the system
@@ -19,9 +19,10 @@ from soter.diagnostics.diagnostic import mistake
 from soter.language.model.types import FloatType, leaves, show_ns
 from soter.mapping.mapping_errors import wrong_mapping
 from soter.mapping.topic_mapping import LogMap, SignalSource, SourcePromise, TopicMap
+from soter.targets import TRUSTED
 from soter.targets.c99 import command_name
 from soter.targets.package import Package, PackageFile
-from soter.targets.posix_package import nodes_of, posix_package
+from soter.targets.posix_package import extern_nodes, posix_package
 from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
@@ -33,8 +34,19 @@ if TYPE_CHECKING:
     from soter.language.model.system import External, System, Topic
 
 
+LINKED = tuple(
+    f"soter_{n}.c" for n in ("outside", "channel", "posix_check", "process", "status_text")
+)
+"""Files of the trusted folder that bridges are linked with: they open channels and report."""
+COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
+"""Files that all bridges in C share."""
+SILENT_OF_LEASED_NS = 20_000_000
+"""So long after its last value the writer of a leased topic is gone: it writes every 0.5 ms."""
+SILENT_PERIODS = 3
+
+
 def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
-    """Index of a topic -> its sources, the preferred first; topics with one are left out."""
+    """By index of a topic with several sources: these, the preferred one first."""
     by_topic: dict[int, list[tuple[TopicMap, SourcePromise]]] = {}
     for m in mapped:
         if m.promise is not None:
@@ -43,7 +55,7 @@ def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMa
 
 
 def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
-    """Yields a mistake where a source of a topic gives less than the system declares."""
+    """Yields a mistake for each source of a topic that gives less than the system declares."""
     declared = {e.topic: e for e in system.externals}
     stepped = _topics_of_stepped_plants(system.proved)
     for index, sources in sources_by_topic(mapped).items():
@@ -62,7 +74,7 @@ def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]
 
 
 def _topics_of_stepped_plants(proved: System | None) -> set[str]:
-    """The topics whose reads the proof takes for the step of their instant (`next`)."""
+    """The topics whose reads the proof takes as of the instant of a plant's step (`next`)."""
     if proved is None:
         return set()
     return {
@@ -84,7 +96,7 @@ def _age_mistakes(topic: Topic, m: TopicMap, promise: SourcePromise, e: External
         when = "when it takes over" if promise.rank else "alone"
         yield (
             f"`{topic.name}` may be {show_ns(promise.oldest_ns)} old with {m.channel} {when} "
-            f"({figures}), and the system declares {_declared_age(e)}"
+            f"({figures}), and the system declares {_age_text(e)}"
         )
 
 
@@ -101,21 +113,21 @@ def _error_mistakes(
 
 
 def promise_lines(system: System, mapped: Sequence[TopicMap]) -> list[str]:
-    """A line for each topic of several sources: how old and how exact it is with each of them."""
+    """Says of each topic of several sources how old and how exact it is with each of them."""
     declared = {e.topic: e for e in system.externals}
     lines = []
     for index, sources in sources_by_topic(mapped).items():
         topic, e = system.topics[index], declared.get(index)
         parts = [_promise_text(topic, m, promise) for m, promise in sources]
         worst = max(promise.oldest_ns for _, promise in sources)
-        against = f"of {_declared_age(e)}" if e is not None and e.every_ns else "nothing declared"
+        against = f"of {_age_text(e)}" if e is not None and e.every_ns else "nothing declared"
         parts.append(f"at a takeover at most {show_ns(worst)} old, {against}")
         lines.append(f"{topic.name}: {'; '.join(parts)}")
     return lines
 
 
 def _promise_text(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
-    """The greatest age and the errors that a source promises for itself, in words."""
+    """Says in words what greatest age and errors a source promises for itself."""
     errors = [
         f"{'.'.join((topic.name, *path)) if path else ''} within {error!r}".strip()
         for path, error in promise.errors.items()
@@ -123,7 +135,7 @@ def _promise_text(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
     return ", ".join([f"{m.channel} at most {show_ns(promise.alone_ns)} old", *errors])
 
 
-def _declared_age(e: External) -> str:
+def _age_text(e: External) -> str:
     assert e.every_ns is not None
     age = show_ns(e.every_ns + (e.delay_ns or 0))
     return f"{age} (every {show_ns(e.every_ns)}, delayed {show_ns(e.delay_ns or 0)})"
@@ -134,8 +146,8 @@ def bridged_topics(
 ) -> tuple[TopicMap, ...]:
     """The topics of a mapping, in order; SoterError D015 for all that a bridge cannot do with it.
 
-    `name`: what a topic of the middleware may be called; None: it has none. Of a system without a
-    world of its own, which has its plants inside, every topic may be carried.
+    `name`: what a topic of the middleware may be called; None: it has no names. Of a system that
+    has its plants inside every topic may be carried.
     """
     outside = {e.topic for e in system.externals}
     outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
@@ -157,8 +169,8 @@ def bridged_topics(
     return mapping.topics
 
 
-def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
-    """The mapping by topic; SoterError D015 where one has several sources."""
+def maps_by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
+    """The mapping by index of a topic; SoterError D015 for a topic of several sources."""
     if named := dict.fromkeys(m.topic.name for m in mapped if m.promise is not None):
         why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
         raise wrong_mapping(f"`{name}` {why}" for name in named)
@@ -166,7 +178,7 @@ def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMa
 
 
 def _unmapped_mistakes(system: System, mapping: LogMap) -> Iterator[str]:
-    """Yields a mistake for each topic that comes from the world and that the mapping leaves out."""
+    """Yields a mistake for each topic that comes from the world and is not mapped."""
     mapped = {m.topic.index for m in mapping.topics}
     for topic in (system.topics[e.topic] for e in system.externals):
         if topic.driver == "input" and topic.index not in mapped:
@@ -193,7 +205,7 @@ def _message_mistakes(m: TopicMap) -> Iterator[str]:
 
 
 def _direction_mistakes(m: TopicMap) -> Iterator[str]:
-    """Yields a mistake where a mapping says what ROS and DDS ignore for a topic of this way."""
+    """Yields a mistake for each word of a mapping that ROS and DDS ignore in this direction."""
     if m.topic.driver == "input":
         if m.constants:
             yield f"`{m.topic.name}` comes in, and `set` is of what goes out"
@@ -205,7 +217,7 @@ def _direction_mistakes(m: TopicMap) -> Iterator[str]:
 
 
 def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
-    """Yields a mistake where two leaves go out in the same field: one of them would be lost."""
+    """Yields a mistake where two leaves go out in the same field, and one would be lost."""
     leaf_by_field: dict[str, str] = {}
     if mapped.topic.driver == "input":
         return
@@ -218,7 +230,7 @@ def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
 
 
 def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
-    """Yields a mistake for two topics on one channel: two types, one source, or one going out."""
+    """Yields a mistake for two topics on one channel: two types, one source, or one goes out."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
         if m.channel is None:
@@ -236,7 +248,7 @@ def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
 
 
 def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
-    """Why a topic of ROS 2 may not go as its mapping says."""
+    """Yields why a topic of ROS 2 may not go as its mapping says."""
     if inward and m.stamp is None and m.qos.durability == "transient_local":
         yield (
             f"`{m.topic.name}` has no stamp and is `transient_local`: what somebody published long "
@@ -250,7 +262,7 @@ def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
 
 
 def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
-    """A note on the topics that go out and are not mapped; none where all are."""
+    """A note that names the topics that go out and are not mapped; none where all are."""
     named = {m.topic.index for m in mapped}
     names = [
         system.topics[e.topic].name
@@ -261,77 +273,62 @@ def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> 
     return [text] if names else []
 
 
-TRUSTED = "trusted"
-"""The folder of the trusted part, which knows nothing of a middleware."""
-LINKED = tuple(
-    f"soter_{n}.c" for n in ("outside", "channel", "posix_check", "process", "status_text")
-)
-"""Files of that folder that a bridge is linked with, to open channels and report on modules."""
-COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
-"""Files that all bridges in C share."""
-SILENT_OF_LEASED_NS = 20_000_000
-"""After so long without a value the writer of a leased topic is gone: it writes every 0.5 ms."""
-SILENT_PERIODS = 3
-
-
 class BridgedSystem:
-    """A system, its C (`unit`), how it meets the world, and the package of its trusted part.
-
-    A system that meets no world has an empty package.
-    """
+    """A system, its C (`unit`), its world's tables, and its trusted package, if it meets one."""
 
     def __init__(self, system: System, core: CoreSystem, folder: Path) -> None:
         self.system = system
         meets = bool(system.externals)
         self.trusted = posix_package(system, core, folder) if meets else Package(folder)
-        self.unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
+        self.unit = generate(system, core, apart=frozenset(x.index for x in extern_nodes(system)))
         self.world = WorldTables(system, self.unit)
         self.leased = {i: g for g in self.world.granted for i in g.module.outputs}
         self.command = command_name(self.unit.prefix)
 
     @property
-    def actuated(self) -> bool:
-        """Whether there is a program of the actuators."""
+    def has_actuators(self) -> bool:
+        """Whether the trusted part has a program of the actuators."""
         return bool(self.system.externals and self.world.granted)
 
     # ------------------------------------------------------------ the trusted folder
 
-    def package(self, files: Sequence[PackageFile], notes: Sequence[str]) -> Package:
+    def bridge_package(self, files: Sequence[PackageFile], notes: Sequence[str]) -> Package:
         """The package of a bridge in C: the trusted part, then these files and notes."""
         folder, name = self.trusted.folder, self.unit.prefix
         channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
         return Package(
             folder,
-            [*self.files(), *files],
+            [*self.trusted_files(), *files],
             notes=[*self.trusted.notes, *notes],
             commands=[f"make -C {folder}", f"{folder}/build/{name}_bridge --channels {channels}"],
-            programs=self.programs,
+            programs=self.trusted_programs,
             trusted=TRUSTED,
         )
 
-    def files(self) -> list[PackageFile]:
-        """The files of the trusted part."""
-        return [in_folder(TRUSTED, f) for f in self.trusted.files]
+    def trusted_files(self) -> list[PackageFile]:
+        """The files of the trusted part, with paths from the package's folder."""
+        return [moved_into_folder(TRUSTED, f) for f in self.trusted.files]
 
     @cached_property
-    def programs(self) -> dict[str, list[str]]:
-        """Program of the trusted part -> its flags and sources, seen from the whole package."""
+    def trusted_programs(self) -> dict[str, list[str]]:
+        """By program of the trusted part: its flags and sources, as seen from the package."""
         return {
             n: [_path_from_package(word) for word in words]
             for n, words in self.trusted.programs.items()
         }
 
     @cached_property
-    def sources(self) -> dict[str, list[str]]:
-        """Program of the trusted part -> its C files alone."""
+    def trusted_sources(self) -> dict[str, list[str]]:
+        """By program of the trusted part: its C files alone."""
         return {
-            n: [w for w in words if not w.startswith("-")] for n, words in self.programs.items()
+            n: [w for w in words if not w.startswith("-")]
+            for n, words in self.trusted_programs.items()
         }
 
     @property
-    def linked(self) -> list[str]:
+    def linked_sources(self) -> list[str]:
         """The C files of the trusted part that are linked into a bridge."""
-        laws = [f"{self.command}_lease.c"] if self.actuated else []
+        laws = [f"{self.command}_lease.c"] if self.has_actuators else []
         return [f"{TRUSTED}/{name}" for name in (*LINKED, *laws)]
 
     # ------------------------------------------------------------ topics
@@ -345,21 +342,21 @@ class BridgedSystem:
         return self.unit.topics[index][0]
 
     def channel_hash(self, index: int) -> str:
-        """The number of a topic's layout, which its channel's head holds, as C."""
+        """The number of a topic's layout, which the head of its channel holds, as C."""
         return f"UINT64_C({self.world.number(self.topic(index)):#018x})"
 
     def is_inward(self, index: int) -> bool:
-        """Whether somebody outside publishes it."""
+        """Whether somebody outside publishes the topic."""
         return self.topic(index).driver == "input"
 
     def silent_ns(self, index: int) -> int:
-        """After so long without a value, the writer of a topic's channel counts as gone; ns."""
+        """The time without a value, in ns, after which a channel's writer counts as gone."""
         if index in self.leased:
             return SILENT_OF_LEASED_NS
         return SILENT_PERIODS * max(c.period_ns for c in self.system.components if c.plant is None)
 
     def law_statements(self, index: int) -> list[str]:
-        """C (and C++) that fills `to` with the fail-safe law, or returns false: there is none."""
+        """C (and C++) that fills `to` with the fail-safe law, or returns false without one."""
         lease = self.leased.get(index)
         if lease is None:
             return ["(void)to;", "return false;"]
@@ -374,20 +371,20 @@ class BridgedSystem:
 
 
 def require_world(system: System) -> None:
-    """SoterError U001 for a system that has its plants inside: no mapping would change that."""
+    """Raises SoterError U001 for a system that has its plants inside: no mapping changes that."""
     if not system.externals:
         text = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
         help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
         raise mistake("U001", text, help_)
 
 
-def in_folder(folder: str, file: PackageFile) -> PackageFile:
-    """The same file, a folder further down."""
+def moved_into_folder(folder: str, file: PackageFile) -> PackageFile:
+    """The same file, below this folder."""
     return PackageFile(f"{folder}/{file.path}", file.text, file.yours)
 
 
 def _path_from_package(word: str) -> str:
-    """A flag or source of a program of the trusted folder, seen from the package."""
+    """A flag or source of a program in the trusted folder, as seen from the package."""
     if word.startswith("-I"):
         return f"-I{TRUSTED}/{word[2:]}" if word != "-I." else f"-I{TRUSTED}"
     return f"{TRUSTED}/{word}" if word.endswith(".c") else word

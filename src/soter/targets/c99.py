@@ -22,16 +22,16 @@ from soter.native.cache import included
 from soter.native.shared_library import FAULTS, RUNTIME
 from soter.targets.firmware_interface import RUNTIME_FILES, firmware_files, firmware_name
 from soter.targets.leases_and_lateness import FILES as LEASES
-from soter.targets.leases_and_lateness import lease_files, lease_notes, leased
-from soter.targets.package import Package, PackageFile, filled_file, shipped
+from soter.targets.leases_and_lateness import lease_files, lease_notes, modules_with_law
+from soter.targets.package import Package, PackageFile, filled_file, shipped_file
 
 if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, System
 
 
-def with_headers(source: str) -> dict[Path, str]:
-    """Path and text of a C file and of all it includes that lies beside or below it."""
+def file_and_included(source: str) -> dict[Path, str]:
+    """The path and text of a C file, and of all that it includes beside or below it."""
     root = Path(source).resolve().parent
     return {p: text for p, text in included(source).items() if p.is_relative_to(root)}
 
@@ -47,13 +47,13 @@ STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 
 
 class ProgramInC:
-    """A system as C, as every target has it; externs without C are bound to `externs.c` here.
+    """A system as C for every target; externs without C are bound to `externs.c` here.
 
-    `unit`: the generated program. `stubs`: the extern nodes that are bound to `externs.c`, by the
-    name of their function there; `plants`: the extern plants, which have a function there, too.
-    `linked`: the C files that other externs are bound to. `command`: the name of the package's
-    program. `notes`: what a person has to do before the C is complete, a sentence each. `world`:
-    the C functions that move plants.
+    `unit`: the generated program. `stubs`: by the name of their function, the extern nodes that are
+    bound to `externs.c`; `plants`: the extern plants, which have a function there, too. `linked`:
+    the C files that other externs are bound to. `command`: the name of the package's program.
+    `notes`: what a person has to do before the C is complete, a sentence each. `world`: the C
+    functions that move plants.
     """
 
     def __init__(
@@ -70,12 +70,12 @@ class ProgramInC:
         self.plants = [x for x in system.components if x.extern and x.plant is not None]
         self.linked = [s for s in self.unit.c_sources if s != STUBS]
         self.command = command_name(self.unit.prefix)
-        self.notes = notes(core, [*self.stubs.values(), *self.plants])
+        self.notes = unfinished_notes(core, [*self.stubs.values(), *self.plants])
         moved = (self.unit.names[x.index] for x in system.components if x.plant is not None)
         self.world = tuple(f"{name}_step" for name in moved)
 
-    def files(self, header: str) -> list[PackageFile]:
-        """The program, and what answers its extern plants; `header`: the text of the driver's."""
+    def program_files(self, header: str) -> list[PackageFile]:
+        """The program, and the answers of its extern plants; `header`: text of the driver's."""
         prefix = self.unit.prefix
         return [
             PackageFile(f"{prefix}.h", self.unit.header),
@@ -92,14 +92,14 @@ class ProgramInC:
 
 
 def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
-    """The package; externs without C are bound to `externs.c` here."""
+    """Makes the package; externs without C are bound to `externs.c` here."""
     program = ProgramInC(system, core)
     unit, main = program.unit, _main_name(program.unit)
     files = [
         *firmware_files(system, unit),
-        *program.files(app_header(system, unit)),
+        *program.program_files(app_header(system, unit)),
         PackageFile(main, (RUNTIME / "soter_main.c").read_text("utf-8")),
-        *(shipped(RUNTIME / n) for n in run_time(system)),
+        *(shipped_file(RUNTIME / n) for n in run_time_files(system)),
         *lease_files(system, unit.prefix),
         *program.stub_files(),
         *extern_files(program.linked),
@@ -113,7 +113,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         "system": system,
         "file": PurePath(system.program.path).name,
         "firmware": firmware_name(system, unit),
-        "leased": leased(system),
+        "leased": modules_with_law(system),
     }
     commands = [f"make -C {folder}", f"{folder}/{program.command}"]
     if system.externals:  # nobody would publish for the command: it is for somebody's loop
@@ -128,18 +128,14 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     )
 
 
-def run_time(system: System) -> tuple[str, ...]:
-    """Files of the run-time that a package of the system takes along."""
+def run_time_files(system: System) -> tuple[str, ...]:
+    """The files of the run-time that a package of the system takes along."""
     faults = (FAULTS,) if system.faults else ()
-    return (*KERNEL, *faults, *(LEASES if leased(system) else ()))
+    return (*KERNEL, *faults, *(LEASES if modules_with_law(system) else ()))
 
 
 def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, Component]:
-    """Binds, in `system`, every extern node that is not C to a function of `externs.c`.
-
-    Gives these nodes by the name of their function. `left`: indices of components that stay as they
-    are bound.
-    """
+    """Binds to `externs.c`, by function name, the extern nodes that are not C nor in `left`."""
     unique = Unique()
     component_by_symbol: dict[str, Component] = {}
     for x in system.components:
@@ -153,7 +149,7 @@ def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, 
 
 
 def command_name(prefix: str) -> str:
-    """What the package's command is called: never like a file, folder or goal of its Makefile."""
+    """The name of the package's command, which no file, folder or goal of its Makefile has."""
     taken = re.fullmatch(
         r"(gnu)?makefile|run|clean|lib|all|extern(_\d+)?|worker_\d+", prefix, re.IGNORECASE
     )
@@ -169,7 +165,7 @@ def extern_files(sources: list[str]) -> list[PackageFile]:
     files: dict[str, str] = {}
     for source in sources:
         root = Path(source).resolve().parent
-        texts = with_headers(source)
+        texts = file_and_included(source)
         number = 1
         while True:
             place = PurePath("extern") if number == 1 else PurePath(f"extern_{number}")
@@ -185,7 +181,7 @@ def extern_files(sources: list[str]) -> list[PackageFile]:
 
 
 def app_header(system: System, unit: Unit) -> str:
-    """The header that says which program the virtual-time command runs."""
+    """Writes the header that says which program the virtual-time command runs."""
     return print_file(
         c.CFile(
             (
@@ -211,7 +207,7 @@ def app_header(system: System, unit: Unit) -> str:
 
 
 def app_source(unit: Unit, plants: list[Component]) -> str:
-    """The C with the answers of extern plants; extern nodes are linked and never due."""
+    """Writes the C that answers extern plants; extern nodes are linked and never due."""
     state = c.Name("state")
     body: list[c.CStmt] = []
     for x in plants:
@@ -248,7 +244,7 @@ def app_source(unit: Unit, plants: list[Component]) -> str:
             (
                 c.FileComment((f"{APP}.c: answers of extern plants, generated by soter",)),
                 c.Include(f"{APP}.h"),
-                *(_move(unit, x, None) for x in plants),
+                *(_plant_function(unit, x, None) for x in plants),
                 c.FunctionDef(
                     "void",
                     "soter_app_answer",
@@ -265,7 +261,7 @@ def app_source(unit: Unit, plants: list[Component]) -> str:
 
 
 def stubs_text(unit: Unit, nodes: dict[str, Component], plants: list[Component]) -> str:
-    """`externs.c`: a function for each extern, which faults until somebody fills it in."""
+    """Writes `externs.c`: a function for each extern, which faults until somebody fills it in."""
     return print_file(
         c.CFile(
             (
@@ -279,7 +275,7 @@ def stubs_text(unit: Unit, nodes: dict[str, Component], plants: list[Component])
                 ),
                 c.Include(f"{APP}.h"),
                 *(_node_stub(unit, symbol, x) for symbol, x in nodes.items()),
-                *(_move(unit, x, _plant_body(x)) for x in plants),
+                *(_plant_function(unit, x, _plant_body(x)) for x in plants),
             )
         )
     )
@@ -317,7 +313,7 @@ def _plant_body(x: Component) -> tuple[c.CStmt, ...]:
     )
 
 
-def _move(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.FunctionDef:
+def _plant_function(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.FunctionDef:
     name = unit.names[x.index]
     parameters = ((f"const {STATE} *", "state"), (f"{name}_out *", "out"))
     return c.FunctionDef(
@@ -328,8 +324,8 @@ def _move(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.Funct
 # ---------------------------------------------------------------- what is left to do
 
 
-def notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
-    """The stubs to fill in and externs to bind before the C is complete, a sentence each."""
+def unfinished_notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
+    """Names the stubs to fill in and the externs to bind before the C is complete."""
     notes = []
     if waiting:
         notes.append(f"fill in {STUBS}: {', '.join(x.name for x in waiting)} fail until then")

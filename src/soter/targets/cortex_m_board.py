@@ -1,4 +1,4 @@
-"""A board: one C file with a memory map and the functions of `runtime/cortex_m/soter_board.h`.
+"""Reads a board: one C file with a memory map and the functions of `cortex_m/soter_board.h`.
 
 Purpose: `read_board` finds the file, reads its numbers, and refuses a memory map that cannot be.
 Non-goals: what its functions do; linking (`targets/cortex_m_package.py`).
@@ -27,9 +27,9 @@ DEFINE = re.compile(
     r'(?:"([^"\n]*)"|(0[xX][0-9a-fA-F]{1,16}|0|[1-9][0-9]{0,18}))(?=\s|/\*|//|$)',
     re.MULTILINE,
 )
-"""A number is one in C and here: no octal one, no suffix."""
+"""A number has to be the same in C and in Python: not octal, without a suffix."""
 MACHINE = re.compile(r"[\w.,=-]*")
-"""What a machine of QEMU may be called: it is a word of a Makefile."""
+"""What the name of a QEMU machine may be, as a Makefile has it as a word."""
 FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
 NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
 CORES = {
@@ -37,18 +37,18 @@ CORES = {
     "cortex-m4": ("-mcpu=cortex-m4", "-mfloat-abi=soft"),
     "cortex-m7": ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
 }
-"""Core -> flags of gcc; only the last has doubles in hardware."""
+"""By core: the flags of gcc; only the last one has doubles in hardware."""
 UNGUARDED = frozenset({"cortex-m0"})
-"""Cores on which extern nodes write where they like."""
+"""Cores on which nothing keeps extern nodes from writing anywhere."""
 SOFT = {"cortex-m4": "cortex_m4-vfp4d16sp"}
-"""Cores whose doubles of libgcc are rounded wrongly -> what zig calls them."""
+"""By core for which libgcc rounds doubles wrongly: the core's name in zig."""
 END = 2**32
 LEAST_STACK = 1024
 
 
 @dataclass(frozen=True)
 class Board:
-    """A memory map in bytes, the clock of SysTick in Hz. `qemu`: the machine that emulates it."""
+    """A memory map in bytes, the clock of SysTick in Hz, and `qemu`, the machine to emulate it."""
 
     name: str
     text: str
@@ -60,7 +60,7 @@ class Board:
     ram_bytes: int
     stack_bytes: int
     ac_bytes: int
-    """Bytes for what is not trusted, its variables and its stack: a power of two."""
+    """Bytes for the part that is not trusted, its variables and its stack: a power of two."""
     qemu: str = ""
 
     @property
@@ -70,13 +70,13 @@ class Board:
 
 
 def read_board(board: str) -> Board:
-    """The board of that name, or of that file; SoterError X017 where it is none."""
+    """Reads the board of that name, or in that file; SoterError X017 where there is none."""
     path = BOARDS / f"{board.replace('-', '_')}.c"
     if not path.is_file():
         path = Path(board)
         if path.suffix != ".c":
             known = ", ".join(f"`{name}`" for name in board_names())
-            raise _unusable(
+            raise _board_error(
                 board,
                 "there is none of that name, and no such file",
                 f"there are {known}, or a file: --board my_board.c",
@@ -84,27 +84,27 @@ def read_board(board: str) -> Board:
     try:
         text = read_bytes(path).decode("utf-8")
     except OSError as error:
-        raise _unusable(board, reason(error)) from error
+        raise _board_error(board, reason(error)) from error
     except UnicodeDecodeError as error:
-        raise _unusable(board, "it is no text") from error
-    return board_of(path.stem, text)
+        raise _board_error(board, "it is no text") from error
+    return parsed_board(path.stem, text)
 
 
 def board_names() -> list[str]:
-    """The boards that ship."""
+    """The names of the boards that ship."""
     return sorted(p.stem.replace("_", "-") for p in BOARDS.glob("*.c"))
 
 
-def board_of(name: str, text: str) -> Board:
+def parsed_board(name: str, text: str) -> Board:
     """The board that the text of a board file describes; SoterError X017 where it is wrong."""
     defined = DEFINE.findall(text)
     words = {key: word for key, word, number in defined if not number}
     numbers = {key: int(number, 0) for key, _, number in defined if number}
     keys = [key for key, _, _ in defined]
     twice = [f"`BOARD_{n}` is defined twice" for n in dict.fromkeys(keys) if keys.count(n) > 1]
-    problems = [*_wrong_numbers(numbers), *twice, *_wrong_words(words, text)]
+    problems = [*_number_problems(numbers), *twice, *_word_problems(words, text)]
     if problems:
-        raise _unusable(name, problems[0], notes=problems[1:])
+        raise _board_error(name, problems[0], notes=problems[1:])
     board = Board(
         name=name,
         text=text,
@@ -118,13 +118,13 @@ def board_of(name: str, text: str) -> Board:
         ac_bytes=numbers["AC_BYTES"],
         qemu=words.get("QEMU", ""),
     )
-    problems = list(_problems_of_the_map(board))
+    problems = list(_memory_map_problems(board))
     if problems:
-        raise _unusable(name, problems[0], notes=problems[1:])
+        raise _board_error(name, problems[0], notes=problems[1:])
     return board
 
 
-def _wrong_numbers(numbers: dict[str, int]) -> Iterable[str]:
+def _number_problems(numbers: dict[str, int]) -> Iterable[str]:
     for n in NUMBERS:
         if n not in numbers:
             yield f"`#define BOARD_{n} ...` is not there, or no number such as 131072 or 0x20000"
@@ -133,8 +133,8 @@ def _wrong_numbers(numbers: dict[str, int]) -> Iterable[str]:
             yield f"`BOARD_{n}` is {numbers[n]:,}: no word of 32 bits"
 
 
-def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
-    """The problems with a board's core, its machine in QEMU, and its functions, in words."""
+def _word_problems(words: dict[str, str], text: str) -> Iterable[str]:
+    """Says what is wrong with a board's core, its machine in QEMU, and its functions."""
     if words.get("CORE") not in CORES:
         yield "`BOARD_CORE` has to be one of " + ", ".join(f'"{core}"' for core in CORES)
     if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
@@ -146,7 +146,7 @@ def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
             yield f"`soter_board_{f}` is not defined"
 
 
-def _problems_of_the_map(board: Board) -> Iterable[str]:
+def _memory_map_problems(board: Board) -> Iterable[str]:
     regions = (("flash", board.flash_at, board.flash_bytes), ("RAM", board.ram_at, board.ram_bytes))
     for region, at, size in regions:
         if size == 0 or at + size > END:
@@ -173,14 +173,14 @@ def _problems_of_the_map(board: Board) -> Iterable[str]:
         )
 
 
-def _unusable(name: str, why: str, *helps: str, notes: Iterable[str] = ()) -> SoterError:
+def _board_error(name: str, why: str, *helps: str, notes: Iterable[str] = ()) -> SoterError:
     message = f"the board `{name}` cannot be used: {why}"
     return mistake("X017", message, *helps, notes=tuple(notes))
 
 
 @dataclass(frozen=True)
 class Replay:
-    """A run of a system: until when (ns), its seed, and its `trace_sha256` on this machine."""
+    """A run of a system: its end in ns, its seed, and its `trace_sha256` on this machine."""
 
     until_ns: int
     seed: int

@@ -33,15 +33,15 @@ from soter.targets import c99
 from soter.targets.cortex_m_board import SOFT, UNGUARDED, Board, Replay
 from soter.targets.leases_and_lateness import FILES as LEASES
 from soter.targets.leases_and_lateness import (
-    ages_of,
+    age_limits,
     lease_files,
     lease_names,
     lease_times,
-    leased,
-    on_the_way,
+    modules_with_law,
+    nodes_on_the_way,
 )
-from soter.targets.package import Package, PackageFile, filled_file, shipped
-from soter.targets.posix_package import nodes_of, reads_of, refuse_apart
+from soter.targets.package import Package, PackageFile, filled_file, shipped_file
+from soter.targets.posix_package import extern_nodes, fields_read, require_separable
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -54,22 +54,22 @@ if TYPE_CHECKING:
 APP = "soter_loop_app"
 SECOND = 10**9
 TICK_MOST, TICK_LEAST = 10**6, 10**4
-"""Limits of a tick in ns: actuators look once a tick, and a processor is interrupted as often."""
+"""The longest and shortest tick in ns: each one interrupts the processor, and actuators look."""
 SYSTICK_MOST = 2**24
 PATIENCE_NS = 10**8
-"""The longest that an instant may take before nobody feeds the watchdog any more."""
+"""The longest time in ns that an instant may take before the watchdog is fed no more."""
 
 
 @dataclass(frozen=True)
 class LoopTick:
-    """The time between two interrupts in ns; `why`: why there is no loop, in words, else ""."""
+    """The time between two interrupts in ns; `why`: why there can be no loop, else ""."""
 
     ns: int
     why: str = ""
 
 
-def tick_of(system: System, board: Board) -> LoopTick:
-    """The longest tick of which every release is a multiple, or why there is none."""
+def longest_tick(system: System, board: Board) -> LoopTick:
+    """The longest tick of which every release is a multiple, or why there can be none."""
     times = [n for x in system.components for n in (x.period_ns, x.phase_ns)]
     times += [i.every_ns for i in system.inputs]
     common = gcd(*times)
@@ -84,7 +84,7 @@ def tick_of(system: System, board: Board) -> LoopTick:
 
 
 def _why_no_loop(system: System) -> str:
-    nodes = nodes_of(system)
+    nodes = extern_nodes(system)
     if len(nodes) > 1:
         names = ", ".join(f"`{x.name}`" for x in nodes)
         return f"{names} are extern nodes, and there is one thread for one of them"
@@ -93,8 +93,8 @@ def _why_no_loop(system: System) -> str:
 
 
 def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> list[PackageFile]:
-    """Header and source of the tables by which the loop runs a program."""
-    nodes, modules = nodes_of(system), leased(system)
+    """Writes header and source of the tables by which the loop runs a program."""
+    nodes, modules = extern_nodes(system), modules_with_law(system)
     names = lease_names(system, unit.prefix)
     context = {
         "prefix": unit.prefix,
@@ -104,32 +104,32 @@ def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> li
         "budgets": max([1, *(len(lease_times(system, m).budgets) for m in modules)]),
         "topic_words": (max((size_of(t.type) for t in system.topics), default=8) + 7) // 8,
         "patience": max(2, PATIENCE_NS // tick.ns),
-        "nodes": [_node(system, unit, x) for x in nodes],
-        "modules": [_module(system, unit, m, names[m.index]) for m in modules],
+        "nodes": [_node_values(system, unit, x) for x in nodes],
+        "modules": [_module_values(system, unit, m, names[m.index]) for m in modules],
     }
     return [filled_file(n, f"cortex_m/{n}", **context) for n in (f"{APP}.h", f"{APP}.c")]
 
 
-def _node(system: System, unit: Unit, x: Component) -> dict[str, object]:
+def _node_values(system: System, unit: Unit, x: Component) -> dict[str, object]:
     """The template's values for an extern node: the topics that it reads, and its function."""
     assert x.binding is not None
     return {
         "of": x,
         "c_name": unit.names[x.index],
         "symbol": symbol_of(x.binding),
-        "reads": reads_of(system, unit, x),
+        "reads": fields_read(system, unit, x),
     }
 
 
-def _module(system: System, unit: Unit, module: Module, c_name: str) -> dict[str, object]:
-    """The template's values for a module with a law: its command, and whom its grant watches."""
+def _module_values(system: System, unit: Unit, module: Module, c_name: str) -> dict[str, object]:
+    """The template's values for a module with a law: its command, and what its grant watches."""
     outputs = [(system.topics[i].symbol.name.rpartition(".")[2], i) for i in module.outputs]
     return {
         "of": module,
         "c_name": c_name,
-        "nodes": [module.dm, module.sc, *(x.index for x in on_the_way(system, module))],
+        "nodes": [module.dm, module.sc, *(x.index for x in nodes_on_the_way(system, module))],
         "outputs": [(field_name(name), unit.topics[i][1]) for name, i in outputs],
-        "ages": ages_of(system, module),
+        "ages": age_limits(system, module),
     }
 
 
@@ -146,10 +146,10 @@ LOOPED = ("soter_loop.c", "soter_unprivileged.c")
 SCRIPT = "soter_image.ld"
 RECORDING = "recording.txt"
 NOTHING_APART = 512
-"""Bytes of the thread for extern nodes, where there are none and it only waits."""
+"""Bytes of the thread for extern nodes in a system without any, where it only waits."""
 INSTANTS = 1000
 LIMIT_S = 300
-"""The longest that QEMU may take, in s."""
+"""The longest time that QEMU may take, in s."""
 ICOUNT = 6
 LOOP_ICOUNT = 4
 """In `make run` an instruction takes two to ICOUNT ns (`-icount shift=`): SysTick counts them.
@@ -157,8 +157,8 @@ LOOP_ICOUNT = 4
 In `make run-loop` two to LOOP_ICOUNT: hashing a trace takes its share of an instant."""
 
 
-def replayed_until(system: System) -> int:
-    """The time of instant number INSTANTS, or the end of the system where that is earlier; ns."""
+def replay_end_ns(system: System) -> int:
+    """The time in ns of instant number INSTANTS, or the end of the system if that is earlier."""
     calendars = [(x.phase_ns, x.period_ns) for x in system.components]
     calendars += [(0, i.every_ns) for i in system.inputs]
     horizon = min(p for _, p in calendars) * INSTANTS
@@ -170,25 +170,25 @@ def replayed_until(system: System) -> int:
 def cortex_m_package(
     system: System, core: CoreSystem, folder: Path, board: Board, replay: Replay
 ) -> Package:
-    """The package for a board; externs without C are bound to `externs.c`."""
-    refuse_apart(system)
-    apart = nodes_of(system)
+    """Makes the package for a board; externs without C are bound to `externs.c`."""
+    require_separable(system)
+    apart = extern_nodes(system)
     program = c99.ProgramInC(system, core, frozenset(x.index for x in apart))
     unit, name = program.unit, program.command
-    tick = tick_of(system, board)
+    tick = longest_tick(system, board)
     trusted = [
-        *program.files(c99.app_header(system, unit)),
-        *(shipped(RUNTIME / n) for n in dict.fromkeys((*c99.run_time(system), *LEASES))),
+        *program.program_files(c99.app_header(system, unit)),
+        *(shipped_file(RUNTIME / n) for n in dict.fromkeys((*c99.run_time_files(system), *LEASES))),
         *lease_files(system, unit.prefix),
         *loop_tables(system, unit, tick, replay.until_ns),
-        *(shipped(FOLDER / n) for n in OWN),
+        *(shipped_file(FOLDER / n) for n in OWN),
         PackageFile("board.c", board.text),
         PackageFile(SCRIPT, linker_script(board, board.ac_bytes if apart else NOTHING_APART)),
         *([PackageFile(RECORDING, replay.recording)] if replay.recording else ()),
         *c99.extern_files(program.linked),
     ]
     stubs = program.stub_files()
-    extern = c99.extern_files([s for s in dict.fromkeys(map(_source, apart)) if s != c99.STUBS])
+    extern = c99.extern_files([s for s in dict.fromkeys(map(_c_path, apart)) if s != c99.STUBS])
     sources = _c_files([*trusted, *stubs])
     untrusted = [path for path in _c_files(extern) if path not in sources]
     untrusted += [c99.STUBS] if program.stubs else []
@@ -212,7 +212,7 @@ def cortex_m_package(
     return Package(
         folder,
         [*trusted, *stubs, *extern, *made],
-        notes=[*program.notes, *_notes(system, board, tick)],
+        notes=[*program.notes, *_limit_notes(system, board, tick)],
         commands=[f"make -C {folder} {'run' if board.qemu else f'{name}_loop.elf'}"],
         entries="soter_instant",
         image=f"{name}.elf",
@@ -220,8 +220,8 @@ def cortex_m_package(
     )
 
 
-def _source(x: Component) -> str:
-    """The C file of an extern node."""
+def _c_path(x: Component) -> str:
+    """The path of the C file of an extern node."""
     assert x.binding is not None
     return x.binding.split(":")[1]
 
@@ -230,14 +230,14 @@ def _c_files(files: list[PackageFile]) -> list[str]:
     return [f.path for f in files if f.path.endswith(".c")]
 
 
-def _notes(system: System, board: Board, tick: LoopTick) -> list[str]:
-    """The limits of this board for this system, a sentence each."""
+def _limit_notes(system: System, board: Board, tick: LoopTick) -> list[str]:
+    """Says what this board does not do for this system, a sentence each."""
     lawless = [m.name for m in system.modules if not m.law] if system.externals else []
     notes = [
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
         for name in lawless
     ]
-    apart = nodes_of(system)
+    apart = extern_nodes(system)
     if apart and board.core in UNGUARDED:
         names = ", ".join(f"`{x.name}`" for x in apart)
         notes.append(
@@ -248,10 +248,7 @@ def _notes(system: System, board: Board, tick: LoopTick) -> list[str]:
 
 
 def linker_script(board: Board, ac_bytes: int) -> str:
-    """The linker script: where everything lies; the linker tells what does not fit, in bytes.
-
-    `ac_bytes`: the size of the region of what is not trusted, a power of two.
-    """
+    """The linker script of a board, with `ac_bytes` (a power of two) for what is not trusted."""
     return filled(f"targets/cortex_m/{SCRIPT}.j2", board=board, ac_bytes=ac_bytes)
 
 
@@ -278,7 +275,7 @@ TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class StepCount:
-    """Instructions of one component's steps, `number` of them; of an extern node its gate's."""
+    """The instructions of one component's steps, `number` of them; of an extern node its gate's."""
 
     name: str
     most: int
@@ -288,7 +285,7 @@ class StepCount:
 
 @dataclass(frozen=True)
 class Image:
-    """Bytes and instructions of an image; None where it was not made or run, `why` says why."""
+    """Bytes and instructions of an image; None where it was not made or run, and `why` says why."""
 
     flash: int | None = None
     ram: int | None = None
@@ -302,7 +299,7 @@ class Image:
     compiler: str = ""
     why: str = ""
 
-    def lines(self) -> list[str]:
+    def text_lines(self) -> list[str]:
         """The image's memory and instructions, in lines for people, or why there is none."""
         if self.flash is None:
             return [f"none: {self.why}"]
@@ -323,7 +320,7 @@ class Image:
 
 
 def missing_tools(board: Board) -> str:
-    """The first tool for making an image that is missing, in words; "" where none is."""
+    """Says which tool for making an image is missing; "" where none is."""
     if shutil.which("make") is None:
         return "there is no `make`"
     if shutil.which(CC) is None:
@@ -341,7 +338,7 @@ def missing_tools(board: Board) -> str:
 
 
 def compiler_version() -> str:
-    """The first line of what the compiler says of its version."""
+    """The first line that the compiler prints of its version."""
     output = run_compiler([CC, "--version"], Path.cwd(), TIMEOUT_S)
     return visible((output.text.splitlines() or [""])[0])
 
@@ -355,7 +352,7 @@ def cross_compiler(board: Board) -> Compiler | None:
 
 
 def require_stack(bound: StackBound, board: Board) -> None:
-    """SoterError X015 where the trusted part needs more stack than the board gives it."""
+    """Raises SoterError X015 where the trusted part needs more stack than the board has."""
     if bound.bytes is None or bound.bytes <= board.stack_bytes:
         return
     over = bound.bytes - board.stack_bytes
@@ -364,13 +361,13 @@ def require_stack(bound: StackBound, board: Board) -> None:
 
 
 def build_image(package: Package, board: Board) -> Image:
-    """Make the image of a written package and run it; SoterError X015, X016, X004."""
+    """Makes the image of a written package and runs it; SoterError X015, X016, X004."""
     if why := missing_tools(board):
         return Image(why=why)
-    done = _make(package, package.image)
+    done = _run_make(package, package.image)
     if done.code != 0:
         raise _link_error(package, board, done.text)
-    flash, ram = _sizes(package.folder / package.image, board)
+    flash, ram = _flash_and_ram_bytes(package.folder / package.image, board)
     sized = {"flash": flash, "ram": ram, "compiler": compiler_version()}
     if not board.qemu or shutil.which(QEMU) is None:
         absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
@@ -394,7 +391,7 @@ def build_image(package: Package, board: Board) -> Image:
 
 
 def _run_in_qemu(package: Package) -> tuple[str, str]:
-    """The output of `make run`, and that of the image; SoterError X016 if it refuses to run."""
+    """The output of `make run`, and of the image itself; SoterError X016 if it does not run."""
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
     if ran.code is None or "it has not ended within" in ran.text:
         raise _run_error(f"the run in QEMU does not end within {LIMIT_S} s")
@@ -406,8 +403,8 @@ def _run_in_qemu(package: Package) -> tuple[str, str]:
     return ran.text, output
 
 
-def _sizes(image: Path, board: Board) -> tuple[int, int]:
-    """Bytes of flash, and of RAM beside the stack."""
+def _flash_and_ram_bytes(image: Path, board: Board) -> tuple[int, int]:
+    """The bytes of flash, and those of RAM beside the stack."""
     output = run_compiler(["arm-none-eabi-size", image.name], image.parent, TIMEOUT_S).text
     text, data, bss = (int(x) for x in output.splitlines()[1].split()[:3])
     return text + data, data + bss - board.stack_bytes
@@ -425,13 +422,13 @@ def _link_error(package: Package, board: Board, text: str) -> SoterError:
         for region, by in over.items()
     ]
     message = f"the program does not fit onto `{board.name}`: {', '.join(parts)}"
-    largest = _largest(package, "trdw" if "FLASH" in over else "bd")
+    largest = _largest_symbols(package, "trdw" if "FLASH" in over else "bd")
     return mistake("X015", message, notes=(f"largest: {', '.join(largest)}",))
 
 
-def _largest(package: Package, kinds: str) -> list[str]:
-    """The largest symbols of some kinds of nm, of an image that the linker makes all the same."""
-    _make(package, package.image, "CFLAGS=-Os -Wl,--noinhibit-exec")
+def _largest_symbols(package: Package, kinds: str) -> list[str]:
+    """The largest symbols of some kinds of `nm`, of an image linked although it is too large."""
+    _run_make(package, package.image, "CFLAGS=-Os -Wl,--noinhibit-exec")
     words = ["arm-none-eabi-nm", "--print-size", "--radix=d", package.image]
     output = run_compiler(words, package.folder, TIMEOUT_S).text
     (package.folder / package.image).unlink(missing_ok=True)
@@ -441,7 +438,7 @@ def _largest(package: Package, kinds: str) -> list[str]:
     return [f"`{name}` {size:,} bytes" for size, name in sorted(found, reverse=True)[:LARGEST]]
 
 
-def _make(package: Package, *words: str) -> CompilerOutput:
+def _run_make(package: Package, *words: str) -> CompilerOutput:
     zig = f"ZIG={shlex.join(python_module('ziglang'))}"
     return run_compiler(["make", *words, zig], package.folder, TIMEOUT_S)
 

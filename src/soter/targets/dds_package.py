@@ -22,13 +22,13 @@ from soter.targets.bridge_base import (
     COMMON,
     BridgedSystem,
     bridged_topics,
-    by_topic,
+    maps_by_topic,
     qos_problems,
     require_world,
     unmapped_notes,
 )
 from soter.targets.message_conversion import CYCLONE, MessageConverter, text_literal, unmappable
-from soter.targets.package import Package, PackageFile, filled_file, shipped
+from soter.targets.package import Package, PackageFile, filled_file, shipped_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -58,26 +58,26 @@ truncatable typedef typeid typename typeprefix uint8 uint16 uint32 uint64 union 
 valuebase valuetype void wchar wstring
 """
 KEYWORDS = frozenset(_WORDS.split())
-"""Words of IDL, in any case: no module may be called so."""
+"""Words of IDL, in any case, which no module may have as its name."""
 
 
-def dds_type(message: MessageType) -> str:
-    """The name of the type on the wire."""
-    return "::".join(_modules(message.ros2)) + "_"
+def dds_type_name(message: MessageType) -> str:
+    """The name of a message's type on the wire."""
+    return "::".join(_name_parts(message.ros2)) + "_"
 
 
-def c_type(message: MessageType) -> str:
-    """The name that idlc gives the type in C."""
-    return dds_type(message).replace("::", "_")
+def c_type_name(message: MessageType) -> str:
+    """The name that idlc gives a message's type in C."""
+    return dds_type_name(message).replace("::", "_")
 
 
-def _modules(name: str) -> tuple[str, str, str, str]:
+def _name_parts(name: str) -> tuple[str, str, str, str]:
     package, _, last = name.split("/")
     return package, "msg", "dds_", last
 
 
 def message_idl(messages: Iterable[MessageType]) -> str:
-    """The text of an IDL file with every type that the messages are made of, parts first."""
+    """Writes an IDL file with every type that the messages are made of, parts first."""
     done: dict[str, str] = {}
     for message in messages:
         _add_type(message, message.ros2, done, ())
@@ -102,11 +102,11 @@ def _add_type(
         inner = kind[1][0] if kind[0] in (ARRAY, SEQUENCE) else kind
         if inner[0] != BASE:
             _add_type(message, inner[1], done, (*inside, name))
-    done[name] = _struct(name, [_member(name, n, kind) for n, kind in members])
+    done[name] = _struct_idl(name, [_member_idl(name, n, kind) for n, kind in members])
 
 
-def _struct(name: str, members: list[str]) -> str:
-    package, *middle, last = _modules(name)
+def _struct_idl(name: str, members: list[str]) -> str:
+    package, *middle, last = _name_parts(name)
     if package.lower() in KEYWORDS:
         raise unmappable(f"`{package}` is a word of IDL: no package of messages can be called so")
     opened = " ".join(f"module {m} {{" for m in (package, *middle))
@@ -114,18 +114,18 @@ def _struct(name: str, members: list[str]) -> str:
     return f"{opened}\n@final struct {last}_ {{\n{body}}};\n}}; }}; }};\n"
 
 
-def _member(owner: str, name: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
+def _member_idl(owner: str, name: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
     if kind[0] == ARRAY:
-        return f"{_type(owner, kind[1][0])} {name}_[{kind[1][1]}];"
+        return f"{_type_idl(owner, kind[1][0])} {name}_[{kind[1][1]}];"
     if kind[0] == SEQUENCE:
         element, bound = kind[1]
-        return f"sequence<{_type(owner, element)}{f', {bound}' if bound else ' '}> {name}_;"
-    return f"{_type(owner, kind)} {name}_;"
+        return f"sequence<{_type_idl(owner, element)}{f', {bound}' if bound else ' '}> {name}_;"
+    return f"{_type_idl(owner, kind)} {name}_;"
 
 
-def _type(owner: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
+def _type_idl(owner: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
     if kind[0] != BASE:
-        return "::".join(_modules(kind[1])) + "_"
+        return "::".join(_name_parts(kind[1])) + "_"
     name, bound = kind[1]
     if name == "string":
         return f"string<{bound}>" if bound else "string"
@@ -135,11 +135,11 @@ def _type(owner: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
 
 
 SENSOR_DEPTH, DEFAULT_DEPTH = 5, 10
-"""ROS 2's profile for data of sensors, which comes in, and its default, for what goes out."""
+"""The queue depths of ROS 2's profile for sensors, used inward, and its default, used outward."""
 
 
 def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) -> str:
-    """`NAME_bridge.c`; `mapped`: the mapping of a system by topic."""
+    """Writes `NAME_bridge.c`; `mapped`: the mapping by index of a topic."""
     world, modules = bridged.world, bridged.system.modules
     lease = {g.module.index: k for k, g in enumerate(world.granted)}
     by_way: dict[bool, list[dict[str, object]]] = {True: [], False: []}
@@ -160,8 +160,8 @@ def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) 
 
 
 def _topic_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
-    """The template's values for a topic, whichever way it goes."""
-    index, message, qos = mapped.topic.index, _message(mapped), mapped.qos
+    """The template's values for a topic, inward or outward."""
+    index, message, qos = mapped.topic.index, _message_type(mapped), mapped.qos
     inward = bridged.is_inward(index)
     reliable = (qos.reliability or ("best_effort" if inward else "reliable")) == "reliable"
     depth = (SENSOR_DEPTH if inward else DEFAULT_DEPTH) if qos.depth is None else qos.depth
@@ -172,8 +172,8 @@ def _topic_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]
         "value": bridged.value_type(index),
         "channel": mapped.channel,
         "on_wire": text_literal(f"rt{mapped.channel}"),
-        "type": dds_type(message),
-        "c_type": c_type(message),
+        "type": dds_type_name(message),
+        "c_type": c_type_name(message),
         "reliable": _bool_word(reliable),
         "latched": _bool_word(qos.durability == "transient_local"),
         "depth": depth,
@@ -184,23 +184,23 @@ def _inward_values(mapped: TopicMap) -> dict[str, object]:
     converter = MessageConverter(mapped, ROS, CYCLONE, "(*m)")
     frame = "true"
     if mapped.frame_id is not None:
-        frame_id = converter.path("header.frame_id")
+        frame_id = converter.field_code("header.frame_id")
         frame = CYCLONE.same_text.format(frame_id, text_literal(mapped.frame_id))
     return {
         "frame": frame,
-        "stamp": _stamp(mapped, converter),
+        "stamp": _stamp_code(mapped, converter),
         "stamped": _bool_word(mapped.stamp is not None),
         "delay_ns": mapped.delay_ns,
         "publisher": text_literal(mapped.publisher or ""),
-        "lines": converter.inward("(*to)"),
+        "lines": converter.inward_statements("(*to)"),
     }
 
 
 def _outward_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
     index, converter = mapped.topic.index, MessageConverter(mapped, ROS, CYCLONE, "(*m)")
-    lines = converter.outward("(*from)")
-    if _message(mapped).has_header:
-        sec, nanosec = (converter.path(f"header.stamp.{p}") for p in ("sec", "nanosec"))
+    lines = converter.outward_statements("(*from)")
+    if _message_type(mapped).has_header:
+        sec, nanosec = (converter.field_code(f"header.stamp.{p}") for p in ("sec", "nanosec"))
         lines.append(f"{sec} = (int32_t)(stamp / 1000000000);")
         lines.append(f"{nanosec} = (uint32_t)(stamp % 1000000000);")
     return {
@@ -214,18 +214,18 @@ def _bool_word(holds: bool) -> str:
     return "true" if holds else "false"
 
 
-def _message(mapped: TopicMap) -> MessageType:
+def _message_type(mapped: TopicMap) -> MessageType:
     assert mapped.message is not None, mapped
     return mapped.message
 
 
-def _stamp(mapped: TopicMap, converter: MessageConverter) -> str:
-    """The C expression of the time at which a message says that it was measured, ns."""
+def _stamp_code(mapped: TopicMap, converter: MessageConverter) -> str:
+    """The C expression of the time, in ns, at which a message says that it was measured."""
     stamp = mapped.stamp
     if stamp is None:
         return "0"
     if stamp.kind == "time":
-        parts = (converter.path(f"{stamp.path}.{p}") for p in ("sec", "nanosec"))
+        parts = (converter.field_code(f"{stamp.path}.{p}") for p in ("sec", "nanosec"))
         return f"soter_dds_stamp({', '.join(parts)})"
     return converter.stamp_number(stamp)
 
@@ -238,9 +238,9 @@ HEADERS = ("soter_dds_bridge.h", "soter_dds_topics.h")
 
 
 TOPIC = re.compile(r"(/(?!\w*__)[A-Za-z_][A-Za-z0-9_]*)+", re.ASCII)
-"""What a topic of ROS 2 may be called, in full: of its DDS topic `rt` stands before it."""
+"""The full names of ROS 2 topics; a DDS topic has `rt` before that."""
 LONGEST = 240
-"""Bytes of such a name: some implementations of DDS take no more than 255."""
+"""The most bytes of such a name: some implementations of DDS take no more than 255."""
 
 
 DIAGNOSTICS = "/diagnostics"
@@ -248,23 +248,23 @@ DIAGNOSTICS = "/diagnostics"
 
 
 def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
+    """Makes the package; SoterError D015 if the mapping does not fit, U001 with plants inside."""
     require_world(system)
-    mapped = by_topic(bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC), "DDS")
+    mapped = maps_by_topic(bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC), "DDS")
     _require_bridgeable(system, mapped)
     bridged = BridgedSystem(system, core, folder)
     name = bridged.unit.prefix
     sources = [f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES)]
-    context = {"name": name, "bridged": bridged, "sources": [*sources, *bridged.linked]}
+    context = {"name": name, "bridged": bridged, "sources": [*sources, *bridged.linked_sources]}
     files = [
-        PackageFile(f"idl/{name}_messages.idl", _idl(system, mapped)),
+        PackageFile(f"idl/{name}_messages.idl", _idl_text(system, mapped)),
         PackageFile("src/soter_dds_messages.h", f'#include "{name}_messages.h"\n'),
         PackageFile(f"src/{name}_bridge.c", bridge_text(bridged, name, mapped)),
-        *(shipped(RUNTIME / "dds" / n, "src/") for n in (*HEADERS, *SOURCES)),
-        *(shipped(RUNTIME / "bridge" / n, "src/") for n in COMMON),
+        *(shipped_file(RUNTIME / "dds" / n, "src/") for n in (*HEADERS, *SOURCES)),
+        *(shipped_file(RUNTIME / "bridge" / n, "src/") for n in COMMON),
         *(filled_file(n, f"dds/{n}", **context) for n in ("Makefile", "CMakeLists.txt")),
     ]
-    return bridged.package(files, unmapped_notes(system, mapped.values(), "in DDS"))
+    return bridged.bridge_package(files, unmapped_notes(system, mapped.values(), "in DDS"))
 
 
 def _require_bridgeable(system: System, mapped: dict[int, TopicMap]) -> None:
@@ -291,7 +291,7 @@ def _require_bridgeable(system: System, mapped: dict[int, TopicMap]) -> None:
         raise wrong_mapping(problems)
 
 
-def _idl(system: System, mapped: dict[int, TopicMap]) -> str:
+def _idl_text(system: System, mapped: dict[int, TopicMap]) -> str:
     messages = [m.message for m in mapped.values() if m.message is not None]
     messages.append(MessageTypes().named("diagnostic_msgs/DiagnosticArray"))
     return f"""\

@@ -1,11 +1,11 @@
-"""Leases of modules' outputs as C, and how late components may be, as proofs assume it.
+"""Writes leases of modules' outputs as C, and says how late components may be by their proofs.
 
 Purpose: `lease_files` writes, for modules with a fail-safe law, `PREFIX_lease.h` and `.c` (the
 actuators' side: the law and the length of a lease, for `runtime/soter_lease.c`) and
 `PREFIX_grant.c` (the trusted side: the times that every release is held to, for
-`runtime/soter_grant.c`); docs/proof.md, "When the trusted part stops". `limits_of` and `ages_of`
-give drivers and loops `late`, `response` and `dropout` of `verify` blocks to judge by; `Takeover`
-says how long after a fault of an AC in another process the first output of SC is there.
+`runtime/soter_grant.c`); docs/proof.md, "When the trusted part stops". `late_limits` and
+`age_limits` give drivers and loops `late`, `response` and `dropout` of `verify` blocks to judge by;
+`Takeover` says how long after a fault of an AC in another process the first output of SC is there.
 Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`); whether a machine
 can keep the times (`soter.timing`).
 """
@@ -44,7 +44,7 @@ ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
 
 @dataclass(frozen=True)
 class ReleaseBudget:
-    """Times of one node of the trusted part, in ns: releases at phase + k period, and how late."""
+    """The times of one trusted node in ns: its releases at phase + k period, and delays."""
 
     name: str
     period: int
@@ -54,13 +54,13 @@ class ReleaseBudget:
 
     @property
     def latest(self) -> int:
-        """The longest time from a release to its output."""
+        """The longest time from a release to its output, in ns."""
         return self.late + self.response
 
 
 @dataclass(frozen=True)
 class LeaseTimes:
-    """The times of a module's leases; `budgets`: of its DM, its SC, then the nodes on the way.
+    """The times of a module's leases; `budgets`: of its DM, its SC, then the nodes before them.
 
     `undeclared`: which of `late` and `response` of DM and SC count as zero.
     """
@@ -71,14 +71,14 @@ class LeaseTimes:
 
     @property
     def longest(self) -> int:
-        """From the release of SC that gives a lease to its end: delta + Lambda + R_sc, in ns."""
+        """The time in ns from the release of SC that gives a lease to the lease's end."""
         dm, sc = self.budgets[:2]
         nearest = (sc.phase - dm.phase) % gcd(dm.period, sc.period)
         return sc.period + max(sc.late, dm.latest - nearest) + sc.response
 
 
 def lease_times(system: System, module: Module) -> LeaseTimes:
-    """The times of the leases of a module of `leased`; `system` is the one that flies."""
+    """The times of the leases of a module that has a law; `system` is the one that flies."""
     verify = module.symbol.verify
 
     def ns(expr: typed.TypedExpr | None) -> int:
@@ -94,7 +94,7 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
         ),
     ]
     outer = module.name.rpartition(".")[0]
-    for node in on_the_way(system, module):
+    for node in nodes_on_the_way(system, module):
         name = node.name.removeprefix(f"{outer}.") if outer else node.name
         late, response = (of.get(name) for of in (verify.late_of, verify.response_of))
         takes = 0 if node.takes_ns is None else node.takes_ns[1]
@@ -106,19 +106,19 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
     return LeaseTimes(module, tuple(budgets), missing)
 
 
-def leased(system: System) -> list[Module]:
-    """Modules whose outputs have a law."""
+def modules_with_law(system: System) -> list[Module]:
+    """The modules whose outputs have a fail-safe law."""
     return [m for m in system.modules if m.law]
 
 
 def lease_names(system: System, prefix: str) -> dict[int, str]:
-    """Module -> what the C names of its lease begin with: `a.b` and `a_b` stay two."""
+    """By module, the begin of the C names of its lease; `a.b` and `a_b` have two."""
     unique = FileNames(prefix, ())
-    return {m.index: unique.family(m.name, ENDINGS) for m in leased(system)}
+    return {m.index: unique.family(m.name, ENDINGS) for m in modules_with_law(system)}
 
 
-def on_the_way(system: System, module: Module) -> Iterator[Component]:
-    """Nodes, no controllers, behind what DM and SC read, in order of declaration."""
+def nodes_on_the_way(system: System, module: Module) -> Iterator[Component]:
+    """The nodes that DM and SC depend on, no controllers, in order of declaration."""
     wanted = {*module.inputs, *_read_topics(system.components[module.sc])}
     left = [x for x in system.components if x.role == "node" and x.node is not None]
     found: list[Component] = []
@@ -142,8 +142,8 @@ def _read_topics(x: Component) -> list[int]:
 
 
 def lease_files(system: System, prefix: str) -> list[PackageFile]:
-    """The header and both sources; none where no module has a law."""
-    modules = leased(system)
+    """Writes the header and both sources of leases; none where no module has a law."""
+    modules = modules_with_law(system)
     if not modules:
         return []
     types = TypeTable(FileNames(f"{prefix}_lease", ()))
@@ -181,7 +181,7 @@ def _lease_declarations(
     module = times.module
     yield c.Section(f"module {module.name}")
     members = tuple(
-        c.StructMember(types.stored(system.topics[i].type), _field(system, i))
+        c.StructMember(types.stored(system.topics[i].type), _field_name(system, i))
         for i in module.outputs
     )
     yield c.StructDef(f"{name}_command", members, "what it publishes")
@@ -193,7 +193,7 @@ def _lease_declarations(
         yield c.Define(nodes(b.name), f"{k}U")
 
 
-def _field(system: System, topic: int) -> str:
+def _field_name(system: System, topic: int) -> str:
     return field_name(system.topics[topic].symbol.name.rpartition(".")[2])
 
 
@@ -201,7 +201,7 @@ def _law_definitions(
     system: System, times: LeaseTimes, name: str, types: TypeTable
 ) -> Iterator[c.CTop]:
     values = tuple(
-        (_field(system, i), types.initializer(system.topics[i].type, times.module.law[i]))
+        (_field_name(system, i), types.initializer(system.topics[i].type, times.module.law[i]))
         for i in times.module.outputs
     )
     comment = f"the fail-safe law of {times.module.name}"
@@ -227,12 +227,12 @@ def _grant_definitions(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
 
 
 def lease_notes(system: System) -> list[str]:
-    """Notes for whoever builds: how long leases are, and which times count as zero."""
-    return [note_of(module, lease_times(system, module)) for module in leased(system)]
+    """Says for whoever builds how long leases are, and which times count as zero."""
+    return [lease_note(module, lease_times(system, module)) for module in modules_with_law(system)]
 
 
-def note_of(module: Module, times: LeaseTimes) -> str:
-    """How long a module's leases are, and which of its times count as zero."""
+def lease_note(module: Module, times: LeaseTimes) -> str:
+    """Says how long a module's leases are, and which of its times count as zero."""
     text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
     if times.undeclared:
         zero = ", ".join(times.undeclared)
@@ -246,19 +246,18 @@ SHARE = 5
 
 
 RELEASES_MAX = 100_000
-"""Releases of an AC that are gone through; for more, the sum of the periods is the bound."""
+"""The most releases of an AC that are compared; for more, the sum of periods is the bound."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """How long SC's output may come after a request that AC answers wrongly, or not; times in ns.
+    """The longest time in ns until SC's output after a request that AC does not answer rightly.
 
     A request is made at a release of AC and its budget is a period: at the next release at the
-    latest the driver sees that there is no answer. The DM decides at its next release from then
-    on, SC steps at its own next one, the same instant included in either case (AC's answer is
-    looked at first, then come DMs, then SCs). `turn`: the longest time from the request to that
-    release of SC, over all releases of AC. `work`: how late SC's step and the decision before it
-    may end.
+    latest the driver sees that there is no answer. The DM decides at its next release from then on,
+    SC steps at its own next one, the same instant included in either case (AC's answer is looked at
+    first, then come DMs, then SCs). `turn`: the longest time from the request to that release of
+    SC, over all releases of AC. `work`: how late SC's step and the decision before it may end.
     """
 
     module: str
@@ -267,12 +266,12 @@ class Takeover:
 
     @property
     def longest(self) -> int:
-        """The bound, where nobody in the trusted thread is later than `work` says."""
+        """The bound, if nothing in the trusted thread is later than `work` says."""
         return self.turn + self.work
 
     @property
-    def text(self) -> str:
-        """The bound in words."""
+    def bound_text(self) -> str:
+        """Says the bound in words."""
         return (
             f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
             f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "
@@ -280,9 +279,9 @@ class Takeover:
         )
 
 
-def takeovers(system: System) -> list[Takeover]:
-    """The bound of every module whose AC is an extern node."""
-    late, response = limits_of(system)
+def takeover_bounds(system: System) -> list[Takeover]:
+    """The bounds of all modules whose AC is an extern node."""
+    late, response = late_limits(system)
     bounds = []
     for m in system.modules:
         if not system.components[m.ac].extern:
@@ -294,24 +293,24 @@ def takeovers(system: System) -> list[Takeover]:
 
 
 def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
-    """The longest time from a release of AC to that of the SC that stands in for it, in ns."""
+    """The longest time in ns from a release of AC to that of the SC that stands in for it."""
     hyper = lcm(ac.period_ns, dm.period_ns, sc.period_ns)
     if hyper // ac.period_ns > RELEASES_MAX:
         return ac.period_ns + dm.period_ns + sc.period_ns + max(dm.phase_ns, sc.phase_ns)
     end = max(ac.phase_ns, dm.phase_ns, sc.phase_ns) + 2 * hyper
     return max(
-        _from(sc, _from(dm, release + ac.period_ns)) - release
+        _first_release_from(sc, _first_release_from(dm, release + ac.period_ns)) - release
         for release in range(ac.phase_ns, end, ac.period_ns)
     )
 
 
-def _from(c: Component, time: int) -> int:
-    """The first release at a time or after it."""
+def _first_release_from(c: Component, time: int) -> int:
+    """The first release of a component at a time or after it."""
     return max(c.phase_ns, time + (c.phase_ns - time) % c.period_ns)
 
 
-def limits_of(system: System) -> tuple[list[int], list[int]]:
-    """Lateness and response of each component, ns; the least of all modules that declare one."""
+def late_limits(system: System) -> tuple[list[int], list[int]]:
+    """Lateness and response of each component in ns, the least of all modules that declare one."""
     late = [min(LATE_NS, x.period_ns // SHARE) for x in system.components]
     response = list(late)
     for times, kind in ((late, "late"), (response, "response")):
@@ -326,23 +325,23 @@ def limits_of(system: System) -> tuple[list[int], list[int]]:
 
 @dataclass(frozen=True)
 class AgeLimit:
-    """How old a topic may be where a component reads it, in ns: no proof speaks of older reads."""
+    """The greatest age in ns of a topic where a component reads it that a proof allows."""
 
     component: int
     topic: int
     most_ns: int
 
 
-def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
+def age_limits(system: System, module: Module) -> tuple[AgeLimit, ...]:
     """The limits for topics with a `max_age` that SC and nodes between sensors and module read.
 
-    A sensor may be silent for `dropout` longer; of SC `age` may say less. What plants of the system
-    drive is left out: it is as old as they say.
+    A sensor may be silent for `dropout` longer; of SC `age` may say less. Topics that plants of the
+    system drive are left out: they are as old as the plants say.
     """
     longer = declared_ns(module, module.symbol.verify.dropout)
     age = module.symbol.verify.age
     ages = []
-    for x in (system.components[module.sc], *on_the_way(system, module)):
+    for x in (system.components[module.sc], *nodes_on_the_way(system, module)):
         sc_ages = [declared_ns(module, age)] if age is not None and x.index == module.sc else []
         ages += [
             AgeLimit(x.index, t.index, min([t.max_age_ns, *sc_ages]) + longer)
@@ -362,7 +361,7 @@ def _times_of_module(system: System, module: Module, kind: str) -> list[tuple[in
     exprs: list[tuple[int | None, typed.TypedExpr | None]] = [
         (module.dm, getattr(verify, f"{kind}_dm")),
         (module.sc, getattr(verify, f"{kind}_sc")),
-        *((_index(system.components, around, name), e) for name, e in named.items()),
+        *((_component_index(system.components, around, name), e) for name, e in named.items()),
     ]
     times = []
     for index, expr in exprs:
@@ -372,6 +371,6 @@ def _times_of_module(system: System, module: Module, kind: str) -> list[tuple[in
     return times
 
 
-def _index(components: tuple[Component, ...], around: str, name: str) -> int | None:
+def _component_index(components: tuple[Component, ...], around: str, name: str) -> int | None:
     full = f"{around}.{name}" if around else name
     return next((x.index for x in components if x.name == full), None)

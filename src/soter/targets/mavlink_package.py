@@ -35,7 +35,7 @@ from soter.targets.bridge_base import (
     COMMON,
     BridgedSystem,
     bridged_topics,
-    by_topic,
+    maps_by_topic,
     require_world,
     unmapped_notes,
 )
@@ -45,11 +45,11 @@ from soter.targets.message_conversion import (
     INTEGERS,
     Dialect,
     MessageConverter,
-    refused_where,
+    refusal_code,
     unmappable,
 )
 from soter.targets.message_conversion import text_literal as text
-from soter.targets.package import Package, PackageFile, filled_file, shipped
+from soter.targets.package import Package, PackageFile, filled_file, shipped_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -63,9 +63,9 @@ MAVLINK_C = Dialect(
     *("", "", "strncmp({0}, {1}, sizeof {0}) == 0", "(void)strncpy({0}, {1}, sizeof {0})"),
     set_bounded="(void)strncpy({0}, {1}, sizeof {0})",
 )
-"""The traits of pymavlink's C: no sequences, and texts that fill their arrays need no end."""
+"""How pymavlink's C is written: no sequences, and a text that fills its array has no end."""
 STAMPED = {"time_boot_ms": 1_000_000, "time_usec": 1_000}
-"""Field of a message that says when it goes out -> its unit in ns."""
+"""By field that says when a message goes out: its unit in ns."""
 _LIMIT = re.compile(r"(U?)INT(8|16|32|64)_MAX")
 
 
@@ -84,8 +84,8 @@ class BridgeSource:
         publishers = (parse_source(m.publisher) for m in self.inward.values() if m.publisher)
         self.sources = list(dict.fromkeys([link.autopilot, *(p for p in publishers if p)]))
 
-    def text(self) -> str:
-        """`NAME_bridge.c`."""
+    def bridge_text(self) -> str:
+        """Writes `NAME_bridge.c`."""
         return filled(
             "targets/mavlink/bridge.c.j2",
             name=self.name,
@@ -94,12 +94,12 @@ class BridgeSource:
             link=self.link,
             urls=[text(u) for u in self.link.urls],
             sources=self.sources,
-            inward=[self._in(i, m) for i, m in self.inward.items()],
-            outward=[self._out(i, m) for i, m in self.outward.items()],
+            inward=[self._inward_values(i, m) for i, m in self.inward.items()],
+            outward=[self._outward_values(i, m) for i, m in self.outward.items()],
         )
 
-    def _topic(self, index: int, mapped: TopicMap) -> dict[str, object]:
-        message = _message(mapped)
+    def _topic_values(self, index: int, mapped: TopicMap) -> dict[str, object]:
+        message = _message_type(mapped)
         return {
             "topic": mapped.topic.name,
             "c_name": self.world.names[index],
@@ -110,16 +110,16 @@ class BridgeSource:
             "text": text(message.name),
         }
 
-    def _in(self, index: int, mapped: TopicMap) -> dict[str, object]:
+    def _inward_values(self, index: int, mapped: TopicMap) -> dict[str, object]:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
-        message, constants = _message(mapped), mapped.constants
+        message, constants = _message_type(mapped), mapped.constants
         source = parse_source(mapped.publisher) if mapped.publisher else None
-        inward = converter.inward("(*to)")
+        inward = converter.inward_statements("(*to)")
         return {
-            **self._topic(index, mapped),
+            **self._topic_values(index, mapped),
             "lines": [
-                *_refuse_version_1(mapped),
-                *_refuse_unknown_values(mapped, converter),
+                *_version_1_refusal(mapped),
+                *_unknown_value_refusals(mapped, converter),
                 *inward,
             ],
             "tests": [
@@ -130,17 +130,17 @@ class BridgeSource:
             "whose": self.sources.index(source or self.link.autopilot),
         }
 
-    def _out(self, index: int, mapped: TopicMap) -> dict[str, object]:
+    def _outward_values(self, index: int, mapped: TopicMap) -> dict[str, object]:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
         return {
-            **self._topic(index, mapped),
-            "lines": [*_set_address(mapped), *converter.outward("(*from)")],
+            **self._topic_values(index, mapped),
+            "lines": [*_address_statements(mapped), *converter.outward_statements("(*from)")],
             "law": self.bridged.law_statements(index),
             "silent_ns": self.bridged.silent_ns(index),
         }
 
 
-def _message(mapped: TopicMap) -> MavlinkMessage:
+def _message_type(mapped: TopicMap) -> MavlinkMessage:
     assert isinstance(mapped.message, MavlinkMessage), mapped
     return mapped.message
 
@@ -148,8 +148,8 @@ def _message(mapped: TopicMap) -> MavlinkMessage:
 def _equality_test(
     message: MavlinkMessage, path: str, value: object, converter: MessageConverter
 ) -> str:
-    """A C condition: a field has the value that the mapping says in `set`."""
-    field, kind = converter.path(path), message.leaf(path)
+    """A C condition that a field has the value that the mapping says in `set`."""
+    field, kind = converter.field_code(path), message.leaf(path)
     if isinstance(value, str):
         return f"({MAVLINK_C.same_text.format(field, text(value))})"
     if kind in FLOATS:
@@ -157,29 +157,29 @@ def _equality_test(
     return f"(int64_t){field} == INT64_C({value})"
 
 
-def _refuse_version_1(mapped: TopicMap) -> Iterator[str]:
-    """C that refuses a frame of MAVLink 1 where extensions are read: nobody sent their zeros."""
+def _version_1_refusal(mapped: TopicMap) -> Iterator[str]:
+    """C that refuses a frame of MAVLink 1 where extensions are read, which it has not."""
     stamp = [mapped.stamp.path] if mapped.stamp is not None else []
     read = {path.partition(".")[0] for path in (*mapped.names, *mapped.constants, *stamp)}
-    if read & _message(mapped).extensions:
-        yield from refused_where("raw->magic != MAVLINK_STX")
+    if read & _message_type(mapped).extensions:
+        yield from refusal_code("raw->magic != MAVLINK_STX")
 
 
-def _refuse_unknown_values(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
-    """C that refuses a message in which a number is the one that means "not known" in MAVLink."""
-    message = _message(mapped)
+def _unknown_value_refusals(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
+    """C that refuses a message in which a number is MAVLink's for "not known"."""
+    message = _message_type(mapped)
     for name in mapped.names:
         (field, _), *inside = path_steps(message, name, MAVLINK)
         unknown = message.invalid.get(field, "").strip("[]").partition(",")[0].rstrip(":")
         kind = message.leaf(name)
         names = dict.fromkeys([name, *([f"{field}.0"] if inside else [])])
-        tests = [_unknown_value_test(converter.path(n), kind, unknown) for n in names]
+        tests = [_unknown_value_test(converter.field_code(n), kind, unknown) for n in names]
         if unknown and all(tests):
-            yield from refused_where(" || ".join(tests))
+            yield from refusal_code(" || ".join(tests))
 
 
 def _unknown_value_test(at: str, kind: str, none: str) -> str:
-    """A C condition: a field is the number that MAVLink names (`none`); "" where it names none."""
+    """A C condition that a field is the number that MAVLink names `none`; "" without one."""
     if kind in FLOATS:
         if none.upper() == "NAN":
             return f"{at} != {at}"
@@ -189,9 +189,9 @@ def _unknown_value_test(at: str, kind: str, none: str) -> str:
     return ""
 
 
-def _set_address(mapped: TopicMap) -> Iterator[str]:
-    """C that sets to whom a message goes, and when, unless the mapping says it."""
-    message = _message(mapped)
+def _address_statements(mapped: TopicMap) -> Iterator[str]:
+    """C that sets receiver and time of a message, unless the mapping says them."""
+    message = _message_type(mapped)
     filled = {*mapped.names, *mapped.constants}
     stamped = {"target_system": "e->to.system", "target_component": "e->to.component"}
     stamped |= {n: f"(uint64_t)(e->written_ns / {unit})" for n, unit in STAMPED.items()}
@@ -212,24 +212,24 @@ OF_EVERY_BRIDGE = ("HEARTBEAT", "TIMESYNC")
 def dialect_headers(dialect: MavlinkDialect, used: Iterable[str]) -> list[PackageFile]:
     """The headers of a dialect for the messages `used`, by name, and for every bridge."""
     names = sorted({*OF_EVERY_BRIDGE, *used})
-    generated = _generate_headers(dialect.xml, {*PROTOCOL, *map(_file, names)})
+    generated = _generate_headers(dialect.xml, {*PROTOCOL, *map(_header_name, names)})
     files = [PackageFile(f"{FOLDER}/{name}", text) for name, text in sorted(generated.items())]
     header = filled_file(
         f"{FOLDER}/soter_mavlink_dialect.h",
         "mavlink/soter_mavlink_dialect.h",
         title=comment_text(dialect.name),
         checksums=dialect.checksums,
-        headers=[_file(name) for name in names],
+        headers=[_header_name(name) for name in names],
     )
     return [*files, header]
 
 
-def _file(message: str) -> str:
+def _header_name(message: str) -> str:
     return f"mavlink_msg_{message.lower()}.h"
 
 
 def _generate_headers(document: bytes, wanted: set[str]) -> dict[str, str]:
-    """Name -> text of the `wanted` headers that pymavlink generates of a dialect."""
+    """By name, the texts of the `wanted` headers that pymavlink generates of a dialect."""
     from pymavlink.generator import mavgen  # noqa: PLC0415 - an extra
 
     with tempfile.TemporaryDirectory() as place:
@@ -261,11 +261,11 @@ IGNORED: dict[str, dict[int, tuple[str, ...]]] = {
         128: ("q.0", "q.1", "q.2", "q.3"),
     },
 }
-"""Message -> bit of its `type_mask` -> the fields that an autopilot then ignores."""
+"""By message and bit of its `type_mask`: the fields that an autopilot then ignores."""
 
 
 def set_point_problems(mapped: TopicMap) -> list[str]:
-    """What is wrong with a set-point that goes out, by its `set` and `type_mask`."""
+    """Says what is wrong with a set-point that goes out, by its `set` and `type_mask`."""
     message = mapped.message
     bits = IGNORED.get(message.name if message else "")
     if message is None or bits is None:
@@ -303,9 +303,9 @@ SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
+    """Makes the package; SoterError D015 if the mapping does not fit, U001 with plants inside."""
     require_world(system)
-    mapped = by_topic(bridged_topics(system, mapping, "MAVLink", None), "MAVLink")
+    mapped = maps_by_topic(bridged_topics(system, mapping, "MAVLink", None), "MAVLink")
     link = mapping.mavlink
     if link is None:
         raise unmappable("no topic of the mapping is a message of MAVLink")
@@ -315,9 +315,9 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
     _require_sendable(source)
     used = {m.message.name for m in mapped.values() if m.message is not None}
     files = [
-        PackageFile(f"src/{name}_bridge.c", source.text()),
-        *(shipped(RUNTIME / "mavlink" / n, "src/") for n in (*HEADERS, *SOURCES)),
-        *(shipped(RUNTIME / "bridge" / n, "src/") for n in COMMON),
+        PackageFile(f"src/{name}_bridge.c", source.bridge_text()),
+        *(shipped_file(RUNTIME / "mavlink" / n, "src/") for n in (*HEADERS, *SOURCES)),
+        *(shipped_file(RUNTIME / "bridge" / n, "src/") for n in COMMON),
         *dialect_headers(link.dialect, used),
         filled_file(
             *("Makefile", "mavlink/Makefile"),
@@ -327,12 +327,12 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
             headers=[f"src/{n}" for n in (*HEADERS, *COMMON)],
         ),
     ]
-    notes = [*unmapped_notes(system, mapped.values(), "in MAVLink"), *_notes(source)]
-    return bridged.package(files, notes)
+    notes = [*unmapped_notes(system, mapped.values(), "in MAVLink"), *_loss_notes(source)]
+    return bridged.bridge_package(files, notes)
 
 
 def _require_sendable(source: BridgeSource) -> None:
-    """SoterError D015 for a mapping that no autopilot should be sent, or can answer."""
+    """Raises SoterError D015 for a mapping that an autopilot should not get, or cannot answer."""
     problems: list[str] = []
     for m in (*source.inward.values(), *source.outward.values()):
         problems += _middleware_mistakes(m)
@@ -366,7 +366,7 @@ def _require_sendable(source: BridgeSource) -> None:
 
 
 def _middleware_mistakes(m: TopicMap) -> Iterator[str]:
-    """Yields a mistake where a mapping says of a topic what MAVLink does not know."""
+    """Yields a mistake for each word of a topic's mapping that MAVLink does not know."""
     named = f"`{m.topic.name}`"
     if m.channel is not None:
         yield (
@@ -392,7 +392,7 @@ def _source_mistakes(m: TopicMap) -> list[str]:
 
 
 def _late_law_mistakes(source: BridgeSource) -> list[str]:
-    """Mistakes where the law of a silent trusted part would come after `offboard_loss`."""
+    """Says where the law of a silent trusted part would come after `offboard_loss`."""
     link = source.link
     problems = []
     for index, m in source.outward.items():
@@ -405,7 +405,7 @@ def _late_law_mistakes(source: BridgeSource) -> list[str]:
     return problems
 
 
-def _notes(source: BridgeSource) -> list[str]:
+def _loss_notes(source: BridgeSource) -> list[str]:
     link, system = source.link, source.bridged.system
     loss = show_ns(link.offboard_loss_ns)
     notes = [

@@ -1,4 +1,4 @@
-"""From messages of a middleware to values of topics and back, as statements of C or C++.
+"""Writes statements of C or C++ that turn messages of a middleware into values and back.
 
 Purpose: a `MessageConverter` writes what a mapping says of a topic as code, for the bridges of all
 targets, with the arithmetic of `monitor` (a number is multiplied, then the offset is added; the way
@@ -46,17 +46,17 @@ INTEGERS = {
     "byte": (-128, 127),
     "char": (0, 255),
 }
-"""Least and greatest value of what ROS 1 calls integers."""
+"""By integer type of ROS 1: its least and greatest value."""
 UNSIGNED_BYTE = {"byte": (0, 255)}
-"""The ranges that differ in ROS 2."""
+"""By integer type whose range differs in ROS 2: its range there."""
 FLOATS = ("float32", "float64")
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language writes the size and an item of a sequence, and compares and sets a text.
+    """How a language writes a sequence's size and item, a record's member, and sets a text.
 
-    `member`: of a record; `set_bounded`: how it sets a text that has room for so many bytes.
+    `set_bounded`: how it sets a text of so many bytes.
     """
 
     size: str
@@ -96,44 +96,44 @@ class MessageConverter:
 
     # ------------------------------------------------------------ in
 
-    def inward(self, value: str) -> list[str]:
-        """Statements that fill a value; `return false` where a message has not what is needed."""
+    def inward_statements(self, value: str) -> list[str]:
+        """Statements that fill a value, and `return false` for a message that lacks something."""
         lines: list[str] = []
-        for name, most in self._sequences():
-            size = self.dialect.size.format(self.path(name))
-            lines += refused_where(f"{size} <= {most}U")
+        for name, most in self._indexed_sequences():
+            size = self.dialect.size.format(self.field_code(name))
+            lines += refusal_code(f"{size} <= {most}U")
         for path, leaf in self.mapped.leaves.items():
-            lines += self._leaf_in(path, leaf, f"{value}{self.member(path)}")
+            lines += self._inward_leaf_lines(path, leaf, f"{value}{self.leaf_code(path)}")
         return [*lines, "return true;"]
 
-    def _leaf_in(self, path: LeafPath, leaf: Leaf, to: str) -> list[str]:
+    def _inward_leaf_lines(self, path: LeafPath, leaf: Leaf, to: str) -> list[str]:
         t = self.types[path]
         if isinstance(leaf, ConstantSource):
             return [f"{to} = {self._constant(t, leaf.value)};"]
         if isinstance(leaf, NearestSource):
-            return [*self._nearest_in(path, leaf, to)]
+            return [*self._inward_scan_lines(path, leaf, to)]
         if not isinstance(leaf, SignalSource):
             field = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
             raise unmappable(f"`{self.mapped.name_of(path)}` {field}")
-        field, kind = self.path(leaf.name), self.type.leaf(leaf.name, self.ros)
+        field, kind = self.field_code(leaf.name), self.type.leaf(leaf.name, self.ros)
         if isinstance(t, FloatType):
             return [f"{to} = {_scaling_code(f'(double){field}', leaf)};"]
         if isinstance(t, BoolType):
             return [f"{to} = {field} ? 1U : 0U;"]
         if isinstance(t, EnumType):
-            return [*self._enum_in(t, field, to)]
+            return [*self._inward_enum_lines(t, field, to)]
         assert isinstance(t, (IntType, DurationType)), t
-        return [*self._int_in(path, t, field, kind, to)]
+        return [*self._inward_int_lines(path, t, field, kind, to)]
 
-    def _nearest_in(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterable[str]:
-        """A call of soter_scan.hpp, which is C++."""
+    def _inward_scan_lines(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterable[str]:
+        """A call of a function of soter_scan.hpp, which is C++."""
         if self.dialect is not CPP:
             problem = "is what is nearest in a scan, which only the bridges of ROS can tell"
             raise unmappable(f"`{self.mapped.name_of(path)}` {problem}")
         limits = f"{leaf.most!r}, {leaf.unseen}U"
-        return refused_where(f"!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})")
+        return refusal_code(f"!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})")
 
-    def _enum_in(self, t: EnumType, field: str, to: str) -> Iterator[str]:
+    def _inward_enum_lines(self, t: EnumType, field: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
             word = "if" if k == 0 else "} else if"
             yield f"{word} ({self.dialect.same_text.format(field, text_literal(member))}) {{"
@@ -142,7 +142,9 @@ class MessageConverter:
         yield "  return false;"
         yield "}"
 
-    def _int_in(self, path: LeafPath, t: Type, field: str, kind: str, to: str) -> Iterator[str]:
+    def _inward_int_lines(
+        self, path: LeafPath, t: Type, field: str, kind: str, to: str
+    ) -> Iterator[str]:
         if kind not in self.integers:
             raise unmappable(f"`{self.mapped.name_of(path)}` is `{t}`, the field a `{kind}`")
         s = scalar(t)
@@ -150,16 +152,16 @@ class MessageConverter:
         (low, high), (least, most) = storage_range(s), self.integers[kind]
         tests = []
         if least < low:
-            tests.append(f"(int64_t){field} < {_int(low)}")
+            tests.append(f"(int64_t){field} < {_int_code(low)}")
         if most > high:
             cast = "(uint64_t)" if least >= 0 else "(int64_t)"
-            tests.append(f"{cast}{field} > {_int(high, unsigned=least >= 0)}")
+            tests.append(f"{cast}{field} > {_int_code(high, unsigned=least >= 0)}")
         if tests:
-            yield from refused_where(" || ".join(tests))
+            yield from refusal_code(" || ".join(tests))
         yield f"{to} = ({s.c_type}){field};"
 
-    def _sequences(self) -> list[tuple[str, int]]:
-        """Sequences that are indexed, and the greatest index of each."""
+    def _indexed_sequences(self) -> list[tuple[str, int]]:
+        """The sequences that are indexed, each with its greatest index."""
         most: dict[str, int] = {}
         for name in self.mapped.names:
             if self.type.field(name, self.ros).through != "sequence":
@@ -174,8 +176,8 @@ class MessageConverter:
 
     # ------------------------------------------------------------ out
 
-    def outward(self, value: str) -> list[str]:
-        """Statements that fill a message from a value; SoterError D015 of a scan."""
+    def outward_statements(self, value: str) -> list[str]:
+        """Statements that fill a message from a value; SoterError D015 for a scan."""
         lines = []
         for path, leaf in self.mapped.leaves.items():
             if isinstance(leaf, NearestSource):
@@ -183,13 +185,13 @@ class MessageConverter:
                     f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it"
                 )
             if isinstance(leaf, SignalSource):
-                lines += self._leaf_out(path, leaf, f"{value}{self.member(path)}")
+                lines += self._outward_leaf_lines(path, leaf, f"{value}{self.leaf_code(path)}")
         for name, constant in self.mapped.constants.items():
-            lines.append(self._set(name, constant))
+            lines.append(self._set_constant(name, constant))
         return lines
 
-    def _leaf_out(self, path: LeafPath, leaf: SignalSource, value: str) -> list[str]:
-        t, to = self.types[path], self.path(leaf.name)
+    def _outward_leaf_lines(self, path: LeafPath, leaf: SignalSource, value: str) -> list[str]:
+        t, to = self.types[path], self.field_code(leaf.name)
         field = self.type.field(leaf.name, self.ros)
         named = f"`{self.mapped.name_of(path)}`"
         if field.through == "sequence":
@@ -210,8 +212,8 @@ class MessageConverter:
             return [f"{to} = {value};"]
         raise unmappable(f"{named} is `{t}`, and the field that it goes into a `{field.type}`")
 
-    def _set(self, name: str, constant: object) -> str:
-        kind, to = self.type.leaf(name, self.ros), self.path(name)
+    def _set_constant(self, name: str, constant: object) -> str:
+        kind, to = self.type.leaf(name, self.ros), self.field_code(name)
         if isinstance(constant, str) and kind == "string":
             return self._set_text(name, [constant], text_literal(constant))
         if isinstance(constant, bool) and kind in ("bool", "uint8"):
@@ -221,7 +223,7 @@ class MessageConverter:
                 return f"{to} = {float(constant)!r};"
             low, high = self.integers.get(kind, (1, 0))
             if isinstance(constant, int) and low <= constant <= high:
-                return f"{to} = {_int(constant, unsigned=low == 0)};"
+                return f"{to} = {_int_code(constant, unsigned=low == 0)};"
         raise unmappable(f"`set` of `{self.mapped.topic.name}`: {constant!r} is no `{kind}`")
 
     def _set_text(self, name: str, texts: Iterable[str], code: str) -> str:
@@ -231,11 +233,11 @@ class MessageConverter:
         if long:
             raise unmappable(f"`{name}` of {self.type.ros2} holds {bound} bytes, not {long[0]!r}")
         form = self.dialect.set_bounded if bound else self.dialect.set_text
-        return f"{form.format(self.path(name), code)};"
+        return f"{form.format(self.field_code(name), code)};"
 
     # ------------------------------------------------------------ names
 
-    def path(self, name: str) -> str:
+    def field_code(self, name: str) -> str:
         """The code of a field of the message."""
         code = self.message
         for part, step in path_steps(self.type, name, self.ros):
@@ -248,34 +250,36 @@ class MessageConverter:
         return code
 
     def stamp_number(self, stamp: StampSource) -> str:
-        """The code of when a message was measured, in ns, where its stamp is a number."""
+        """The code of the time of measurement, in ns, where a message's stamp is a number."""
         unit = f"{stamp.unit_ns.numerator}, {stamp.unit_ns.denominator}"
-        return f"soter_ns_of_number((long double){self.path(stamp.path)}, {unit})"
+        return f"soter_ns_of_number((long double){self.field_code(stamp.path)}, {unit})"
 
     @staticmethod
-    def member(path: LeafPath) -> str:
-        """The code of a leaf, to stand behind that of the value."""
+    def leaf_code(path: LeafPath) -> str:
+        """The code of a leaf, to stand behind the code of the value."""
         return "".join(f".at{p}" if p.startswith("[") else f".{field_name(p)}" for p in path)
 
     @staticmethod
     def _constant(t: Type, value: Value) -> str:
         if isinstance(t, FloatType):
             return repr(float(value))
-        return f"{int(value)}U" if isinstance(t, (BoolType, EnumType)) else _int(int(value))
+        return f"{int(value)}U" if isinstance(t, (BoolType, EnumType)) else _int_code(int(value))
 
 
 def topic_tests(topic: Topic, value: str) -> list[str]:
-    """C++ conditions that hold of what the trusted part takes: finite, and in the topic's set."""
+    """C++ conditions for a value that the trusted part takes: finite, and in the topic's set."""
     tests = []
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
-        field = f"{value}{MessageConverter.member(path)}"
+        field = f"{value}{MessageConverter.leaf_code(path)}"
         if isinstance(t, FloatType):
             tests.append(f"std::isfinite({field})")
         if bound is not None and isinstance(t, FloatType):
             tests.append(f"{field} >= {float(bound.low)!r} && {field} <= {float(bound.high)!r}")
         elif bound is not None and isinstance(t, IntType):
             low, high = math.ceil(bound.low), math.floor(bound.high)
-            tests.append(f"(int64_t){field} >= {_int(low)} && (int64_t){field} <= {_int(high)}")
+            tests.append(
+                f"(int64_t){field} >= {_int_code(low)} && (int64_t){field} <= {_int_code(high)}"
+            )
     return tests
 
 
@@ -291,14 +295,14 @@ def _unscaling_code(code: str, leaf: SignalSource) -> str:
     return code if leaf.scale == 1.0 else f"{code} / {leaf.scale!r}"
 
 
-def _int(value: int, *, unsigned: bool = False) -> str:
+def _int_code(value: int, *, unsigned: bool = False) -> str:
     if unsigned:
         return f"UINT64_C({value})"
     return "INT64_MIN" if value == -(2**63) else f"INT64_C({value})"
 
 
 def text_literal(text: str) -> str:
-    """A text as C and C++ write it: what is no plain letter is given by its bytes."""
+    """A text as a literal of C and C++, with all but plain letters as octal bytes."""
     plain = frozenset(b" -./:_")
     letters = [
         chr(b) if b in plain or (chr(b).isalnum() and b < 128) else f"\\{b:03o}"
@@ -308,10 +312,10 @@ def text_literal(text: str) -> str:
 
 
 def unmappable(why: str) -> SoterError:
-    """SoterError D015 for what no bridge can do."""
+    """Gives a SoterError D015 for what no bridge can do."""
     return mistake("D015", why)
 
 
-def refused_where(condition: str) -> tuple[str, str, str]:
+def refusal_code(condition: str) -> tuple[str, str, str]:
     """C (and C++) that refuses a message where a condition holds."""
     return f"if ({condition}) {{", "  return false;", "}"

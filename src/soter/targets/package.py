@@ -1,4 +1,4 @@
-"""`soter build --target T`: which targets there are, and writing the files one is made of.
+"""Knows the targets of `soter build --target T`, and writes the files of a package.
 
 Purpose: `TARGETS` is the table of targets, each of which a file here makes. `build_package` writes
 a package, text in, a folder out, without harming files that soter did not write.
@@ -33,12 +33,12 @@ MANIFEST = ".soter-files.json"
 """A file in every folder that soter builds, with the SHA-256 of each file as soter wrote it."""
 
 BYTES_MAX = 2**28
-"""The most of a file: `soter` writes none that is longer, so it reads none that is."""
+"""The most bytes of a file: `soter` writes none that is longer, so it reads none."""
 
 
 @dataclass(frozen=True)
 class PackageFile:
-    """One file: its path in the package. `yours`: made once, then the person's to change."""
+    """A file: its path in the package, its text; `yours`: made once, then the person's."""
 
     path: str
     text: str
@@ -46,7 +46,7 @@ class PackageFile:
 
 
 def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
-    """A file from a template below this folder, which is told how its C is compiled as well."""
+    """Makes a file from a template below this folder, which also gets the flags of its C."""
     text = filled(
         f"targets/{template}.j2",
         **context,
@@ -57,7 +57,7 @@ def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
     return PackageFile(path, text)
 
 
-def shipped(source: Path, folder: str = "") -> PackageFile:
+def shipped_file(source: Path, folder: str = "") -> PackageFile:
     """A file of the run-time as it is, in `folder` (with its slash) of a package."""
     return PackageFile(f"{folder}{source.name}", source.read_text("utf-8"))
 
@@ -75,25 +75,25 @@ class Package:
     notes: list[str] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
     programs: dict[str, list[str]] = field(default_factory=dict)
-    """Program that is built -> the flags and sources it is made of; only of some targets."""
+    """By program that is built: its flags and sources; only of some targets."""
     written: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     target: str = ""
     entries: str = ""
     """The beginning of the names of functions for a loop of one's own; "" where there are none."""
     image: str = ""
-    """The file that `make` makes, of targets without an operating system."""
+    """The file that `make` makes for targets without an operating system."""
     trusted: str = ""
     """The folder of the trusted part, where it has one of its own."""
     world: tuple[str, ...] = ()
-    """Functions of plants, which are no part of what runs on a robot."""
+    """The functions of plants, which do not run on a robot."""
     inherits: list[str] = field(default_factory=list)
     """The claims that a deployed system inherits, in lines."""
     inherited: dict[str, object] = field(default_factory=dict)
     """The claims that a deployed system inherits, as a document; empty for others."""
 
     def write(self) -> Package:
-        """Write everything; SoterError D006, D008, the latter before anything is written."""
+        """Writes everything; SoterError D006, D008, the latter before anything is written."""
         if foreign := [f.path for f in self.files if not f.yours and self._is_foreign(f)]:
             names = ", ".join(f"`{name}`" for name in foreign[:5])
             raise mistake(
@@ -106,24 +106,24 @@ class Package:
             if file.yours and (self.folder / file.path).exists():
                 self.kept.append(file.path)
                 continue
-            self._write(file.path, file.text)
+            self._write_file(file.path, file.text)
             self.written.append(file.path)
         ours = {f.path: _digest(f.text) for f in self.files if not f.yours}
-        self._write(MANIFEST, json.dumps(ours, indent=1) + "\n")
+        self._write_file(MANIFEST, json.dumps(ours, indent=1) + "\n")
         return self
 
     def _is_foreign(self, file: PackageFile) -> bool:
-        """Whether a file stands there that is neither as soter wrote it nor as it would now."""
+        """Whether a file stands there that soter neither wrote so nor would write so now."""
         path = self.folder / file.path
         try:
             digest = hashlib.sha256(read_bytes(path, BYTES_MAX)).hexdigest()
         except ReadError as error:
             if error.missing or path.is_file():
                 return not error.missing
-            raise _cannot_write(path, error) from error
-        return digest not in {self._before().get(file.path), _digest(file.text)}
+            raise _write_error(path, error) from error
+        return digest not in {self._earlier_digests().get(file.path), _digest(file.text)}
 
-    def _before(self) -> dict[str, str]:
+    def _earlier_digests(self) -> dict[str, str]:
         """The digests that an earlier build noted, by path; empty where there was none."""
         try:
             noted = json.loads(read_bytes(self.folder / MANIFEST))
@@ -131,25 +131,25 @@ class Package:
             return {}
         return noted if isinstance(noted, dict) else {}
 
-    def _write(self, name: str, text: str) -> None:
+    def _write_file(self, name: str, text: str) -> None:
         try:
             with atomic_write(own_place(self.folder, name)) as stream:
                 stream.write(text.encode("utf-8", "surrogatepass"))
         except OSError as error:
-            raise _cannot_write(self.folder / name, error) from error
+            raise _write_error(self.folder / name, error) from error
 
 
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _cannot_write(path: Path, error: OSError) -> SoterError:
+def _write_error(path: Path, error: OSError) -> SoterError:
     return mistake("D006", f"cannot write `{path}`: {reason(error)}")
 
 
 @dataclass(frozen=True)
 class Target:
-    """A target: who makes its package, and what has to be given to it beside system and Core."""
+    """A target: the function that makes its package, and what it needs beside system and Core."""
 
     make: str
     """`MODULE:FUNCTION`, imported when somebody builds for it: from (system, core, folder), and the
@@ -159,9 +159,9 @@ class Target:
     mapped: bool = False
     """Whether it speaks with a middleware: a mapping says which topic is which message."""
     boarded: bool = False
-    """Whether it is an image: a board says where everything lies."""
+    """Whether it makes an image, for which a board says where everything lies."""
     drops_bindings: bool = False
-    """Whether it leaves out, and does not mention, what externs are bound to outside C."""
+    """Whether its package leaves out, without a word, what externs are bound to outside C."""
 
 
 TARGETS = {
@@ -175,7 +175,7 @@ TARGETS = {
     ),
     "cortex-m": Target("soter.targets.cortex_m_package:cortex_m_package", boarded=True),
 }
-"""Name -> target, the default first; whatever asks about targets reads this table."""
+"""By name, the default first: each target; whatever asks about targets reads this table."""
 
 
 def build_package(
@@ -189,13 +189,13 @@ def build_package(
     *,
     write: bool = True,
 ) -> Package:
-    """Write the package of a target; SoterError U001 where there is no such target, or no mapping.
+    """Writes the package of a target; SoterError U001 without such a target, or a mapping.
 
-    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: files that it has
-    besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
+    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: files that the package
+    has besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
 
-    `system`, `core`: with every binding to C entered (`native/bindings.py`); whatever
-    else an extern is bound to does not leave this machine.
+    `system`, `core`: with every binding to C entered (`native/bindings.py`); whatever else an
+    extern is bound to does not leave this machine.
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     others = onto or (() if mapping is None else (mapping,))
@@ -207,7 +207,7 @@ def build_package(
 
 
 def require_options(target: str, *, mapping: bool, board: bool) -> None:
-    """SoterError U001 for a target that does not exist, or a mapping or board amiss or too many."""
+    """Raises SoterError U001 for an unknown target, or a mapping or board too many or too few."""
     if target not in TARGETS:
         known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
         raise mistake("U001", f"the target `{target}` does not exist", known)

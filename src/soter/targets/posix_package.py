@@ -1,4 +1,4 @@
-"""Target `posix`: the program in real time, every extern node in a process of its own.
+"""Makes target `posix`: the program in real time, every extern node in a process of its own.
 
 Purpose: `posix_package` writes a folder that builds with gcc or clang on Linux and no Soter: the
 trusted part with the driver of `runtime/posix/`, a small program for each extern node that is bound
@@ -24,8 +24,8 @@ from soter.report.wording import changed_parameters
 from soter.targets import c99
 from soter.targets.firmware_interface import RUNTIME_FILES
 from soter.targets.leases_and_lateness import FILES as LEASES
-from soter.targets.leases_and_lateness import lease_files, limits_of, takeovers
-from soter.targets.package import Package, PackageFile, filled_file, shipped
+from soter.targets.leases_and_lateness import late_limits, lease_files, takeover_bounds
+from soter.targets.package import Package, PackageFile, filled_file, shipped_file
 from soter.targets.world_interface import (
     ACTUATOR,
     OUTSIDE,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 POSIX = RUNTIME / "posix"
 CHECK = "soter_posix_check.c"
-"""The file with what runs where a check fails; the program of the actuators has its own."""
+"""The file whose function is called where a check fails; the actuators' program has another."""
 CHANNEL = ("soter_channel.h", "soter_channel.c", CHECK)
 DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
@@ -56,45 +56,45 @@ DRIVER = (
 WORKER = "soter_worker.c"
 APP_SOURCE = "soter_posix_app.c"
 ELSEWHERE = frozenset(("soter_virtual.c", *RUNTIME_FILES))
-"""Files of the run-time that are for other drivers, and not taken along."""
+"""Files of the run-time for other drivers, which a package does not have."""
 RING_BYTES = 8 * 2**20
 SLOTS = (64, 4096)
 FIRST_LINE = "soter recording 1"
-"""The first line of what `--record` writes."""
+"""The first line of the file that `--record` writes."""
 FOR_EVER = 2**61
-"""The end of a system in the world that does not say one: a signal ends it."""
+"""The end of a system in the world that says none; a signal ends it."""
 
 
 @dataclass(frozen=True)
 class Worker:
-    """An extern node: its exchange, and the program that answers it ("": any command)."""
+    """An extern node: its exchange, and the program that answers for it ("": any command)."""
 
     component: Component
     exchange: Exchange
     name: str
     """The beginning of its C names."""
     reads: tuple[tuple[str, str], ...]
-    """The topics that it reads, as `reads_of` gives them."""
+    """The topics that the node reads, as `fields_read` gives them."""
     program: str
     source: str
     symbol: str
 
 
 def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
-    """The package; SoterError X008 for an extern node that cannot be a process of its own."""
-    refuse_apart(system)
-    nodes = nodes_of(system)
+    """Makes the package; SoterError X008 for an extern node that cannot be a process of its own."""
+    require_separable(system)
+    nodes = extern_nodes(system)
     elsewhere = frozenset(x.index for x in nodes if is_in_python(x.binding))
     program = c99.ProgramInC(system, core, frozenset(x.index for x in nodes), elsewhere)
     unit, command = program.unit, program.command
-    workers = [_worker(program, x) for x in nodes]
+    workers = [_worker_of_node(program, x) for x in nodes]
     world = WorldTables(system, unit)
-    context = _context(program, workers, world)
+    context = _template_values(program, workers, world)
     copied = c99.extern_files(program.linked)
     files = [
-        *program.files(filled_file("", "posix/soter_app.h", **context).text),
+        *program.program_files(filled_file("", "posix/soter_app.h", **context).text),
         filled_file(APP_SOURCE, f"posix/{APP_SOURCE}", **context),
-        *_run_time(system),
+        *_run_time_files(system),
         *(lease_files(system, unit.prefix) if world.granted else ()),
     ]
     trusted = [f.path for f in (*files, *copied) if f.path.endswith(".c")]
@@ -104,7 +104,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     beside = _programs_beside(files, program, workers, world)
     context |= {"trusted": trusted, "beside": beside}
     files += [filled_file(n, f"posix/{n}", **context) for n in ("Makefile", "README.md")]
-    notes = [*program.notes, *world.notes, *(t.text for t in takeovers(system))]
+    notes = [*program.notes, *world.notes, *(t.bound_text for t in takeover_bounds(system))]
     return Package(
         folder,
         files,
@@ -112,35 +112,35 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
         commands=[f"make -C {folder}", f"{folder}/{command}"],
         programs={
             command: ["-pthread", "-I.", *trusted],
-            **{name: [*_folder(of), "-pthread", "-I.", *of] for name, of in beside.items()},
+            **{name: [*_include_flag(of), "-pthread", "-I.", *of] for name, of in beside.items()},
         },
     )
 
 
-def _run_time(system: System) -> list[PackageFile]:
-    """The C that ships, of the kernel and of the driver."""
-    kernel = dict.fromkeys((*c99.run_time(system), *LEASES))
-    driver = (shipped(POSIX / n) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
-    return [*(shipped(RUNTIME / n) for n in kernel if n not in ELSEWHERE), *driver]
+def _run_time_files(system: System) -> list[PackageFile]:
+    """The C files that ship, of the kernel and of the driver."""
+    kernel = dict.fromkeys((*c99.run_time_files(system), *LEASES))
+    driver = (shipped_file(POSIX / n) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
+    return [*(shipped_file(RUNTIME / n) for n in kernel if n not in ELSEWHERE), *driver]
 
 
 def _python_node_note(name: str) -> str:
-    """The note about an extern node whose program is no part of the package."""
+    """A note about an extern node whose program is no part of the package."""
     return (
         f"{name} is Python: `soter run --real-time` starts it; this program alone has SC,"
         f" unless --worker {name}=COMMAND starts another worker"
     )
 
 
-def nodes_of(system: System) -> list[Component]:
+def extern_nodes(system: System) -> list[Component]:
     """The extern nodes of a system: each has a process of its own."""
     return [x for x in system.components if x.extern and x.node is not None]
 
 
-def refuse_apart(system: System) -> None:
-    """SoterError X008 for extern nodes that cannot compute apart from the state."""
+def require_separable(system: System) -> None:
+    """Raises SoterError X008 for extern nodes that cannot compute apart from the state."""
     diagnostics = Diagnostics()
-    for x in nodes_of(system):
+    for x in extern_nodes(system):
         assert x.node is not None
         why = "keeps locals (`var`) in the state" if x.node.locals else ""
         why = "has steps that take time (`takes`, `overrun`)" if x.held is not None else why
@@ -151,8 +151,8 @@ def refuse_apart(system: System) -> None:
     diagnostics.raise_errors()
 
 
-def reads_of(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str], ...]:
-    """The topics that an extern node reads: (its field in C, the member among the topics)."""
+def fields_read(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str], ...]:
+    """By topic that an extern node reads: its field in C, and its member among the topics."""
     assert x.node is not None
     fields = (field_name(name) for name, _ in request_fields(system, x))
     members = (unit.topics[x.scope.topics[s.topic]][1] for s in x.node.subscribes)
@@ -162,9 +162,9 @@ def reads_of(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str],
 # ---------------------------------------------------------------- workers
 
 
-def _worker(program: c99.ProgramInC, x: Component) -> Worker:
+def _worker_of_node(program: c99.ProgramInC, x: Component) -> Worker:
     unit, exchange = program.unit, make_exchange(program.system, x)
-    name, reads = unit.names[x.index], reads_of(program.system, unit, x)
+    name, reads = unit.names[x.index], fields_read(program.system, unit, x)
     if is_in_python(x.binding):
         return Worker(x, exchange, name, reads, "", "", "")
     assert x.binding is not None
@@ -176,15 +176,15 @@ def _worker(program: c99.ProgramInC, x: Component) -> Worker:
 def _programs_beside(
     files: list[PackageFile], program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, list[str]]:
-    """Add the programs of workers and actuators; program -> its sources."""
+    """Adds the files of workers and actuators; gives the sources of each of their programs."""
     built = [w for w in workers if w.program]
     if built:
-        files.append(shipped(POSIX / WORKER))
+        files.append(shipped_file(POSIX / WORKER))
     if world.topics or world.granted:
-        files += [shipped(POSIX / n) for n in STATUS_TEXT]
+        files += [shipped_file(POSIX / n) for n in STATUS_TEXT]
     beside = _worker_files(files, program.unit, built)
     if actuators := world.actuator_files():
-        files += [*actuators, *(shipped(POSIX / n) for n in ACTUATOR)]
+        files += [*actuators, *(shipped_file(POSIX / n) for n in ACTUATOR)]
         beside[f"{program.command}_actuator"] = world.actuator_sources()
     return beside
 
@@ -192,7 +192,7 @@ def _programs_beside(
 def _worker_files(
     files: list[PackageFile], unit: Unit, built: list[Worker]
 ) -> dict[str, list[str]]:
-    """Add what workers are made of; program of a worker -> its sources."""
+    """Adds the files of workers; gives the sources of each of their programs."""
     sources_by_program = {}
     for number, w in enumerate(built, 1):
         folder = f"worker_{number}"
@@ -213,14 +213,14 @@ def _worker_files(
 # ---------------------------------------------------------------- which program
 
 
-def _context(
+def _template_values(
     program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, object]:
     """The values for the templates of a package."""
     system, unit = program.system, program.unit
-    words = [world.words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
-    flown = [FIRST_LINE, *(f"{n}={text}" for n, text in head_of(system, unit.layout).items())]
-    late, response = limits_of(system)
+    words = [world.value_words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
+    flown = [FIRST_LINE, *(f"{n}={text}" for n, text in flight_head(system, unit.layout).items())]
+    late, response = late_limits(system)
     return {
         "name": unit.prefix,
         "prefix": unit.prefix,
@@ -239,7 +239,7 @@ def _context(
     }
 
 
-def head_of(system: System, layout: StateLayout) -> dict[str, str]:
+def flight_head(system: System, layout: StateLayout) -> dict[str, str]:
     """The entries of a recording, beside its seed, that tell which program flew."""
     return {
         "program_sha256": system.program.sha256,
@@ -249,6 +249,6 @@ def head_of(system: System, layout: StateLayout) -> dict[str, str]:
     }
 
 
-def _folder(sources: list[str]) -> list[str]:
-    """The flag by which a worker finds its own header."""
+def _include_flag(sources: list[str]) -> list[str]:
+    """The flag by which a worker finds its own header, or none."""
     return [f"-I{PurePath(s).parent}" for s in sources if s.startswith("worker_")][:1]

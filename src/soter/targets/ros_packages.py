@@ -1,4 +1,4 @@
-"""Targets `ros1` and `ros2`: the packages, their files for catkin and ament, and their tests.
+"""Makes targets `ros1` and `ros2`: packages with files for catkin and ament, and their tests.
 
 Purpose: `ros1_package` and `ros2_package` put around the package of target `posix`, which has a
 folder of its own, the bridge and what catkin or ament wants: manifest, CMake, launch files,
@@ -30,16 +30,16 @@ from soter.language.model.types import (
 )
 from soter.mapping.topic_mapping import Leaf, LogMap, NearestSource, SignalSource, TopicMap
 from soter.native.shared_library import RUNTIME
+from soter.targets import TRUSTED
 from soter.targets.bridge_base import (
-    TRUSTED,
     BridgedSystem,
     bridged_topics,
-    in_folder,
+    moved_into_folder,
     promise_lines,
     unmapped_notes,
 )
 from soter.targets.c99 import c99_package
-from soter.targets.package import Package, PackageFile, filled_file, shipped
+from soter.targets.package import Package, PackageFile, filled_file, shipped_file
 from soter.targets.ros_sources import NodeSources, message_files
 
 if TYPE_CHECKING:
@@ -54,11 +54,11 @@ NEEDED = {
     1: ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs"),
     2: ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs"),
 }
-"""Version of ROS -> the packages that every bridge needs."""
+"""By version of ROS: the packages that every bridge needs."""
 FOLDER = {1: "catkin", 2: "ament"}
-"""Version of ROS -> the folder of its templates."""
+"""By version of ROS: the folder of its templates."""
 LAUNCH = {1: (".launch", ".launch.xml"), 2: (".launch.py", ".launch.py")}
-"""Version of ROS -> how launch files end, and how their templates do."""
+"""By version of ROS: the endings of launch files, and of their templates."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class RosPackage:
     simulated: list[str]
     mapped: list[TopicMap]
     patience_s: int = 1_000_000_000
-    """How long the trusted part waits for its sensors: for ever."""
+    """How long the trusted part waits for its sensors: practically for ever."""
 
     @property
     def packages(self) -> list[str]:
@@ -82,16 +82,16 @@ class RosPackage:
     @property
     def installed(self) -> list[str]:
         """The programs that the package installs."""
-        programs = self.bridged.programs
+        programs = self.bridged.trusted_programs
         bridge = [*programs, f"{self.name}_bridge"] if programs else []
         return [*bridge, f"{self.name}_simulation"]
 
     @property
     def scripts(self) -> list[str]:
         """The scripts that start the programs of the trusted folder, and that arm the actuators."""
-        return ["scripts/in_channels", *(["scripts/arm"] if self.bridged.actuated else [])]
+        return ["scripts/in_channels", *(["scripts/arm"] if self.bridged.has_actuators else [])]
 
-    def file(self, path: str, template: str, **more: object) -> PackageFile:
+    def template_file(self, path: str, template: str, **more: object) -> PackageFile:
         """A file of the package, from a template."""
         return filled_file(
             path, f"ros/{template}", p=self, name=self.name, bridged=self.bridged, **more
@@ -99,23 +99,23 @@ class RosPackage:
 
 
 def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
-    """The build and launch files; `tested`: whether a catkin package has `test/`."""
+    """Makes the build and launch files; `tested`: whether a catkin package has `test/`."""
     folder, (end, template) = FOLDER[p.version], LAUNCH[p.version]
     files = [
-        p.file("package.xml", "package.xml"),
-        p.file("CMakeLists.txt", f"{folder}/CMakeLists.txt", tested=tested),
-        replace(p.file("config/parameters.yaml", f"{folder}/parameters.yaml"), yours=True),
-        p.file(f"launch/{p.name}_simulation{end}", f"{folder}/simulation{template}"),
+        p.template_file("package.xml", "package.xml"),
+        p.template_file("CMakeLists.txt", f"{folder}/CMakeLists.txt", tested=tested),
+        replace(p.template_file("config/parameters.yaml", f"{folder}/parameters.yaml"), yours=True),
+        p.template_file(f"launch/{p.name}_simulation{end}", f"{folder}/simulation{template}"),
     ]
-    if p.bridged.programs:
-        files.append(p.file(f"launch/{p.name}{end}", f"{folder}/bridge{template}"))
-        files += [p.file(path, f"{path.rpartition('/')[2]}.sh") for path in p.scripts]
-    if p.bridged.programs and p.version == 2:
-        files.append(p.file(f"test/test_{p.name}.py", f"{folder}/test.py"))
+    if p.bridged.trusted_programs:
+        files.append(p.template_file(f"launch/{p.name}{end}", f"{folder}/bridge{template}"))
+        files += [p.template_file(path, f"{path.rpartition('/')[2]}.sh") for path in p.scripts]
+    if p.bridged.trusted_programs and p.version == 2:
+        files.append(p.template_file(f"test/test_{p.name}.py", f"{folder}/test.py"))
     return files
 
 
-def package_name(prefix: str) -> str:
+def ros_package_name(prefix: str) -> str:
     """A name that catkin takes: letters, digits and underscores, in lower case, a letter first."""
     name = re.sub(r"[^a-z0-9_]", "_", prefix.lower())
     return name if name[:1].isalpha() else f"soter_{name}"
@@ -124,9 +124,9 @@ def package_name(prefix: str) -> str:
 RAYS = 36
 
 
-def untested(p: RosPackage) -> str:
-    """Why the package has no test; "": it has one."""
-    if not p.bridged.actuated:
+def why_untested(p: RosPackage) -> str:
+    """Says why the package has no test; "" where it has one."""
+    if not p.bridged.has_actuators:
         return "no actuators obey"
     if not _awaited_topics(p):
         return "nothing comes in but for ACs"
@@ -142,14 +142,14 @@ def _publishers(p: RosPackage) -> list[str]:
 
 
 def rostest_files(p: RosPackage) -> list[PackageFile]:
-    """The files of a catkin package's test; none where `untested` has a reason."""
-    if untested(p):
+    """Makes the files of a catkin package's test; none where `why_untested` has a reason."""
+    if why_untested(p):
         return []
     document = json.dumps(_test_document(p), indent=1) + "\n"
     publisher = next(iter(_publishers(p)), "standing_by")
     return [
-        p.file(f"test/{p.name}.test", "catkin/test.launch.xml", publisher=publisher),
-        p.file("test/standing_by.py", "catkin/standing_by.py"),
+        p.template_file(f"test/{p.name}.test", "catkin/test.launch.xml", publisher=publisher),
+        p.template_file("test/standing_by.py", "catkin/standing_by.py"),
         PackageFile("test/stand_ins.json", document, yours=True),
     ]
 
@@ -177,7 +177,7 @@ def _test_document(p: RosPackage) -> dict[str, object]:
 
 
 def _is_ac_silent(p: RosPackage, module: Module) -> bool:
-    """Whether AC of the module waits for a topic that nobody of the test publishes."""
+    """Whether AC of the module waits for a topic that nothing in the test publishes."""
     ac = p.bridged.system.components[module.ac]
     topics = [p.bridged.topic(i) for i in ac.reads] if ac.node is not None else []
     return any(t.driver == "input" and not p.bridged.world.is_awaited(t) for t in topics)
@@ -190,14 +190,14 @@ def _stand_in(m: TopicMap) -> dict[str, object]:
     assert m.message is not None
     fields: dict[str, object] = {}
     for (path, t), value, bound in zip(
-        leaves(m.topic.type), _scalars(m.topic.type, m.topic.default), m.topic.bounds, strict=True
+        leaves(m.topic.type), _leaves_of(m.topic.type, m.topic.default), m.topic.bounds, strict=True
     ):
         leaf = m.leaves[path]
         if isinstance(leaf, NearestSource):
             fields |= _ring_scan(leaf)
         elif isinstance(leaf, SignalSource):
             high = math.inf if bound is None else bound.high
-            fields[leaf.name] = _field(t, leaf, _value_beside(t, value, high))
+            fields[leaf.name] = _message_field(t, leaf, _value_beside(t, value, high))
     if m.frame_id is not None:
         fields["header.frame_id"] = m.frame_id
     stamp = [] if m.stamp is None else [m.stamp.path, _unit_ns(m)]
@@ -205,13 +205,13 @@ def _stand_in(m: TopicMap) -> dict[str, object]:
 
 
 def _unit_ns(m: TopicMap) -> float:
-    """The unit of a stamp that is a number, in ns; 0: it is a time."""
+    """The unit in ns of a stamp that is a number; 0 for a stamp that is a time."""
     assert m.stamp is not None
     return float(m.stamp.unit_ns) if m.stamp.kind == "number" else 0.0
 
 
 def _value_beside(t: Type, value: Value, high: float) -> Value:
-    """A value of the set that is not the default, at which many a command is the law."""
+    """A value of the set other than the default, which is the law of many a command."""
     if not isinstance(t, FloatType) or not math.isfinite(high):
         return value
     assert isinstance(value, float)
@@ -230,15 +230,17 @@ def _expected_fields(m: TopicMap, law: Value) -> dict[str, object]:
     """The fields of a message that holds the law; {} where none of them is a number."""
     assert m.message is not None
     fields = {
-        leaf.name: _field(t, leaf, value)
-        for (path, t), value in zip(leaves(m.topic.type), _scalars(m.topic.type, law), strict=True)
+        leaf.name: _message_field(t, leaf, value)
+        for (path, t), value in zip(
+            leaves(m.topic.type), _leaves_of(m.topic.type, law), strict=True
+        )
         if isinstance(leaf := m.leaves[path], SignalSource)
     }
     return {"topic": m.channel, "type": m.message.ros1, "fields": fields} if fields else {}
 
 
-def _field(t: Type, leaf: Leaf, value: Value) -> object:
-    """The value of a message's field that stands for the value of a leaf."""
+def _message_field(t: Type, leaf: Leaf, value: Value) -> object:
+    """The value of a message's field for the value of a leaf."""
     assert isinstance(leaf, SignalSource)
     if isinstance(t, BoolType):
         return bool(value)
@@ -249,39 +251,39 @@ def _field(t: Type, leaf: Leaf, value: Value) -> object:
     return int(value)
 
 
-def _scalars(t: Type, value: Value) -> Iterator[Value]:
+def _leaves_of(t: Type, value: Value) -> Iterator[Value]:
     """The leaves of a value, in declared order."""
     if isinstance(t, RecordType):
         for (_, kind), part in zip(t.fields, value, strict=True):
-            yield from _scalars(kind, part)
+            yield from _leaves_of(kind, part)
     elif isinstance(t, ArrayType):
         for part in value:
-            yield from _scalars(t.element, part)
+            yield from _leaves_of(t.element, part)
     else:
         yield value
 
 
 SIMULATED = "simulated"
-"""The folder of the program under /clock."""
+"""The folder of the program that runs under /clock."""
 TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
-"""What a topic of ROS 1 may be called: NodeHandles take no `~`."""
+"""The names of ROS 1 topics; NodeHandles take no `~`."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
 OF_ROS = {1: ("ros1", SIMULATION), 2: ("ros2", (*SIMULATION, "soter_publishers.hpp"))}
-"""Version of ROS -> (folder of the C++ that ships, files of it that the simulation needs)."""
+"""By version of ROS: the folder of the C++ that ships, and its files for the simulation."""
 OF_BOTH = (
     "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
 )  # fmt: skip
 
 
 def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; SoterError D015 where the mapping does not fit.
+    """Makes the package; SoterError D015 where the mapping does not fit.
 
-    `mapping`: which topic is which message; of a system that meets the world all that comes in has
-    to be there. Of one with its plants inside there is only the node under /clock.
+    `mapping`: which topic is which message; of a system that meets the world it needs all topics
+    that come in. A system with its plants inside has only the node under /clock.
     """
-    package, ros = _package(system, core, folder, mapping, 1)
-    why = untested(ros)
+    package, ros = _package_and_values(system, core, folder, mapping, 1)
+    why = why_untested(ros)
     package.files += ros_files(ros, tested=not why)
     if system.externals:
         package.files += [*rostest_files(ros), *message_files(ros.name)]
@@ -296,8 +298,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 
 
 def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; as `ros1_package`."""
-    package, ros = _package(system, core, folder, mapping, 2)
+    """Makes the package as `ros1_package` does."""
+    package, ros = _package_and_values(system, core, folder, mapping, 2)
     package.files += ros_files(ros, tested=True)
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
@@ -307,34 +309,34 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     return package
 
 
-def _package(
+def _package_and_values(
     system: System, core: CoreSystem, folder: Path, mapping: LogMap, version: int
 ) -> tuple[Package, RosPackage]:
-    """The package without what a build system wants, and what the templates of that are told."""
+    """The package without the files of a build system, and the values for those files."""
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     bridged = BridgedSystem(system, core, folder)
     simulated = c99_package(system, core, folder)
-    name = package_name(bridged.unit.prefix)
+    name = ros_package_name(bridged.unit.prefix)
     nodes = NodeSources(bridged, name, mapped, version)
     of_version, of_simulation = OF_ROS[version]
     code = [
-        in_folder(SIMULATED, f)
+        moved_into_folder(SIMULATED, f)
         for f in simulated.files
         if f.path.endswith((".c", ".h")) and f.path not in OTHER_MAINS
     ]
     files = [
-        *bridged.files(),
+        *bridged.trusted_files(),
         *code,
-        PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
-        PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
-        *(shipped(RUNTIME / of_version / n, "src/") for n in of_simulation),
-        *(shipped(RUNTIME / "bridge" / n, "src/") for n in OF_BOTH),
+        PackageFile(f"src/{name}_topics.hpp", nodes.topics_text()),
+        PackageFile(f"src/{name}_simulation.cpp", nodes.simulation_text()),
+        *(shipped_file(RUNTIME / of_version / n, "src/") for n in of_simulation),
+        *(shipped_file(RUNTIME / "bridge" / n, "src/") for n in OF_BOTH),
     ]
     if system.externals:
         files += [
-            PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
-            shipped(RUNTIME / of_version / "soter_bridge.hpp", "src/"),
-            shipped(RUNTIME / "bridge" / "soter_bridge_core.hpp", "src/"),
+            PackageFile(f"src/{name}_bridge.cpp", nodes.bridge_text()),
+            shipped_file(RUNTIME / of_version / "soter_bridge.hpp", "src/"),
+            shipped_file(RUNTIME / "bridge" / "soter_bridge_core.hpp", "src/"),
         ]
     package = Package(
         folder,
@@ -344,7 +346,7 @@ def _package(
             *unmapped_notes(system, mapped, "in ROS"),
             *promise_lines(system, mapped),
         ],
-        programs=bridged.programs,
+        programs=bridged.trusted_programs,
         trusted=TRUSTED if system.externals else SIMULATED,
     )
     sources = [f.path for f in code if f.path.endswith(".c")]

@@ -1,4 +1,4 @@
-"""The C++ that is generated for ROS: which message is which topic, `ModuleStatus`, mains of nodes.
+"""Generates C++ for ROS: traits that map topics to messages, `ModuleStatus`, mains of nodes.
 
 Purpose: `NodeSources` writes `NAME_topics.hpp`, traits for each mapped topic; `NAME_bridge.cpp`,
 the node between ROS and the channels of the trusted part; `NAME_simulation.cpp`, the node under
@@ -42,7 +42,7 @@ FIELDS = (
     ("bool", "unchecked", "they were armed without a look at the state"),
     ("string", "message", "the sentence of /diagnostics"),
 )
-"""(type, name, meaning) of each field of the message."""
+"""The type, name and meaning of each field of the message."""
 MEMBERS = {
     "time": "ros::Time {}",
     "string": "std::string {}",
@@ -50,10 +50,10 @@ MEMBERS = {
     "uint64": "uint64_t {} = 0U",
     "bool": "uint8_t {} = 0U",
 }
-"""Type -> how the class of roscpp declares a field of it."""
+"""By type: how the class of roscpp declares a field of it."""
 
 
-def definition() -> str:
+def message_definition() -> str:
     """The text of `ModuleStatus.msg`."""
     rows = [(f"{kind} {name}", about) for kind, name, about in FIELDS]
     lines = [f"{row:<18}# {about}" if about else row for row, about in rows]
@@ -61,49 +61,49 @@ def definition() -> str:
     return "\n".join([head, *lines, ""])
 
 
-def md5_sum() -> str:
+def message_md5() -> str:
     """The MD5 sum of the message as genmsg computes it: of the fields alone."""
     text = "\n".join(f"{kind} {name}" for kind, name, _ in FIELDS)
     return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
 
 
 def message_files(package: str) -> list[PackageFile]:
-    """The message of a package, and its C++."""
+    """The message `ModuleStatus` of a package, and its C++."""
     return [
-        PackageFile(f"msg/{MESSAGE}.msg", definition()),
-        PackageFile(f"src/{package}_module_status.hpp", _header(package)),
+        PackageFile(f"msg/{MESSAGE}.msg", message_definition()),
+        PackageFile(f"src/{package}_module_status.hpp", _message_class(package)),
     ]
 
 
-def _header(package: str) -> str:
-    lines = definition().splitlines()
+def _message_class(package: str) -> str:
+    lines = message_definition().splitlines()
     assert not any(mark in line for line in lines for mark in '"\\'), "they go into literals of C"
     return filled(
         "targets/ros/module_status.hpp.j2",
         package=package,
         fields=FIELDS,
         members=MEMBERS,
-        md5_sum=md5_sum(),
+        md5_sum=message_md5(),
         data_type=text_literal(f"{package}/{MESSAGE}"),
         definition=lines,
     )
 
 
-def include_of(message: MessageType, version: int) -> str:
-    """The header of a message in C++."""
+def include_path(message: MessageType, version: int) -> str:
+    """The header of a message in C++, as `#include` names it."""
     if version == 1:
         return f"{message.package}/{message.name}.h"
     return f"{message.package}/msg/{snake_case(message.name)}.hpp"
 
 
 def snake_case(name: str) -> str:
-    """A name as rosidl writes it in the header of a message: LaserScan is laser_scan."""
+    """A name as rosidl writes it in the header of a message: laser_scan for LaserScan."""
     name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
     return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
 
 
 class NodeSources:
-    """The nodes of a system; `mapped`: its topics, one entry for each source of a topic."""
+    """Writes the nodes of a system; `mapped`: its topics, an entry for each source of a topic."""
 
     def __init__(
         self, bridged: BridgedSystem, name: str, mapped: Sequence[TopicMap], version: int = 1
@@ -113,19 +113,21 @@ class NodeSources:
         self.name = name
         self.mapped = mapped
 
-    def topics(self) -> str:
-        """`NAME_topics.hpp`."""
+    def topics_text(self) -> str:
+        """Writes `NAME_topics.hpp`."""
         messages = [m.message for m in self.mapped if m.message]
-        return self._filled(
+        return self._filled_template(
             "topics.hpp",
-            headers=sorted({include_of(message, self.version) for message in messages}),
-            shared=[self._shared(sources) for sources in sources_by_topic(self.mapped).values()],
+            headers=sorted({include_path(message, self.version) for message in messages}),
+            shared=[
+                self._shared_values(sources) for sources in sources_by_topic(self.mapped).values()
+            ],
         )
 
-    def bridge(self) -> str:
-        """`NAME_bridge.cpp`."""
+    def bridge_text(self) -> str:
+        """Writes `NAME_bridge.cpp`."""
         world = self.bridged.world
-        return self._filled(
+        return self._filled_template(
             "bridge.cpp",
             status_number=f"{world.status_number:#018x}",
             actuators_number=f"{world.actuators_number:#018x}",
@@ -136,38 +138,38 @@ class NodeSources:
             ],
         )
 
-    def simulation(self) -> str:
-        """`NAME_simulation.cpp`."""
-        return self._filled("simulation.cpp")
+    def simulation_text(self) -> str:
+        """Writes `NAME_simulation.cpp`."""
+        return self._filled_template("simulation.cpp")
 
-    def _filled(self, template: str, **more: object) -> str:
+    def _filled_template(self, template: str, **more: object) -> str:
         return filled(
             f"targets/ros/{template}.j2",
             name=self.name,
             bridged=self.bridged,
             version=self.version,
-            topics=[self._topic(m) for m in self.mapped],
+            topics=[self._topic_values(m) for m in self.mapped],
             **more,
         )
 
     # ------------------------------------------------------------ a topic
 
-    def _capitals(self, index: int) -> str:
+    def _struct_name(self, index: int) -> str:
         names = self.bridged.world.names[index].split("_")
         return "".join(part.capitalize() for part in names)
 
-    def _shared(self, sources: list[tuple[TopicMap, SourcePromise]]) -> dict[str, object]:
+    def _shared_values(self, sources: list[tuple[TopicMap, SourcePromise]]) -> dict[str, object]:
         """The template's values for the traits that all sources of one topic share."""
         topic = sources[0][0].topic
         return {
             "topic": topic.name,
-            "capitals": self._capitals(topic.index),
+            "capitals": self._struct_name(topic.index),
             "value": self.bridged.value_type(topic.index),
             "after_ns": [promise.after_ns for _, promise in sources],
             "tests": topic_tests(topic, "value"),
         }
 
-    def _topic(self, mapped: TopicMap) -> dict[str, object]:
+    def _topic_values(self, mapped: TopicMap) -> dict[str, object]:
         """The template's values for the traits of a topic, or of one source of it."""
         index, version, message = mapped.topic.index, self.version, mapped.message
         if message is None or not message.exists_in(version):
@@ -177,7 +179,7 @@ class NodeSources:
             )
         inward = self.bridged.is_inward(index)
         rank = None if mapped.promise is None else mapped.promise.rank
-        capitals = self._capitals(index)
+        capitals = self._struct_name(index)
         number = "" if rank is None else str(rank + 1)
         return {
             "topic": mapped.topic.name,
@@ -192,11 +194,11 @@ class NodeSources:
             "file": self.bridged.world.names[index],
             "hash": self.bridged.channel_hash(index),
             "channel": mapped.channel,
-            "qos": _qos(mapped, inward=inward) if version == 2 else "",
-            **(self._in(mapped) if inward else self._out(mapped, message)),
+            "qos": _qos_code(mapped, inward=inward) if version == 2 else "",
+            **(self._inward_values(mapped) if inward else self._outward_values(mapped, message)),
         }
 
-    def _in(self, mapped: TopicMap) -> dict[str, object]:
+    def _inward_values(self, mapped: TopicMap) -> dict[str, object]:
         converter = MessageConverter(mapped, self.version, CPP, "m")
         scanned = any(isinstance(x, NearestSource) for x in mapped.leaves.values())
         frame = mapped.frame_id
@@ -205,12 +207,12 @@ class NodeSources:
             "frame": "true" if frame is None else f"m.header.frame_id == {text_literal(frame)}",
             "stamped": "true" if mapped.stamp else "false",
             "delay_ns": mapped.delay_ns,
-            "stamp": _stamp(mapped.stamp, converter, scanned=scanned),
-            "lines": converter.inward("(*to)"),
+            "stamp": _stamp_code(mapped.stamp, converter, scanned=scanned),
+            "lines": converter.inward_statements("(*to)"),
         }
 
-    def _out(self, mapped: TopicMap, message: MessageType) -> dict[str, object]:
-        lines = MessageConverter(mapped, self.version, CPP, "(*m)").outward("(*from)")
+    def _outward_values(self, mapped: TopicMap, message: MessageType) -> dict[str, object]:
+        lines = MessageConverter(mapped, self.version, CPP, "(*m)").outward_statements("(*from)")
         if message.has_header:
             lines.append("(*m).header.stamp = soter::stamp_of(stamp_ns);")
         return {
@@ -220,8 +222,8 @@ class NodeSources:
         }
 
 
-def _qos(mapped: TopicMap, *, inward: bool) -> str:
-    """The C++ expression of the QoS in ROS 2; SoterError D015 where it may not be so."""
+def _qos_code(mapped: TopicMap, *, inward: bool) -> str:
+    """The C++ expression of the QoS in ROS 2; SoterError D015 where it is not allowed."""
     qos = mapped.qos
     for problem in qos_problems(mapped, inward=inward):
         raise unmappable(problem)
@@ -232,8 +234,8 @@ def _qos(mapped: TopicMap, *, inward: bool) -> str:
     return f"rclcpp::QoS(rclcpp::{history}).{reliability}(){kept}"
 
 
-def _stamp(stamp: StampSource | None, converter: MessageConverter, *, scanned: bool) -> str:
-    """The C++ expression of when, in ns, a message says that it was measured.
+def _stamp_code(stamp: StampSource | None, converter: MessageConverter, *, scanned: bool) -> str:
+    """The C++ expression of the time, in ns, at which a message says that it was measured.
 
     A scan is stamped with its first ray, and what is nearest in it is as old as the last one.
     """
@@ -242,5 +244,5 @@ def _stamp(stamp: StampSource | None, converter: MessageConverter, *, scanned: b
     if scanned and stamp.path == HEADER_STAMP:
         return "soter::last_ray_ns(m, soter::ns_of(m.header.stamp))"
     if stamp.kind == "time":
-        return f"soter::ns_of({converter.path(stamp.path)})"
+        return f"soter::ns_of({converter.field_code(stamp.path)})"
     return converter.stamp_number(stamp)

@@ -1,13 +1,12 @@
-"""The world of a program in real time: channels, `channels.json`, leases, actuators.
+"""Writes how a program meets its world in real time: channels, leases, actuators.
 
 Purpose: `WorldTables` has the tables by which the driver of `runtime/posix/` speaks with other
-programs: a channel for each external topic, and for each module with a fail-safe law one for its
-commands with their leases; and the files of the actuators' program, `NAME_actuator`. Other programs
-learn from `NAME_channels.h`, or from `channels.json` (`soter.remote`), of each topic its file, the
-number of its layout, who writes it, how a value lies in memory and in which set it is.
+programs: a channel for each external topic, and one for the commands with leases of each module
+with a fail-safe law; and the files of the actuators' program, `NAME_actuator`. Other programs learn
+from `NAME_channels.h`, or from `channels.json` (`soter.remote`), of each topic its file, the number
+of its layout, who writes it, how a value lies in memory and in which set it is.
 Non-goals: the driver and the actuators (`runtime/posix/`), laws (`leases_and_lateness.py`), the
-text of the tables (templates in `posix/`), channels of leases and of what the trusted part says of
-itself.
+text of the tables (templates in `posix/`), channels of leases and of reports of the trusted part.
 """
 
 from __future__ import annotations
@@ -22,14 +21,15 @@ from soter.codegen.c_names import field_name
 from soter.core.layout import size_of
 from soter.language.model.types import IntType, Type, leaves
 from soter.native.shared_library import RUNTIME
-from soter.targets.firmware_interface import described, topic_names
+from soter.targets import CHANNELS, CHANNELS_SCHEMA
+from soter.targets.firmware_interface import described_type, short_topic_names
 from soter.targets.leases_and_lateness import (
     AgeLimit,
-    ages_of,
+    age_limits,
     lease_names,
+    lease_note,
     lease_times,
-    leased,
-    note_of,
+    modules_with_law,
 )
 from soter.targets.package import PackageFile, filled_file
 
@@ -38,22 +38,27 @@ if TYPE_CHECKING:
     from soter.language.model.system import Bound, Module, System, Topic
 
 
-CHANNELS = "channels.json"
-SCHEMA = 1
 FROM_OUTSIDE, HERE = "outside", "here"
+OUTSIDE = ("soter_outside.h", "soter_outside.c")
+ACTUATOR = ("soter_actuator.h", "soter_actuator.c", "soter_actuator_arm.c")
+APP = ("soter_actuator_app.h", "soter_actuator_app.c")
+STATUS_TEXT = ("soter_status_text.h", "soter_status_text.c")
+"""Files by which the trusted part and the actuators report on themselves, and bridges, too."""
+HEAD_BYTES = 24
+"""Bytes of a command's head: its stamp, the end of its lease, and the latest begin with it."""
 
 
 def _status_words(part: str) -> int:
-    """How many words the report of the trusted part has for each of its parts, by its header."""
+    """How many words the trusted part's report has for each module or lease, by its C header."""
     header = (RUNTIME / "posix" / "soter_status.h").read_text(encoding="utf-8")
     return int(re.findall(rf"#define SOTER_STATUS_{part} (\d+)\n", header)[0])
 
 
 def channel_document(system: System) -> dict[str, object]:
     """The document of all topics with a channel; `set`: a pair for each leaf, or None."""
-    names = topic_names(system)
+    names = short_topic_names(system)
     return {
-        "schema": SCHEMA,
+        "schema": CHANNELS_SCHEMA,
         "system": system.name,
         "topics": [
             {
@@ -62,18 +67,19 @@ def channel_document(system: System) -> dict[str, object]:
                 "number": f"{layout_number(t):#018x}",
                 "published": FROM_OUTSIDE if t.driver == "input" else HERE,
                 "max_age_ns": t.max_age_ns,
-                "type": described(t.type),
+                "type": described_type(t.type),
                 "set": [
-                    _ends(leaf, b) for (_, leaf), b in zip(leaves(t.type), t.bounds, strict=True)
+                    _value_ends(leaf, b)
+                    for (_, leaf), b in zip(leaves(t.type), t.bounds, strict=True)
                 ],
             }
-            for t in _topics(system)
+            for t in _topics_with_channel(system)
         ],
     }
 
 
 def channel_document_files(system: System) -> list[PackageFile]:
-    """`channels.json`; none where no topic has a channel."""
+    """Makes `channels.json`; none where no topic has a channel."""
     document = channel_document(system)
     if not document["topics"]:
         return []
@@ -82,31 +88,31 @@ def channel_document_files(system: System) -> list[PackageFile]:
 
 def layout_number(topic: Topic) -> int:
     """The number of the layout of a topic's value, which the head of its channel holds."""
-    return number_of_layout(described(topic.type))
+    return number_of_layout(described_type(topic.type))
 
 
 def number_of_layout(layout: object) -> int:
-    """64 bits of the SHA-256 of what `described` says."""
+    """The first 64 bits of the SHA-256 of a layout as `described_type` gives it."""
     text = json.dumps(layout, sort_keys=True, separators=(",", ":"))
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 
-def lasting(system: System, module: Module) -> list[str]:
-    """Parts that a module's leases wait for and whose steps take time: it has no leases then."""
+def slow_parts(system: System, module: Module) -> list[str]:
+    """The parts of a module's leases whose steps take time; with any, it has no leases."""
     of = {x.name: x for x in system.components}
     parts = [of[b.name] for b in lease_times(system, module).budgets]
     return [x.name for x in parts if x.held is not None]
 
 
-def _topics(system: System) -> list[Topic]:
-    """The topics of the world, then outputs that are given with a lease."""
-    by_lease = [i for m in leased(system) if not lasting(system, m) for i in m.outputs]
+def _topics_with_channel(system: System) -> list[Topic]:
+    """The topics that meet the world, then outputs that are given with a lease."""
+    by_lease = [i for m in modules_with_law(system) if not slow_parts(system, m) for i in m.outputs]
     outside = [e.topic for e in system.externals if e.topic not in by_lease]
     return [system.topics[i] for i in dict.fromkeys((*outside, *by_lease))]
 
 
-def _ends(t: Type, bound: Bound | None) -> list[float] | None:
-    """The least and the greatest value of a number, its type's range included."""
+def _value_ends(t: Type, bound: Bound | None) -> list[float] | None:
+    """The least and the greatest value of a number, within its type; None without bounds."""
     if not isinstance(t, IntType):
         return None if bound is None else [bound.low, bound.high]
     if bound is None:
@@ -114,18 +120,9 @@ def _ends(t: Type, bound: Bound | None) -> list[float] | None:
     return [max(t.low, bound.low), min(t.high, bound.high)]
 
 
-OUTSIDE = ("soter_outside.h", "soter_outside.c")
-ACTUATOR = ("soter_actuator.h", "soter_actuator.c", "soter_actuator_arm.c")
-APP = ("soter_actuator_app.h", "soter_actuator_app.c")
-STATUS_TEXT = ("soter_status_text.h", "soter_status_text.c")
-"""Files by which the trusted part and the actuators report on themselves; bridges use them, too."""
-HEAD_BYTES = 24
-"""The head of a command: its stamp, the end of its lease, and until when one may begin with it."""
-
-
 @dataclass(frozen=True)
 class CommandedTopic:
-    """An output of a module: its field in the command, and its member among the topics in C."""
+    """An output of a module, its field in the command, and its member among the topics in C."""
 
     topic: Topic
     field: str
@@ -148,19 +145,21 @@ class LeasedModule:
 
     @property
     def channel(self) -> str:
-        """The name of the channel of its commands: no topic is called so."""
+        """The name of the channel of the module's commands, which no topic has."""
         return f"{self.short}.lease"
 
     @property
     def number(self) -> int:
-        """The number of the layout of its messages."""
-        types = [described(o.topic.type) for o in self.outputs]
+        """The number of the layout of the channel's messages."""
+        types = [described_type(o.topic.type) for o in self.outputs]
         return number_of_layout({"lease": self.channel, "head": HEAD_BYTES, "of": types})
 
     @property
     def message_words(self) -> int:
-        """How many words of 8 bytes a message has: every output begins at one."""
-        return _words(HEAD_BYTES) + sum(_words(size_of(o.topic.type)) for o in self.outputs)
+        """How many words of 8 bytes a message has; every output begins at a word."""
+        return _word_count(HEAD_BYTES) + sum(
+            _word_count(size_of(o.topic.type)) for o in self.outputs
+        )
 
 
 class WorldTables:
@@ -169,11 +168,11 @@ class WorldTables:
     def __init__(self, system: System, unit: Unit) -> None:
         self.system = system
         self.unit = unit
-        self.names = topic_names(system)
+        self.names = short_topic_names(system)
         self.lease_names = lease_names(system, unit.prefix)
         self.granted: list[LeasedModule] = []
         self.notes: list[str] = []
-        for module in leased(system):
+        for module in modules_with_law(system):
             self._note_grant(module)
         by_lease = {i for g in self.granted for i in g.module.outputs}
         self.topics = [system.topics[e.topic] for e in system.externals if e.topic not in by_lease]
@@ -181,7 +180,7 @@ class WorldTables:
     def _note_grant(self, module: Module) -> None:
         times = lease_times(self.system, module)
         index = {x.name: x.index for x in self.system.components}
-        if slow := lasting(self.system, module):
+        if slow := slow_parts(self.system, module):
             self.notes.append(
                 f"{module.name}: no leases in real time: a step of {', '.join(slow)} takes time"
             )
@@ -192,22 +191,22 @@ class WorldTables:
             name,
             name.removeprefix(f"{self.unit.prefix}_"),
             tuple(index[b.name] for b in times.budgets),
-            ages_of(self.system, module),
-            tuple(self._output(self.system.topics[i]) for i in module.outputs),
+            age_limits(self.system, module),
+            tuple(self._commanded_topic(self.system.topics[i]) for i in module.outputs),
         )
         self.granted.append(granted)
-        self.notes.append(note_of(module, times))
+        self.notes.append(lease_note(module, times))
 
-    def _output(self, t: Topic) -> CommandedTopic:
+    def _commanded_topic(self, t: Topic) -> CommandedTopic:
         name = field_name(t.symbol.name.rpartition(".")[2])
         return CommandedTopic(t, name, self.unit.topics[t.index][1])
 
     # ------------------------------------------------------------ the driver's side
 
     @property
-    def words(self) -> int:
+    def value_words(self) -> int:
         """How many words of 8 bytes the longest exchanged value has."""
-        topics = (_words(size_of(t.type)) for t in self.topics)
+        topics = (_word_count(size_of(t.type)) for t in self.topics)
         return max([1, self.message_words, *topics])
 
     @property
@@ -216,13 +215,13 @@ class WorldTables:
         return max((g.message_words for g in self.granted), default=0)
 
     @property
-    def budgets(self) -> int:
+    def most_watched(self) -> int:
         """How many components a grant watches, at most: DM, SC and nodes of one module."""
         return max([1, *(len(g.components) for g in self.granted)])
 
     @property
     def moves_plants(self) -> bool:
-        """Whether a command has to come back into the state."""
+        """Whether the system has plants, for which commands have to come back into the state."""
         return any(x.plant is not None for x in self.system.components)
 
     @staticmethod
@@ -249,9 +248,9 @@ class WorldTables:
         return number_of_layout({"actuators": [g.module.name for g in self.granted]})
 
     def is_awaited(self, t: Topic) -> bool:
-        """Whether anybody but ACs reads it: only then is a start without it one without a proof.
+        """Whether a start has to wait for the topic: it comes in, and more than ACs read it.
 
-        An acknowledgement is no part of that: without one SC keeps control.
+        An acknowledgement alone is not awaited: without one SC keeps control.
         """
         readers = {
             x.role for x in self.system.components if x.node is not None and t.index in x.reads
@@ -264,13 +263,13 @@ class WorldTables:
     # ------------------------------------------------------------ the actuators
 
     def actuator_files(self) -> list[PackageFile]:
-        """The program of the actuators; none where no module has a law."""
+        """Makes the files of the actuators' program; none where no module has a law."""
         if not self.granted:
             return []
-        files = (self._file(n, n) for n in APP)
-        return [*files, replace(self._file("actuate.c", "actuate.c"), yours=True)]
+        files = (self._filled_file(n, n) for n in APP)
+        return [*files, replace(self._filled_file("actuate.c", "actuate.c"), yours=True)]
 
-    def _file(self, path: str, template: str) -> PackageFile:
+    def _filled_file(self, path: str, template: str) -> PackageFile:
         of = {"world": self, "system": self.system, "prefix": self.unit.prefix}
         return filled_file(path, f"posix/{template}", **of)
 
@@ -285,17 +284,17 @@ class WorldTables:
     # ------------------------------------------------------------ the other side
 
     @property
-    def channels(self) -> list[Topic]:
+    def topics_with_channel(self) -> list[Topic]:
         """The topics on which other programs speak or listen."""
         topics = {t.index: t for t in self.topics}
         topics |= {o.topic.index: o.topic for g in self.granted for o in g.outputs}
         return [*topics.values()]
 
     def channel_files(self) -> list[PackageFile]:
-        """The header for other programs; none where no topic has a channel."""
+        """Makes the header for other programs; none where no topic has a channel."""
         name = f"{self.unit.prefix}_channels.h"
-        return [self._file(name, "channels.h")] if self.channels else []
+        return [self._filled_file(name, "channels.h")] if self.topics_with_channel else []
 
 
-def _words(size: int) -> int:
+def _word_count(size: int) -> int:
     return (size + 7) // 8

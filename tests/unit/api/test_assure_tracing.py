@@ -21,7 +21,7 @@ from soter.certificate.reading.folder import Certificate
 from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.safety_case import CaseNode, SafetyCase
-from soter.report.safety_case_page import body
+from soter.report.safety_case_page import case_body
 from tables import all_rows
 from unit.certificate.tubes.test_forged_rest import held
 
@@ -41,12 +41,14 @@ def test_what_does_not_fit_is_told_before_anything_takes_time(
     report = {"program_sha256": "0" * 64, "tests": [{"name": "Quiet", "verdict": "exhausted"}]}
     (tmp_path / "tests.json").write_text(json.dumps(report))
     other = CertifiedProof("proof", why=OTHER_PROGRAM)
-    monkeypatch.setattr("soter.api.assurance.certificate_check._looked_at", lambda *_: other)
+    monkeypatch.setattr(
+        "soter.api.assurance.certificate_check._compared_certificate", lambda *_: other
+    )
 
     def argued(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("soter.api.assurance.safety_case.argue", argued)
+    monkeypatch.setattr("soter.api.assurance.safety_case.add_argument", argued)
     told: list[str] = []
     how = {"cert": "proof", "test_report": tmp_path / "tests.json", "tell": told.append}
     with pytest.raises(KeyboardInterrupt):
@@ -80,7 +82,7 @@ def traced(folder: Path, flat: System, rows: str | None, case: SafetyCase) -> Tr
     path = folder / "hazards.csv"
     if rows is not None:
         path.write_text(HEAD + rows, encoding="utf-8")
-    Tracing.read(None if rows is None else path, flat).enter(case)
+    Tracing.read_tracing(None if rows is None else path, flat).enter_traces(case)
     return case.traceability
 
 
@@ -89,7 +91,7 @@ def refused(folder: Path, flat: System, text: str | bytes) -> list[str]:
     path = folder / "hazards.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(SoterError) as error:
-        Tracing.read(path, flat).enter(case_of())
+        Tracing.read_tracing(path, flat).enter_traces(case_of())
     diagnostics = error.value.diagnostics
     assert {d.code for d in diagnostics} == {"D021"}
     return [f"{d.primary.span.line if d.primary else 0}: {d.message}" for d in diagnostics]
@@ -231,14 +233,14 @@ def test_what_is_no_text_is_refused_and_a_spreadsheets_mark_is_not(
     ]
     path = tmp_path / "hazards.csv"
     path.write_bytes(b"\xef\xbb\xbf" + HEAD.replace("\n", "\r\n").encode() + b"hazard,H1,x,,,,\r\n")
-    assert [r.id for r in Tracing.read(path, flat).file.rows] == ["H1"]  # type: ignore[union-attr]
+    assert [r.id for r in Tracing.read_tracing(path, flat).file.rows] == ["H1"]  # type: ignore[union-attr]
 
 
 def test_a_near_name_is_proposed(tmp_path: Path, flat: System) -> None:
     path = tmp_path / "hazards.csv"
     path.write_text(HEAD + "hazard,H1,x,SafeCart.saf,,,\n")
     with pytest.raises(SoterError) as error:
-        Tracing.read(path, flat)
+        Tracing.read_tracing(path, flat)
     assert error.value.diagnostics[0].helps == ("did you mean `SafeCart.safe`?",)
 
 
@@ -335,7 +337,7 @@ def test_a_hazard_with_the_id_of_a_goal_has_an_anchor_of_its_own(
 ) -> None:
     case = case_of()
     traced(tmp_path, flat, "hazard,G1.1,strikes,SafeCart.safe,,,\n", case)
-    page = body(case)
+    page = case_body(case)
     anchors = re.findall(r'id="([^"]*)"', page)
     assert len(anchors) == len(set(anchors))
     assert '<a href="#row-G1.1">' in page

@@ -12,7 +12,7 @@ import pytest
 from long_tests import examples
 from soter.api import load
 from soter.api.assurance import predicate_inlining
-from soter.api.assurance.predicate_inlining import expanded
+from soter.api.assurance.predicate_inlining import expanded_predicates
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
@@ -144,7 +144,7 @@ def agree(folder: Path, program: Path, system: System, module: Module) -> int:
     predicates: dict[str, TypedExpr | None] = {
         name: getattr(module.symbol, name) for name in ("safe", "ttf", "safer")
     }
-    for told in expanded(system, module):
+    for told in expanded_predicates(system, module):
         predicate = predicates[told.name]
         if predicate is None:
             assert (told.written, told.expanded, told.where) == ("", "", ())
@@ -197,7 +197,7 @@ def test_the_expansion_of_an_example_has_the_value_of_its_predicate(
 def test_no_call_of_an_own_function_is_left_but_those_with_their_text(corners: Path) -> None:
     system = load(corners).declared("S")
     own = set(system.program.funs)
-    for told in expanded(system, system.modules[0]):
+    for told in expanded_predicates(system, system.modules[0]):
         calls = set(
             re.findall(r"(\w+)\(", " ".join([told.expanded, *(d.text for d in told.where)]))
         )
@@ -211,7 +211,7 @@ def test_no_call_of_an_own_function_is_left_but_those_with_their_text(corners: P
 
 def test_constants_and_topics_come_with_values_and_units() -> None:
     system = load(ROOT / "examples" / "wall" / "cart.soter").declared()
-    safe, ttf, _ = expanded(system, system.modules[0])
+    safe, ttf, _ = expanded_predicates(system, system.modules[0])
     assert (safe.expanded, ttf.expanded) == (
         "abs(motion.x) < WALL",
         "Room < 0.0 || abs(motion.v) > FAST",
@@ -222,7 +222,7 @@ def test_constants_and_topics_come_with_values_and_units() -> None:
 
 def test_a_parameter_has_the_value_of_its_system(corners: Path) -> None:
     system = load(corners).declared("S", {"GAIN": 1.5})
-    safe, *_ = expanded(system, system.modules[0])
+    safe, *_ = expanded_predicates(system, system.modules[0])
     assert {d.name: d.text for d in safe.constants}["GAIN"] == "1.5"
 
 
@@ -263,7 +263,7 @@ def test_functions_of_two_imports_are_told_apart_with_the_values_that_each_reads
     (tmp_path / "right.soter").write_text(right)
     (tmp_path / "both.soter").write_text(BOTH)
     system = load(tmp_path / "both.soter").declared("S")
-    safe, *_ = expanded(system, system.modules[0])
+    safe, *_ = expanded_predicates(system, system.modules[0])
     assert safe.expanded == "Sum(x) < LIMIT_2 && Sum_2(x) < LIMIT_2"
     assert {d.name: d.text for d in safe.constants} == {
         "LIMIT": "3.0",

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from generators.autopilot_logs import dataflash, flight, table, tlog, ulog, written
 from soter.api import load
-from soter.monitor.log_survey import Channel, LogSurvey, surveyed
+from soter.monitor.log_survey import Channel, LogSurvey, survey_of_logs
 from soter.monitor.survey_drafts import mapping_of_log, program_head
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def test_a_program_made_of_a_log_is_sound_and_judges_it(
 def test_ranges_gaps_and_ages_are_those_of_the_log(tmp_path: Path) -> None:
     rows = [row for k, row in enumerate(flight(100)) if k not in range(50, 62)]
     log = written(tmp_path / "a.csv", table(rows))
-    found = surveyed([log])
+    found = survey_of_logs([log])
     text = program_head(found, "a.csv", "robot")
     assert "gaps 10ms (half) to 130ms, at most 130ms old since it was logged" in text
     assert "  x: float,  // 0 to 0.99\n" in text
@@ -75,7 +75,7 @@ def test_ranges_gaps_and_ages_are_those_of_the_log(tmp_path: Path) -> None:
 
 def kinds(log: Path) -> dict[str, str]:
     """The type of each field that a log has, as a draft of it says."""
-    lines = program_head(surveyed([log]), log.name, "robot").splitlines()
+    lines = program_head(survey_of_logs([log]), log.name, "robot").splitlines()
     return dict(line.strip().partition(",  //")[0].split(": ") for line in lines if ",  //" in line)
 
 
@@ -110,7 +110,7 @@ def test_whole_numbers_of_a_file_that_says_its_types_stay(tmp_path: Path) -> Non
 
 def test_a_draft_asks_whether_what_is_called_so_is_an_angle(tmp_path: Path) -> None:
     log = written(tmp_path / "a.csv", b"t,yaw,x_heading,theta_1,draw\n0,1,2,3,4\n1,1,2,3,4\n")
-    lines = program_head(surveyed([log]), "a.csv", "robot").splitlines()
+    lines = program_head(survey_of_logs([log]), "a.csv", "robot").splitlines()
     asked = [line.split(":")[0].strip() for line in lines if "an angle?" in line]
     assert asked == ["yaw", "x_heading", "theta_1"]
 
@@ -130,7 +130,7 @@ def test_the_time_of_a_csv_is_a_column_that_is_called_so_in_a_unit_that_fits(
     tmp_path: Path, column: str, first: int, unit: str
 ) -> None:
     rows = "".join(f"0.5,{first + k}\n" for k in range(3))
-    found = surveyed([written(tmp_path / "a.csv", f"x,{column}\n{rows}".encode())])
+    found = survey_of_logs([written(tmp_path / "a.csv", f"x,{column}\n{rows}".encode())])
     assert found.time == (column, unit)
 
 
@@ -182,7 +182,9 @@ def test_a_damaged_log_is_surveyed_where_that_is_asked_for_and_said(
 
 def test_names_of_a_log_that_mean_something_in_soter_become_others(tmp_path: Path) -> None:
     data = b"t,in,in.,1st,a b\n" + b"".join(b"%d,1.5,2.5,3.5,4.5\n" % k for k in range(3))
-    text = program_head(surveyed([written(tmp_path / "topic.csv", data)]), "topic.csv", "robot")
+    text = program_head(
+        survey_of_logs([written(tmp_path / "topic.csv", data)]), "topic.csv", "robot"
+    )
     program = written(tmp_path / "robot.soter", text.encode())
     assert load(program).check().warnings == ()
     for name in ("in_2: float", "in_3: float", "n1st: float", "a_b: float", "topic topic_2"):
@@ -192,12 +194,12 @@ def test_names_of_a_log_that_mean_something_in_soter_become_others(tmp_path: Pat
 @given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1))
 def test_whatever_a_channel_and_a_field_are_called_the_mapping_names_them(name: str) -> None:
     channel = Channel()
-    channel.note(0, {name: 1.0})
+    channel.note_message(0, {name: 1.0})
     text = mapping_of_log(LogSurvey({name: channel}), "log")
     assert all(line.isprintable() for line in text.split("\n")), "no terminal acts upon it"
     (topic,) = TOML.loads(text)["topics"].values()
     assert topic["channel"] == name
-    assert [*topic["fields"].values()] == channel.kept
+    assert [*topic["fields"].values()] == channel.kept_fields
 
 
 def judged_by_hand(soter: Soter, here: Path, time: str) -> str:
@@ -253,7 +255,7 @@ def test_a_log_whose_time_goes_back_is_drafted_and_said_to_be_refused(
     soter: Soter, here: Path
 ) -> None:
     log = written(here / "a.csv", b"t,x\n0,1\n1,1\n2,1\n0.5,1\n1.5,1\n2.5,1\n")
-    text = program_head(surveyed([log]), "a.csv", "robot")
+    text = program_head(survey_of_logs([log]), "a.csv", "robot")
     assert "Time goes back, first to 0.5 s (such messages: 1): `soter monitor` refuses" in text
     assert "gaps 1s (half) to 1s" in text
     assert "time goes back in line 5" in judged_by_hand(soter, here, "t")

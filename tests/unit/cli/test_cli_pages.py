@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import load
-from soter.cli.main import COMMANDS, command_of, parser_of
+from soter.cli.main import COMMANDS, command_module, command_parser
 from soter.diagnostics.command_records import options_of
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ PAGES = ("run", "test", "replay", "verify", "recheck", "campaign", "monitor", "a
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_command_that_makes_a_page_takes_report(name: str) -> None:
-    options = parser_of(name)._option_string_actions
+    options = command_parser(name)._option_string_actions
     assert "--report" in options
     assert ("--html" in options) is (name in ("test", "replay")), "as they called it first"
     if name not in ("test", "advise"):  # several pages; a page in any case
@@ -42,7 +42,7 @@ def test_every_option_stands_on_a_page_beside_its_command() -> None:
     missing = []
     for command in COMMANDS.keys() - {"help"}:
         own = "\n".join(s for s in sections if re.search(rf"soter {command}\b|`{command}`", s))
-        for known in options_of(command_of(command).Options).values():
+        for known in options_of(command_module(command).Options).values():
             flags = [f for f in known.flags.split() if f.startswith("-")]
             if flags and not any(re.search(rf"(?<![\w-]){f}(?![\w-])", own) for f in flags):
                 missing.append(f"{command} {flags[0]}")

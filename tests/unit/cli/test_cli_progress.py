@@ -13,7 +13,7 @@ import pytest
 
 from soter.api import load
 from soter.cli.main import main
-from soter.cli.terminal.console import CLEAR, Console, LineOfProgress, ProgressBar, colorful
+from soter.cli.terminal.console import CLEAR, Console, LineOfProgress, ProgressBar, shows_colors
 from soter.cli.test import progress_text
 from soter.diagnostics.current_phase import listening_to_phases, passing_phase, phase
 from soter.explore.search_options import SearchProgress
@@ -205,7 +205,7 @@ def test_a_proof_whose_stages_are_no_shares_of_its_time_reckons_nothing_from_the
     def told(bar: ProgressBar, share: float) -> None:
         clock[0] += 1.0
         tell(bar, share)
-        lines.append(bar._line())
+        lines.append(bar._line_text())
 
     assert here.exists()
     monkeypatch.setattr(ProgressBar, "_show_share", told)
@@ -301,15 +301,15 @@ def test_colour_follows_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    assert colorful(Terminal())
-    assert not colorful(io.StringIO())
-    assert not colorful(None)
+    assert shows_colors(Terminal())
+    assert not shows_colors(io.StringIO())
+    assert not shows_colors(None)
     monkeypatch.setenv("TERM", "dumb")
-    assert not colorful(Terminal())
+    assert not shows_colors(Terminal())
     monkeypatch.setenv("FORCE_COLOR", "1")
-    assert colorful(io.StringIO())
+    assert shows_colors(io.StringIO())
     monkeypatch.setenv("NO_COLOR", "1")
-    assert not colorful(Terminal())
+    assert not shows_colors(Terminal())
 
 
 def test_a_text_says_how_far_a_search_is(clock: list[float]) -> None:

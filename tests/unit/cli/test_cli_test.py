@@ -17,7 +17,7 @@ import pytest
 
 import processes
 from json_documents import SCHEMAS, _check
-from soter.cli.terminal.command_line import seconds
+from soter.cli.terminal.command_line import duration_s
 from soter.explore.search_options import STRATEGIES
 
 if TYPE_CHECKING:
@@ -395,7 +395,7 @@ def test_mistakes_of_the_command_line(
 
 def test_a_time_has_a_unit_or_is_in_seconds(soter: Soter, corridor: str) -> None:
     given = ("1h", "1.5min", "60", "0.25", "250ms")
-    assert [seconds(text) for text in given] == [3600.0, 90.0, 60.0, 0.25, 0.25]
+    assert [duration_s(text) for text in given] == [3600.0, 90.0, 60.0, 0.25, 0.25]
     assert soter("test", corridor, "--test", "Near", "--time", "1h").exit == 0
     done = soter("test", corridor, "--time", "long")
     assert "write seconds, or a number with its unit" in done.err

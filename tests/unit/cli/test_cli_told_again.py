@@ -319,14 +319,14 @@ def test_what_others_could_have_written_or_nobody_can_read_is_no_outcome(
 ) -> None:
     assert stored
     (entry,) = (here / "cache").glob(f"{store.NAME}-*")
-    listed = store._list_of("main.soter")
+    listed = store._list_path("main.soter")
     listed.chmod(0o666)
     assert told() is None
     listed.chmod(0o600)
     assert told() is not None
     listed.write_text("[")
     assert told() is None
-    store._list("main.soter", [str(p) for p in stored])
+    store._write_list("main.soter", [str(p) for p in stored])
     assert told() is not None
     (entry / store.FILE).write_text("{}")
     assert told() is None, "its seal is broken"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter as api
-from soter.cli.main import COMMANDS, command_of
+from soter.cli.main import COMMANDS, command_module
 from soter.cli.new import Options as NewOptions
 from soter.diagnostics.command_records import Option, made, option, options_of
 from soter.diagnostics.diagnostic import SoterError
@@ -53,7 +53,7 @@ ALWAYS = {
     "cache": "action size",
 }
 """Options that act whatever else is said, or that the command itself refuses (`build --board`)."""
-RECORDS = {name: command_of(name).Options for name in COMMANDS if name != "help"}
+RECORDS = {name: command_module(name).Options for name in COMMANDS if name != "help"}
 """The record of options of each command."""
 
 

@@ -14,9 +14,9 @@ from pytest_lsp import LanguageClient
 import processes
 from soter.cli.main import main
 from soter.editor import symbols
-from soter.editor.completion import completed
+from soter.editor.completion import completion_items
 from soter.editor.documents import Documents
-from soter.editor.hover import described
+from soter.editor.hover import hover_text
 from soter.editor.protocol_conversions import uri_of
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -97,20 +97,20 @@ def test_a_program_may_end_anywhere(name: str) -> None:
     documents = Documents(lambda *_: None)
     uri = uri_of(path)
     documents.open(uri, 1, text)
-    document = documents.get(uri)
+    document = documents.document_of(uri)
     assert document is not None
-    documents.settle(document)
+    documents.check_if_waiting(document)
     for end in range(0, len(text), STEP):
         for part in (text[:end], text[:end] + text[end + STEP // 2 :]):
             documents.update(uri, 1, part)
-            documents.settle(document)
+            documents.check_if_waiting(document)
             loaded, index = documents.parsed_names(document)
             main = loaded.main
-            completed(part, end, main, index, document.good_index)
+            completion_items(part, end, main, index, document.good_index)
             symbols.outline(main, documents.lines(main.source))
             for use in index.uses_in(main.source):
                 if abs(use.span.start - end) < STEP:
-                    assert described(use.definition, document.good)
+                    assert hover_text(use.definition, document.good)
 
 
 def test_what_cannot_be_sent_is_not_told_by_sending() -> None:

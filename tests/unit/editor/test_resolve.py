@@ -10,7 +10,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.editor.hover import head
-from soter.editor.language_words import meaning
+from soter.editor.language_words import word_meaning
 from soter.editor.name_resolution import index_of
 from soter.language.front_end import check_file
 from soter.language.load.loader import load
@@ -70,7 +70,7 @@ def test_every_read_leads_to_what_the_checker_reads(path: Path) -> None:
     for use, declared in read_by(checked.program):
         if use.source.name.startswith("<prelude>"):
             continue
-        reference = index.at(use.source, use.end if "." in use.text else use.start)
+        reference = index.use_at(use.source, use.end if "." in use.text else use.start)
         assert reference is not None, (use.source.name, use.line, use.text)
         assert reference.definition.span.source is declared.source, (use.line, use.text)
         assert declared.start <= reference.definition.span.start < declared.end, (
@@ -87,7 +87,7 @@ def test_no_name_of_a_program_is_without_a_meaning(path: Path) -> None:
     loaded = load(str(path), Diagnostics())
     assert loaded is not None
     left = {word for word, _ in words_of(index_of(loaded), path)}
-    assert {w for w in left if meaning(w) is None} - HOUSE_WORDS == set()
+    assert {w for w in left if word_meaning(w) is None} - HOUSE_WORDS == set()
 
 
 ALL_IN_ONE = "let way = { x: cos(angle), up: { y: 1.0 } };"
@@ -102,10 +102,10 @@ def test_a_field_that_no_type_declares_is_declared_where_it_is_written(tmp_path:
     index = index_of(loaded)
     (source,) = [f.source for f in index.files if f.path == path]
     for used, declared in (("way.x", "x:"), ("way.up", "up:"), ("up.y", "y:")):
-        use = index.at(source, text.index(used) + len(used))
+        use = index.use_at(source, text.index(used) + len(used))
         assert use is not None
         assert use.definition.span.start == text.index(declared)
-    way = index.at(source, text.index("way"))
+    way = index.use_at(source, text.index("way"))
     assert way is not None
     assert head(way.definition) == "(let) way: { x: float, up: { y: float } }"
 
@@ -125,12 +125,12 @@ def test_names_in_rest_lead_to_what_they_mean(tmp_path: Path) -> None:
     rest = text.index("rest")
     found = {"motion": "motion: M", "WAY": "WAY:", "LONG": "LONG:", ".x": "x: f", ".v": "v: f"}
     for used, declared in found.items():
-        use = index.at(source, text.index(used, rest) + len(used))
+        use = index.use_at(source, text.index(used, rest) + len(used))
         assert use is not None
         assert use.definition.span.start == text.index(declared)
-    module = index.at(source, text.index("R {"))
+    module = index.use_at(source, text.index("R {"))
     assert module is not None
-    assert meaning("moves") is not None
+    assert word_meaning("moves") is not None
 
 
 def test_a_field_of_an_element_is_found_where_the_array_is_written_without_a_type(
@@ -148,10 +148,10 @@ def test_a_field_of_an_element_is_found_where_the_array_is_written_without_a_typ
     assert loaded is not None
     index = index_of(loaded)
     (source,) = [f.source for f in index.files if f.path == path]
-    use = index.at(source, text.index("one.x") + len("one.x"))
+    use = index.use_at(source, text.index("one.x") + len("one.x"))
     assert use is not None
     assert use.definition.span.start == text.index("x: float")
-    both = index.at(source, text.index("both"))
+    both = index.use_at(source, text.index("both"))
     assert both is not None
     assert head(both.definition) == "(let) both: Place[2]"
 
@@ -178,7 +178,7 @@ def test_names_in_and_behind_the_indices_of_a_path_lead_to_what_they_mean(tmp_pa
     }
     for where, names in found.items():
         for used, declared in names.items():
-            use = index.at(source, text.index(used, text.index(where)) + len(used.rstrip("[")))
+            use = index.use_at(source, text.index(used, text.index(where)) + len(used.rstrip("[")))
             assert use is not None, (where, used)
             assert use.definition.span.start == text.index(declared), (where, used)
 

@@ -13,7 +13,7 @@ from soter.diagnostics.fixes import applied
 from soter.editor import requests as lenses
 from soter.editor.documents import Documents
 from soter.editor.protocol_conversions import Lines, path_of, uri_of
-from soter.editor.requests import actions
+from soter.editor.requests import code_actions
 from soter.language.front_end import check_file
 from soter.verify import proof_cache
 from tables import all_rows
@@ -77,11 +77,11 @@ def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
     documents = Documents(lambda *_: None)
     uri = uri_of(path)
     documents.open(uri, 1, path.read_bytes().decode("utf-8", "replace"))
-    document = documents.get(uri)
+    document = documents.document_of(uri)
     assert document is not None
-    documents.settle(document)
+    documents.check_if_waiting(document)
     everything = lsp.Range(START, lsp.Position(100_000, 0))
-    offered = [a.edit for a in actions(document, documents, everything)]
+    offered = [a.edit for a in code_actions(document, documents, everything)]
     checked = document.checked
     assert checked is not None
     assert checked.loaded is not None
@@ -126,7 +126,7 @@ def titles(path: Path) -> list[str]:
     assert checked.loaded is not None
     main = checked.loaded.main
     lines = Lines(main.source.text)
-    code_lenses = lenses.lenses(main, lines, checked, proof_cache.stored_verdicts_of_file)
+    code_lenses = lenses.code_lenses(main, lines, checked, proof_cache.stored_verdicts_of_file)
     return [lens.command.title for lens in code_lenses if lens.command is not None]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api.program import Program
-from soter.cli.main import parser_of
+from soter.cli.main import command_parser
 from soter.diagnostics.command_records import made, options_of
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.search_options import (
@@ -59,8 +59,8 @@ def test_the_schema_of_results_names_them_all() -> None:
 CHOSEN = {"test", "system", "until", "seed"}
 """What the page gives another value than the default."""
 RECORDS = [
-    (SearchOptions, SearchKeywords, Program.explore, parser_of("test")),
-    (RunOptions, RunKeywords, Program.simulate, parser_of("run")),
+    (SearchOptions, SearchKeywords, Program.explore, command_parser("test")),
+    (RunOptions, RunKeywords, Program.simulate, command_parser("run")),
 ]
 
 

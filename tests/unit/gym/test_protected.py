@@ -90,10 +90,10 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
     trace = run.require_trace()
     instant = 0
     while instant < len(trace) - 1:
-        asked = session.asked()
+        asked = session.component_that_is_due()
         if asked is session.plant:
             instant += 1
-            session.move([float(v) for v in outside.states[instant]])
+            session.move_to_values([float(v) for v in outside.states[instant]])
             continue
         assert session.record["header"]["ct"] == trace["header"]["ct"][instant]
         assert session.record["topics"]["motion"] == trace["topics"]["motion"][instant]
@@ -102,8 +102,8 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
         motion = trace["topics"]["motion"][instant]
         goal = trace["topics"]["goal"][instant]
         wish = 4.0 * (float(goal) - float(motion["x"])) - 1.0 * float(motion["v"])
-        session.act([min(max(wish, -3.0), 3.0)])
-        session.asked()
+        session.act_with_values([min(max(wish, -3.0), 3.0)])
+        session.component_that_is_due()
         assert session.record["topics"]["accel"] == trace["topics"]["accel"][instant]
     assert session.record["modules"]["to_sc"][0] > 0, "a run in which something happens"
 
@@ -213,7 +213,7 @@ def test_mappings_may_be_given() -> None:
     for _ in range(5):
         *_, info = env.step(np.array([1.0]))
     assert info["action_taken"] == 0.5
-    assert env.session.states()[1] == 0.0
+    assert env.session.plant_states()[1] == 0.0
 
 
 def test_switched_and_mode_tell_when_the_module_took_over() -> None:
@@ -413,7 +413,7 @@ def counts(program: str, log: Callable[[], object] | None = None) -> list[int]:
         for _ in range(3):
             seen = [env.step(2)[-1] for env in worlds]
         assert "violations" in seen[0]
-        found += [e.session.topic(e.session.system.topic("noted").index) for e in worlds]
+        found += [e.session.topic_value(e.session.system.topic("noted").index) for e in worlds]
     return found
 
 
@@ -700,7 +700,7 @@ def test_many_environments_are_compiled_once_until_linked_c_changes(
     assert len(made) == 2
     env.reset(seed=1)
     env.step(1)
-    assert env.session.topic(env.session.system.topic("noted").index) == 101
+    assert env.session.topic_value(env.session.system.topic("noted").index) == 101
 
 
 # ---------------------------------------------------------------- whole numbers

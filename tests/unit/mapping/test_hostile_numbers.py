@@ -15,7 +15,7 @@ from mcap.writer import Writer as McapWriter
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.log_survey import surveyed
+from soter.monitor.log_survey import survey_of_logs
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def test_a_number_of_a_message_that_no_type_holds_is_no_sample_or_has_a_code(
         topics = {"row": {"channel": "/row", "fields": FIELDS, **STAMPS[k % 3]}}
         given = {"system": "S", "topics": topics, **TIMES[k // 3 % 3]}
         assert code_of(program.judge_log, log, given) in ("", "D016"), (number[:12], given)
-        assert code_of(surveyed, [log]) in ("", "D016"), number[:12]
+        assert code_of(survey_of_logs, [log]) in ("", "D016"), number[:12]
 
 
 @all_rows("column", ["t", "x", "n", "on", "us"])
@@ -112,7 +112,7 @@ def test_a_number_of_a_table_that_no_type_holds_is_no_sample_or_has_a_code(
         topics = {"row": {"fields": FIELDS, **STAMPS[::2][k % 2]}}
         given = {"system": "S", "time": {"from": "t"}, "topics": topics}
         assert code_of(program.judge_log, log, given) in ("", "D016"), (number[:12], given)
-        assert code_of(surveyed, [log]) in ("", "D016"), number[:12]
+        assert code_of(survey_of_logs, [log]) in ("", "D016"), number[:12]
 
 
 KEYS: list[tuple[str, ...]] = [

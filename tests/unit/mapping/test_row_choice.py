@@ -112,8 +112,8 @@ def test_where_nothing_is_chosen_what_stood_there_is_told(
 
 def test_no_more_than_a_few_values_are_told() -> None:
     choice = RowChoice({"id": "0"})
-    assert not any(choice.takes(lambda _, k=k: k) for k in range(1, 10_000))  # type: ignore[misc]
-    (told,) = choice.helps
+    assert not any(choice.chooses(lambda _, k=k: k) for k in range(1, 10_000))  # type: ignore[misc]
+    (told,) = choice.seen_values
     assert told.count("a number") == 5
     assert "others" in told
     assert len(told) < 250
@@ -121,5 +121,5 @@ def test_no_more_than_a_few_values_are_told() -> None:
 
 def test_an_empty_cell_is_no_value() -> None:
     choice = RowChoice({"id": "None"})
-    assert not choice.takes(lambda _: None)
-    assert "`id` is not `None` but empty" in choice.helps[0]
+    assert not choice.chooses(lambda _: None)
+    assert "`id` is not `None` but empty" in choice.seen_values[0]

@@ -21,7 +21,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import make_log_map, read_mapping
 from soter.mapping.topic_mapping import SourcePromise, SourceTurns
 from soter.mapping.topic_mapping_parser import early_turns
-from soter.targets.bridge_base import bridged_topics, by_topic, promise_lines
+from soter.targets.bridge_base import bridged_topics, maps_by_topic, promise_lines
 from soter.targets.ros_packages import TOPIC
 from tables import all_rows
 
@@ -364,8 +364,8 @@ def test_a_plant_that_moves_in_steps_has_one_sensor(tmp_path: Path) -> None:
 @pytest.mark.parametrize("middleware", ["DDS", "MAVLink"])
 def test_other_bridges_say_that_they_read_one(vehicle: Any, middleware: str) -> None:
     with pytest.raises(SoterError, match=f"has several `sources`: .* that of {middleware}"):
-        by_topic(built(vehicle, two()), middleware)
-    assert len(by_topic(built(vehicle, ODOMETRY_ALONE), middleware)) == 3
+        maps_by_topic(built(vehicle, two()), middleware)
+    assert len(maps_by_topic(built(vehicle, ODOMETRY_ALONE), middleware)) == 3
 
 
 def test_errors_may_be_said_of_a_part_of_a_topic(tmp_path: Path) -> None:

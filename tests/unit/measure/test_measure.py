@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.api.measuring import DOCUMENT, measure, measure_on_board, written
+from soter.api.measuring import DOCUMENT, measure, measure_on_board, write_measurement
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.stopwatch import of_run, varied
@@ -128,7 +128,7 @@ def test_states_made_of_a_run_differ_in_what_is_read_alone(tmp_path: Path) -> No
 def test_a_file_of_times_is_what_check_takes(tmp_path: Path) -> None:
     timed_program = program(tmp_path)
     assert timed_program.check().timings == ()
-    path = written(measure(timed_program, samples=40), tmp_path / "new" / "times.json")
+    path = write_measurement(measure(timed_program, samples=40), tmp_path / "new" / "times.json")
     (report,) = timed_program.check(times=path).timings
     given = {s["name"]: s["wcet_ns"] for s in json.loads(path.read_text())["steps"]}
     assert {r.name: r.wcet_ns for r in report.rows} == given
@@ -137,7 +137,7 @@ def test_a_file_of_times_is_what_check_takes(tmp_path: Path) -> None:
 
 def test_times_of_a_program_that_was_changed_since_are_refused(tmp_path: Path) -> None:
     """A comment is enough: nobody knows what else a change did."""
-    path = written(measure(program(tmp_path), samples=8), tmp_path / "times.json")
+    path = write_measurement(measure(program(tmp_path), samples=8), tmp_path / "times.json")
     for file in tmp_path.glob("*.soter"):
         file.write_text(file.read_text() + "// changed\n")
         with pytest.raises(SoterError, match="U011") as caught:
@@ -183,7 +183,7 @@ def test_counts_of_a_board_are_times_only_by_a_stated_factor(tmp_path: Path) -> 
         assert timed.wcet_ns == 3 * timed.longest_ns
         assert timed.samples > 0
         assert timed.percentiles == ()
-    path = written(many, tmp_path / "times.json")
+    path = write_measurement(many, tmp_path / "times.json")
     (timing,) = [t for t in soter.load(CART).check(times=path).timings if t.system == "Protected"]
     assert timing.assumed == many.assumed
     assert "an instruction takes 20000 ns at most on mps2_an500: stated" in timing.assumed

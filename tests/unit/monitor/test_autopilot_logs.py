@@ -147,7 +147,7 @@ def test_a_file_that_is_cut_anywhere_is_whole_up_to_there_or_refused(
     refused = 0
     for end in range(len(data)):
         log, facts = written(tmp_path / name, data[:end]), FileFacts()
-        found = facts.readable(
+        found = facts.readable_rows(
             log, channel_messages(log, {MADE[name][1]: Wanted()}, facts), partial=True
         )
         try:

@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.report.mcap_log import DATA_END, FOOTER, MAGIC, RECORD, mended
+from soter.report.mcap_log import DATA_END, FOOTER, MAGIC, RECORD, mend_log
 from soter.report.mcap_reading import (
     ATTACHMENT,
     CHANNEL,
@@ -261,7 +261,7 @@ def test_a_log_that_a_dead_process_left_has_its_checksums_too(own: Path, tmp_pat
     end = place_of(records, DATA_END)
     whole = b"".join(RECORD.pack(k, len(body)) + body for k, body in records[:end])
     path.write_bytes(MAGIC + whole + RECORD.pack(CHUNK, 1000) + b"cut")
-    assert mended(path)
+    assert mend_log(path)
     assert verdict(path) == verdict(own) != "D006"
     left = path.read_bytes()
     name = left.index(b"soter.end")

@@ -19,7 +19,11 @@ pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.log_files import bag_files
-from soter.monitor.log_files.message_decoding import UndecodableError, decoder, find_definitions
+from soter.monitor.log_files.message_decoding import (
+    UndecodableError,
+    find_definitions,
+    message_decoder,
+)
 from soter.report import bounded_unpack
 
 # ---------------------------------------------------------------- definitions that mean harm
@@ -46,7 +50,7 @@ def doubling(levels: int, last: str) -> str:
 )
 def test_a_definition_larger_than_its_messages_is_refused(text: str) -> None:
     with pytest.raises(UndecodableError):
-        decoder("p/Root", find_definitions(text, "p/Root", "msg"), "ros1")
+        message_decoder("p/Root", find_definitions(text, "p/Root", "msg"), "ros1")
 
 
 def test_a_definition_longer_than_any_is_not_even_parsed() -> None:
@@ -115,12 +119,12 @@ def test_idl_that_would_take_for_ever_is_not_parsed(text: str) -> None:
 @pytest.mark.parametrize("name", ["a/msg/B\nimport os", "a/../b", "", "/a/b", "a/b'c", "Odometry"])
 def test_a_name_that_is_none_never_becomes_code(name: str) -> None:
     with pytest.raises(UndecodableError):
-        decoder(name, find_definitions("float64 x\n", name, "msg"), "cdr")
+        message_decoder(name, find_definitions("float64 x\n", name, "msg"), "cdr")
 
 
 def test_the_constants_of_a_definition_never_become_code() -> None:
     lines = ["string A=x); import os; os.abort(); (", "float64 x", "float64 B=1e999", "int32 C=7"]
-    decode = decoder("p/Root", find_definitions("\n".join(lines), "p/Root", "msg"), "ros1")
+    decode = message_decoder("p/Root", find_definitions("\n".join(lines), "p/Root", "msg"), "ros1")
     assert decode(bytes(8)).x == 0.0
     assert not hasattr(decode(bytes(8)), "C")
 
@@ -188,17 +192,17 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     zeros = bytes(2 << 20)
     unpacking = bounded_unpack.BoundedUnpacking(10)
     for unpack, packed in [
-        (unpacking.bz2, bz2.compress(zeros)),
-        (unpacking.lz4, lz4.frame.compress(zeros)),
-        (unpacking.zstd, zstandard.compress(zeros)),
-        (unpacking.zstd, zstandard.compress(bytes(1 << 19)) * 3),
+        (unpacking.unpack_bz2, bz2.compress(zeros)),
+        (unpacking.unpack_lz4, lz4.frame.compress(zeros)),
+        (unpacking.unpack_zstd, zstandard.compress(zeros)),
+        (unpacking.unpack_zstd, zstandard.compress(bytes(1 << 19)) * 3),
     ]:
         with pytest.raises(bounded_unpack.TooLargeError):
             unpack(packed)
     for _ in range(3):
-        unpacking.plain(bytes(1 << 20))
+        unpacking.count_plain(bytes(1 << 20))
     with pytest.raises(bounded_unpack.TooLargeError):
-        unpacking.plain(b"x")
+        unpacking.count_plain(b"x")
     bomb = tmp_path / "bomb"
     bomb.mkdir()
     shutil.copy(

@@ -15,10 +15,10 @@ from soter.monitor.identification import (
     FLOOR,
     Identification,
     OpenParameter,
-    identified,
+    identified_parameters,
     open_parameters,
 )
-from soter.monitor.model_membership import judge
+from soter.monitor.model_membership import judge_run
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
@@ -47,11 +47,11 @@ class Fitted:
     def fit(self, episodes: int, steps: int = STEPS, **how: Any) -> Identification:
         found = [self.plant.episode(steps, **how) for _ in range(episodes)]
         parameters = open_parameters(self.pose, self.declared, named=True)
-        return identified(self.pose, parameters, found, estimates=False, truths=True)
+        return identified_parameters(self.pose, parameters, found, estimates=False, truths=True)
 
     def explains(self, values: Mapping[str, float], episode: Episode) -> bool:
         ((flat, module, problem),) = self.pose(values)
-        return not judge(flat, module, problem, episode.record).alarms
+        return not judge_run(flat, module, problem, episode.record).alarms
 
 
 def test_the_fit_finds_what_the_vehicle_is(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_bound_that_no_log_needs_stays_as_declared(tmp_path: Path) -> None:
     parameters = [p for p in open_parameters(fitted.pose, fitted.declared, named=True) if p.bound]
     exact = {"DRAG": plant.drag, "GAIN": plant.gain}
     episodes = [plant.episode(STEPS) for _ in range(6)]
-    found = identified(
+    found = identified_parameters(
         lambda values: fitted.pose({**exact, **values}),
         parameters,
         episodes,

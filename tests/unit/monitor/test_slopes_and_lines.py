@@ -17,12 +17,12 @@ from soter.api import load
 from soter.mapping.read_mapping import make_log_map
 from soter.mapping.units import UNITS
 from soter.monitor.derived_signals import (
-    ahead,
     ahead_errors,
+    begin_of_turn,
     quantiles,
     slope_errors,
-    slopes,
-    turn_begins,
+    value_ahead,
+    window_slopes,
 )
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.typed_samples import read_samples
@@ -42,7 +42,7 @@ def times(seed: int, n: int = 60) -> np.ndarray:
 def test_a_slope_is_that_of_the_parabola_of_least_squares(seed: int) -> None:
     t = times(seed)
     x = np.sin(t) + 0.01 * np.random.default_rng(seed).normal(size=len(t))
-    slope_values = slopes(t, x, 0.5)
+    slope_values = window_slopes(t, x, 0.5)
     tried = 0
     for i in range(len(t)):
         near = (t <= t[i]) & (t >= t[i] - 0.5 * (1 + 1e-9))
@@ -62,10 +62,10 @@ def test_a_parabola_has_its_own_slope_whatever_the_window(n: int, window: float)
     x = 2.0 + 3.0 * u - (0.7 * u * u if n > 2 else 0.0)
     exact = 3.0 - (1.4 * u if n > 2 else 0.0 * u)
     exact[1] = (x[1] - x[0]) / u[1]
-    slope_values = slopes(t, x, window)
+    slope_values = window_slopes(t, x, window)
     assert np.isnan(slope_values[0])
     assert np.allclose(slope_values[1:], exact[1:], atol=1e-6)
-    assert slope_errors(t, x, window, slopes(t, x, window)).max(initial=0.0) < 1e-6
+    assert slope_errors(t, x, window, window_slopes(t, x, window)).max(initial=0.0) < 1e-6
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -148,7 +148,7 @@ def test_a_line_stays_in_the_turn_of_its_column(tmp_path: Path) -> None:
         wrapped = low + (turning(0.9) - low) % WHOLE
         found = samples(tmp_path, wrapped.tolist())
         between: list[Any] = [
-            found.at(t) for t in range(found.from_ns, found.times_ns[-1], 17_000_000)
+            found.value_at(t) for t in range(found.from_ns, found.times_ns[-1], 17_000_000)
         ]
         assert len(between) > 200, begin
         for value in between:
@@ -158,7 +158,7 @@ def test_a_line_stays_in_the_turn_of_its_column(tmp_path: Path) -> None:
 
 def test_an_angle_that_counts_on_goes_on_along_its_line(tmp_path: Path) -> None:
     found = samples(tmp_path, turning(0.9).tolist())
-    beyond: Any = found.at(found.times_ns[-1] + 50_000_000)
+    beyond: Any = found.value_at(found.times_ns[-1] + 50_000_000)
     assert beyond[0] == pytest.approx(2.8 + 0.9 * (STEP_S * (ROWS - 1) + 0.05))
 
 
@@ -189,15 +189,15 @@ def test_a_line_is_the_one_without_an_end_but_for_whole_turns(
     begin: float, step: float, share: float, low: float
 ) -> None:
     a, b = (low * WHOLE + (x - low * WHOLE) % WHOLE for x in (begin, begin + step))
-    x = ahead(a, b, share, WHOLE, low * WHOLE)
+    x = value_ahead(a, b, share, WHOLE, low * WHOLE)
     apart = x - (begin + step + share * step)
     assert math.remainder(apart, WHOLE) == pytest.approx(0.0, abs=1e-9)
     assert low * WHOLE - 1e-9 <= x <= (low + 1) * WHOLE + 1e-9
 
 
 def test_where_a_turn_begins_is_seen_in_its_column() -> None:
-    assert turn_begins([-3.1, 3.1], WHOLE) == -math.pi
-    assert turn_begins([0.1, 6.2], WHOLE) == 0.0
-    assert turn_begins([1.6, 7.8], WHOLE) == pytest.approx(4.7 - math.pi)
-    assert math.isnan(turn_begins([0.0, 7.0], WHOLE))
-    assert math.isnan(turn_begins([0.0, 7.0], math.inf))
+    assert begin_of_turn([-3.1, 3.1], WHOLE) == -math.pi
+    assert begin_of_turn([0.1, 6.2], WHOLE) == 0.0
+    assert begin_of_turn([1.6, 7.8], WHOLE) == pytest.approx(4.7 - math.pi)
+    assert math.isnan(begin_of_turn([0.0, 7.0], WHOLE))
+    assert math.isnan(begin_of_turn([0.0, 7.0], math.inf))

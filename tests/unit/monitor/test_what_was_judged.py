@@ -30,7 +30,7 @@ from generators.robot_logs import (
 from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
-from soter.cli.terminal.log_judgement import NOT_READ, NOTHING, verdict_of
+from soter.cli.terminal.log_judgement import NOT_READ, NOTHING, verdict_line
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def test_of_a_choice_of_rows_the_log_ends_with_the_last_that_counts(
     assert judgement.to_s == 0.79, "what another channel has may be of another flight"
     assert 0.5 < judgement.modules[0].judged_share < 0.6
     told = "to the last row that counts, 8.210 s before the file ends"
-    assert told in verdict_of(judgement.modules[0])
+    assert told in verdict_line(judgement.modules[0])
     assert any(n.startswith("other channels go on for 8.21 s;") for n in judgement.notes)
 
 

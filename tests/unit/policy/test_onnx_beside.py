@@ -284,7 +284,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
 ) -> None:
     """The program's hash is the same; statistics of a zip and what C includes are of the kind."""
     from soter import load
-    from soter.report.mcap_reading import metadata
+    from soter.report.mcap_reading import log_metadata
 
     pytest.importorskip("mcap", reason="the extra is absent: soter-rta[logs]")
     monkeypatch.chdir(tmp_path)
@@ -303,7 +303,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
         run = load("p.soter").simulate()
         (files,) = run.extern_files.values()
         assert set(files) == {"p.onnx", "weights"}
-        log = metadata(tmp_path / f"{k}.mcap")
+        log = log_metadata(tmp_path / f"{k}.mcap")
         assert all(log[f"extern N sha256 {name}"] == sha for name, sha in files.items())
         said.append((files["p.onnx"], files["weights"], log["program_sha256"]))
     assert said[0] == said[2]

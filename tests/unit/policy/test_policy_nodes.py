@@ -12,7 +12,7 @@ from policy_files import FILES, onnx_of, random_layers  # type: ignore[import-no
 
 import soter
 from soter.cli.terminal.console import Console
-from soter.cli.terminal.run_summary import summary
+from soter.cli.terminal.run_summary import run_summary
 from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import made_ready
@@ -221,7 +221,7 @@ def test_a_run_says_how_answers_of_onnx_are_put_into_their_set(onnx_file: Path) 
     ):
         run = loaded(onnx_file.parent, source, f"topic push: {topic};").simulate()
         with Console(json=False) as console:
-            told.append("policy.onnx:clip` puts" in summary(run, "p.soter", console))
+            told.append("policy.onnx:clip` puts" in run_summary(run, "p.soter", console))
     assert told == [True, False, False]
 
 

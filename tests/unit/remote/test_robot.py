@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LIGHT = """
 import sys
 import soter.remote
-heavy = {"numpy", "cffi", "torch", "soter.language.front_end", "soter.targets"}
+heavy = {"numpy", "cffi", "torch", "soter.language.front_end", "soter.targets.package"}
 print(sorted(heavy & set(sys.modules)))
 """
 

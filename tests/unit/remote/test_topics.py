@@ -15,8 +15,8 @@ from generators.random_names import Namer
 from generators.random_types import TypeMaker
 from generators.seeded_choices import Seeded
 from soter.diagnostics.diagnostic import SoterError
-from soter.remote.topics import Topic, Topics, _type, find_topics, parse_channels
-from soter.targets.firmware_interface import described
+from soter.remote.topics import Topic, Topics, _parsed_type, find_topics, parse_channels
+from soter.targets.firmware_interface import described_type
 from soter.targets.world_interface import number_of_layout
 from tables import all_rows
 
@@ -162,8 +162,8 @@ def test_a_type_is_read_back_from_its_description(seed: int) -> None:
     maker = TypeMaker(choose, Namer(choose, 20))
     maker.declare()
     for t in [maker.any(3) for _ in range(20)]:
-        layout = described(t)
-        again = described(_type(json.loads(json.dumps(layout))))
+        layout = described_type(t)
+        again = described_type(_parsed_type(json.loads(json.dumps(layout))))
         assert again == layout
         assert number_of_layout(again) == number_of_layout(layout)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soter.cli.main import main
-from soter.report.judged_curves import COLUMNS, JudgedTimes, drawing
+from soter.report.judged_curves import COLUMNS, JudgedTimes, drawing_html
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,13 +23,13 @@ def of(values: list[float], alarms: bool = True) -> JudgedTimes:
     times = JudgedTimes(0.0, float(len(values)), changes=[(0.0, "SC"), (2.0, "AC")])
     for at_s, value in enumerate(values):
         wrong = alarms and value > 1.0
-        times.alarms[times.column(at_s)] += wrong
-        times.note(X, at_s, value, BAND, alarm=wrong)
+        times.alarms[times.column_at(at_s)] += wrong
+        times.note_value(X, at_s, value, BAND, alarm=wrong)
     return times
 
 
 def test_one_value_of_a_long_log_that_lay_outside_is_drawn_and_counted() -> None:
-    text = drawing(of([0.5] * 70_100 + [3.0] + [0.5] * 29_900), "alarms")
+    text = drawing_html(of([0.5] * 70_100 + [3.0] + [0.5] * 29_900), "alarms")
     assert "alarms: 1<" in text
     assert "<b>seen.x / m</b>" in text
     assert "outside 1 times, furthest at 70100.000 s, by 2 m" in text
@@ -39,7 +39,7 @@ def test_one_value_of_a_long_log_that_lay_outside_is_drawn_and_counted() -> None
 
 
 def test_thousands_of_alarms_are_columns_that_say_how_many_in_all() -> None:
-    text = drawing(of([2.0] * 5_000), "alarms")
+    text = drawing_html(of([2.0] * 5_000), "alarms")
     assert "alarms: 5,000<" in text
     assert text.count("<rect") == COLUMNS + 2
 
@@ -47,8 +47,8 @@ def test_thousands_of_alarms_are_columns_that_say_how_many_in_all() -> None:
 def test_without_an_alarm_the_value_nearest_to_its_band_is_drawn() -> None:
     times = of([0.2, 0.9, 0.4])
     for k in range(5):
-        times.note((f"far{k}", "", "`a`"), 1.0, 0.0, (-10.0, 10.0), alarm=False)
-    text = drawing(times, "alarms")
+        times.note_value((f"far{k}", "", "`a`"), 1.0, 0.0, (-10.0, 10.0), alarm=False)
+    text = drawing_html(times, "alarms")
     assert "alarms: none<" in text
     assert "nearest at 1.000 s, by 0.1 m" in text
     assert text.index("seen.x") < text.index("far0")
@@ -56,14 +56,14 @@ def test_without_an_alarm_the_value_nearest_to_its_band_is_drawn() -> None:
 
 
 def test_what_a_condition_allows_on_its_other_side_is_not_outside() -> None:
-    assert "outside" not in drawing(of([2.0, 2.0], alarms=False), "alarms")
+    assert "outside" not in drawing_html(of([2.0, 2.0], alarms=False), "alarms")
 
 
 def test_a_curve_has_a_gap_where_nothing_was_heard() -> None:
     times = JudgedTimes(0.0, 100.0)
     for at_s in (*range(20), *range(80, 100)):
-        times.note(X, at_s, 0.5, BAND, alarm=False)
-    (curve,) = re.findall(r'class="line" d="([^"]*)"', drawing(times, "alarms"))
+        times.note_value(X, at_s, 0.5, BAND, alarm=False)
+    (curve,) = re.findall(r'class="line" d="([^"]*)"', drawing_html(times, "alarms"))
     assert curve.count("M") == 2
 
 

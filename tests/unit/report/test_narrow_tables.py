@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from soter.cli.terminal.console import PLAIN, Console, plainly
+from soter.cli.terminal.console import PLAIN, Console, plain_text
 from soter.report.tables import Styled, display_width, table
 
 HEAD = ("property", "verdict", "time", "how")
@@ -73,7 +73,7 @@ def test_a_terminal_that_draws_no_boxes(
         console.say(table(("a",), [("b",)]))
         assert console.ascii_only is plain
     assert ("\u2500" in out.getvalue()) is not plain
-    assert plainly("K \u00b7 R \u2264 2") == "K * R <= 2"
+    assert plain_text("K \u00b7 R \u2264 2") == "K * R <= 2"
 
 
 def test_columns_count_where_a_person_looks(monkeypatch: pytest.MonkeyPatch) -> None:

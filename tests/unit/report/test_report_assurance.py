@@ -20,7 +20,7 @@ from soter.report.safety_case import (
     TracedItem,
     TracedProperty,
 )
-from soter.report.safety_case_page import BOX, LEGEND, body, pictures, write_case
+from soter.report.safety_case_page import BOX, LEGEND, argument_pictures, case_body, write_case
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,7 +59,7 @@ def drawn(svg: str) -> ET.Element:
 @pytest.mark.parametrize("modules", [1, 3])
 def test_every_goal_is_drawn_with_its_state_and_an_arrow_to_what_supports_it(modules: int) -> None:
     case = case_of(modules)
-    drawings = [drawn(svg) for _, svg in pictures(case)]
+    drawings = [drawn(svg) for _, svg in argument_pictures(case)]
     assert len(drawings) == (1 if modules == 1 else 1 + modules)
     states: dict[str | None, str | None] = {}
     for svg in drawings:
@@ -79,7 +79,7 @@ def test_every_goal_is_drawn_with_its_state_and_an_arrow_to_what_supports_it(mod
 @pytest.mark.parametrize("modules", [1, 3])
 def test_a_legend_says_what_is_drawn_and_nothing_else(modules: int) -> None:
     said = []
-    for _, svg in pictures(case_of(modules)):
+    for _, svg in argument_pictures(case_of(modules)):
         legend = {t.text for t in drawn(svg).iter(f"{SVG}text") if t.get("class") == "legend"}
         shapes = set()
         for link in drawn(svg).iter(f"{SVG}a"):
@@ -95,7 +95,7 @@ def test_a_legend_says_what_is_drawn_and_nothing_else(modules: int) -> None:
 
 @pytest.mark.parametrize("modules", [1, 2, 3, 12])
 def test_no_box_covers_another(modules: int) -> None:
-    for _, svg in pictures(case_of(modules)):
+    for _, svg in argument_pictures(case_of(modules)):
         boxes = []
         for group in drawn(svg).iter(f"{SVG}g"):
             path = group.find(f"{SVG}path")
@@ -109,7 +109,7 @@ def test_no_box_covers_another(modules: int) -> None:
 
 
 def test_texts_are_set_and_every_link_leads_somewhere() -> None:
-    page = body(case_of(3))
+    page = case_body(case_of(3))
     assert "<code>Clear(m)</code>" in page
     assert "`" not in re.sub(r"<title>.*?</title>|aria-label=\"[^\"]*\"", "", page)
     assert "&lt;weak&gt;" in page
@@ -147,7 +147,7 @@ def board_case() -> SafetyCase:
 
 
 def test_what_a_board_asks_stands_on_the_page_and_its_links_lead_somewhere() -> None:
-    page = body(board_case())
+    page = case_body(board_case())
     lead = page.partition("</header>")[0]
     assert "the certificate is rejected: <code>SEAL</code> does not fit" in lead
     assert page.count("with 1 assumption open; flights are missing") == 1, "H2 alone is supported"

@@ -16,10 +16,10 @@ from city_scene import TUBE_GROUP, Scene
 from city_solid import city_solid
 
 from soter.report.run.figure_parts import DENSE_STEPS, arm_group, decision_hover
-from soter.report.run.page import body
+from soter.report.run.page import page_body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
 from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
-from soter.report.templates import numbers, packed
+from soter.report.templates import packed_numbers, rounded_numbers
 
 if TYPE_CHECKING:
     from soter.report.run.record import Figure, Flight, ReportPage
@@ -58,7 +58,7 @@ def names_in(value: object) -> set[str]:
 
 @pytest.fixture(scope="module")
 def everything(city_page: ReportPage, cart_page: ReportPage) -> list[Figure]:
-    return [*body(city_page)[1], *body(cart_page)[1]]
+    return [*page_body(city_page)[1], *page_body(cart_page)[1]]
 
 
 def test_every_figure_is_json(everything: list[Figure]) -> None:
@@ -135,7 +135,7 @@ def test_a_decision_tells_when_why_and_on_what() -> None:
 
 
 def test_what_is_not_finite_is_a_gap() -> None:
-    assert numbers(np.asarray([1.23456, np.nan, np.inf, -0.0])) == [1.235, None, None, 0.0]
+    assert rounded_numbers(np.asarray([1.23456, np.nan, np.inf, -0.0])) == [1.235, None, None, 0.0]
 
 
 def test_a_flight_timeline_has_band_clearance_and_speed(protected: Flight) -> None:
@@ -343,8 +343,8 @@ def test_packed_lists_are_the_same_doubles() -> None:
             None if rng.random() < 0.05 else round(rng.uniform(-size, size), digits) + 0.0
             for _ in range(60)
         ]
-        short = packed(given)
+        short = packed_numbers(given)
         assert isinstance(short, dict)
         assert unpacked(short) == given
     for whole in ([1.0] * 50, ["a"] * 60, [True] * 60, [1e-20, 1.0] * 30, [float("inf")] * 60):
-        assert packed(whole) is whole
+        assert packed_numbers(whole) is whole

@@ -17,7 +17,7 @@ from city_view import CityView
 import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.html import BESIDE, POLICY, html_document, write_html
-from soter.report.run.page import headline, value_text
+from soter.report.run.page import page_headline, value_text
 from soter.report.run.record import Decision, ReportPage, Violation
 from soter.report.wording import prose
 
@@ -191,12 +191,12 @@ def test_an_unwritable_path_is_named(cart_page: ReportPage, tmp_path: Path) -> N
 
 
 def test_the_headline_is_the_result(city_page: ReportPage, cart_page: ReportPage) -> None:
-    assert headline(city_page) == [
+    assert page_headline(city_page) == [
         "RTA-protected: no violation, 12.6 s a lap.",
         "AC alone: 2 violations, 10.6 s a lap.",
     ]
-    assert headline(cart_page) == ["Protected: no violation.", "Unprotected: 2 violations."]
-    assert headline(dataclasses.replace(cart_page, headline="Mine.")) == ["Mine."]
+    assert page_headline(cart_page) == ["Protected: no violation.", "Unprotected: 2 violations."]
+    assert page_headline(dataclasses.replace(cart_page, headline="Mine.")) == ["Mine."]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import browser
 import legibility
 import soter
 from soter.report.html import write_document, write_html
-from soter.report.judged_curves import JudgedTimes, drawing
+from soter.report.judged_curves import JudgedTimes, drawing_html
 from soter.report.proof_page import (
     R2,
     R4,
@@ -108,9 +108,11 @@ def judged_page(folder: Path) -> Path:
     long = ("Up(t.height - p.z, -v.z, tau): room - line.T * v", "m/s", f"`{HASH * 2}`")
     for k in range(6_000):
         value = float(np.sin(k / 300)) * 12_345.678
-        times.note(long, k / 10, value, (-10_000.0, 9_000.0), alarm=True)
-        times.alarms[times.column(k / 10)] += value > 9_000.0
-    section = PageSection("What was judged", (), drawn=drawing(times, "reads outside of `safe`"))
+        times.note_value(long, k / 10, value, (-10_000.0, 9_000.0), alarm=True)
+        times.alarms[times.column_at(k / 10)] += value > 9_000.0
+    section = PageSection(
+        "What was judged", (), drawn=drawing_html(times, "reads outside of `safe`")
+    )
     main = sections_main("a log", "1,000 alarms", "bad", [section])
     return write_document("a log", main, folder / "judged.html")
 

@@ -18,10 +18,10 @@ from soter.report.sequence_view import (
     Published,
     SequenceStep,
     SequenceView,
-    clipped,
+    clipped_to_width,
     duration_text,
     explanation,
-    rows,
+    table_rows,
     table_text,
 )
 from soter.report.trace_log import STEPS_TOPIC, write_log
@@ -97,9 +97,9 @@ def test_the_table_has_a_line_a_step_and_the_reason() -> None:
 
 
 def test_the_time_stands_where_it_changes() -> None:
-    times = [row[1].text for row in rows(sample.small())]
+    times = [row[1].text for row in table_rows(sample.small())]
     assert times[:7] == ["0", "", "", "", "", "100 ms", ""]
-    assert all(len(row) == len(HEADERS) for row in rows(sample.small()))
+    assert all(len(row) == len(HEADERS) for row in table_rows(sample.small()))
 
 
 def test_a_terminal_gets_no_control_characters_and_no_endless_lines() -> None:
@@ -130,9 +130,9 @@ def test_times_are_written_exactly(time_ns: int, said: str) -> None:
 
 
 def test_words_are_clipped_and_made_visible() -> None:
-    assert clipped("abcdef", 6) == "abcdef"
-    assert clipped("abcdefg", 6) == "abcde…"
-    assert clipped("漢字漢字", 5) == "漢字…"
+    assert clipped_to_width("abcdef", 6) == "abcdef"
+    assert clipped_to_width("abcdefg", 6) == "abcde…"
+    assert clipped_to_width("漢字漢字", 5) == "漢字…"
     assert visible("a\x1b\n\ud800é") == "a\\x1b\\n\\ud800é"
 
 

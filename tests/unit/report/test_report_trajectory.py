@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from soter.report.run.figure_parts import (
     POINTS_MAX,
-    by_controller,
+    event_place,
     flight_indices,
     mode_edges,
+    mode_stretches,
     nearest_indices,
-    place,
-    runs,
-    thin,
+    rows_of_controller,
+    thinned_indices,
 )
 from soter.report.run.record import Decision, Violation
 
@@ -30,7 +30,7 @@ MODES = st.lists(st.booleans(), min_size=1, max_size=60).map(np.asarray)
 
 
 def test_runs_hold_until_the_next_sample() -> None:
-    assert runs(np.asarray([False, False, True, True, False])) == [
+    assert mode_stretches(np.asarray([False, False, True, True, False])) == [
         (0, 2, False),
         (2, 4, True),
         (4, 4, False),
@@ -39,7 +39,7 @@ def test_runs_hold_until_the_next_sample() -> None:
 
 @given(MODES)
 def test_runs_cover_everything_once(modes: np.ndarray) -> None:
-    mode_runs = runs(modes)
+    mode_runs = mode_stretches(modes)
     assert mode_runs[0][0] == 0
     assert mode_runs[-1][1] == len(modes) - 1
     for (_, last, before), (first, _, after) in pairwise(mode_runs):
@@ -52,7 +52,7 @@ def test_the_parts_of_both_controllers_make_up_the_whole_line(modes: np.ndarray)
     rows = np.arange(len(modes), dtype=np.float64)[:, None]
     pieces = set()
     for ac in (True, False):
-        part = by_controller(rows, modes, ac=ac)[:, 0]
+        part = rows_of_controller(rows, modes, ac=ac)[:, 0]
         for a, b in pairwise(part.tolist()):
             if not np.isnan([a, b]).any():
                 pieces.add((a, b))
@@ -69,7 +69,7 @@ def test_thinning_keeps_ends_and_what_it_was_told_to(
     count: int, keep: list[int], points_max: int
 ) -> None:
     dips = np.sin(np.arange(count) / 7.0)
-    chosen = thin(count, keep, dips, points_max).tolist()
+    chosen = thinned_indices(count, keep, dips, points_max).tolist()
     assert chosen == sorted(set(chosen))
     assert len(chosen) <= points_max
     assert {0, count - 1} <= set(chosen)
@@ -79,11 +79,13 @@ def test_thinning_keeps_ends_and_what_it_was_told_to(
 def test_thinning_keeps_the_lowest_clearance() -> None:
     dips = np.ones(100_000)
     dips[[31_337, 77_777]] = 0.01, 0.02
-    assert {31_337, 77_777} <= set(thin(100_000, [], dips).tolist())
+    assert {31_337, 77_777} <= set(thinned_indices(100_000, [], dips).tolist())
 
 
 def test_events_are_kept_even_beyond_the_limit() -> None:
-    assert set(range(0, 4000, 2)) <= set(thin(10_000, range(0, 4000, 2), None, 100).tolist())
+    assert set(range(0, 4000, 2)) <= set(
+        thinned_indices(10_000, range(0, 4000, 2), None, 100).tolist()
+    )
 
 
 def test_a_long_flight_keeps_every_decision_and_violation(protected: Flight) -> None:
@@ -114,5 +116,5 @@ def test_nearest_is_the_sample_not_after() -> None:
 
 def test_an_event_without_a_place_is_found_on_the_flight(protected: Flight) -> None:
     time_s = float(protected.time_s[100])
-    assert place(protected, time_s, None) == pytest.approx(protected.position[100])
-    assert place(protected, time_s, (1, 2, 3)) == (1, 2, 3)
+    assert event_place(protected, time_s, None) == pytest.approx(protected.position[100])
+    assert event_place(protected, time_s, (1, 2, 3)) == (1, 2, 3)

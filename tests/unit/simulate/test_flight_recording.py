@@ -12,8 +12,8 @@ import pytest
 import soter
 from generators.c_packages import CART
 from soter.core.layout import NEVER, state_layout
-from soter.report.mcap_reading import messages
-from soter.targets.posix_package import FIRST_LINE, head_of
+from soter.report.mcap_reading import log_messages
+from soter.targets.posix_package import FIRST_LINE, flight_head
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,7 +57,7 @@ def flown(cart: Program) -> Records:
 def head(cart: Program, **other: str) -> bytes:
     system = cart.flat(None, {})
     layout = state_layout(system)
-    lines = {**head_of(system, layout), "seed": str(SEED), **other}
+    lines = {**flight_head(system, layout), "seed": str(SEED), **other}
     return "".join([f"{FIRST_LINE}\n", *(f"{k}={v}\n" for k, v in lines.items()), "\n"]).encode()
 
 
@@ -90,7 +90,7 @@ def test_a_recording_tells_the_run_that_it_is_of(
     other = told(cart, tmp_path, recording(cart, flown))
     assert (other.trace_sha256, other.cut, other.seed) == (run.trace_sha256, "", SEED)
     assert [c.time_ns for c in other.changes] == [c.time_ns for c in run.changes] != []
-    own, recorded = (list(messages(tmp_path / f"{name}.mcap")) for name in ("run", "told"))
+    own, recorded = (list(log_messages(tmp_path / f"{name}.mcap")) for name in ("run", "told"))
     looks = [m for _, channel, m in recorded if channel == "soter/decisions"]
     assert looks
     assert {(m.pop("late_ns"), m.pop("done_ns")) for m in looks} == {(7_000, 9_000)}
@@ -106,7 +106,9 @@ def test_a_recording_that_was_cut_is_told_up_to_there(
         assert run.instants == min((length - begin) // size, len(flown))
         assert "its end is missing" in run.cut
         cut: list[str] = []
-        list(messages(tmp_path / "told.mcap", cut.append)) if run.instants else cut.append(run.cut)
+        list(log_messages(tmp_path / "told.mcap", cut.append)) if run.instants else cut.append(
+            run.cut
+        )
         assert cut == [run.cut]
 
 
@@ -182,7 +184,7 @@ def test_what_a_sensor_said_stands_in_the_log_when_it_came(tmp_path: Path) -> No
         trace["stamps"][row:, topic.index] = int(trace["header"]["ct"][row]) - 1_234_567
     run.trace = trace
     log = vehicle.write_log(run, tmp_path / "vehicle.mcap")
-    said = [(t, m["value"]) for t, channel, m in messages(log) if channel == topic.name]
+    said = [(t, m["value"]) for t, channel, m in log_messages(log) if channel == topic.name]
     assert said[0][0] == trace["header"]["ct"][0]
     assert said[1:] == [(int(trace["header"]["ct"][row]), row) for row in came]
 
@@ -201,7 +203,7 @@ def test_a_state_that_is_none_is_refused_where_no_hash_speaks_for_it(tmp_path: P
     run = lists.simulate()
     states = run.require_trace().copy()
     states["topics"]["path"]["len"][5] = 5
-    head_lines = {**head_of(run.system, run.layout), "seed": "1"}
+    head_lines = {**flight_head(run.system, run.layout), "seed": "1"}
     lines = [FIRST_LINE, *(f"{k}={v}" for k, v in head_lines.items()), "", ""]
     beside = [(n, *states["header"]["ct"][[n]], 0, 0, 0, 0, 0, 0) for n in range(len(states))]
     records = [struct.pack("<8q", *b) + s.tobytes() for b, s in zip(beside, states, strict=True)]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from soter.api import Program
-from soter.report.mcap_reading import messages
+from soter.report.mcap_reading import log_messages
 
 FOLLOW = Path(__file__).parents[3] / "examples" / "evidence" / "follow.soter"
 TEXT = FOLLOW.read_text(encoding="utf-8")
@@ -19,7 +19,7 @@ def logged(folder: Path, text: str, engine: str = "native", until: str = "400ms"
     (folder / "flown.soter").write_text(text, encoding="utf-8")
     log = folder / "flown.mcap"
     Program(str(folder / "flown.soter")).simulate(until=until, engine=engine, log=log)
-    return list(messages(log))
+    return list(log_messages(log))
 
 
 def steps_of(log: list[Any]) -> list[Any]:

@@ -9,7 +9,7 @@ import soter
 from soter.language.evaluate.topic_ranges import limits
 from soter.language.front_end import check_file, system_of
 from soter.report.run import signals
-from soter.report.run.page import headline
+from soter.report.run.page import page_headline
 from soter.simulate import run_report
 from soter.simulate.run_report import report_page
 from tables import all_rows
@@ -125,7 +125,7 @@ def test_the_headline_of_a_run_claims_no_more_than_that_run(tmp_path: Path) -> N
     path = tmp_path / "cart.soter"
     path.write_text(CART.read_text().replace("system Protected", "system Proved"))
     page = report_page(soter.load(path).simulate(until="1s"), "cart", {})
-    assert headline(page) == ["System Proved: no violation in this run."]
+    assert page_headline(page) == ["System Proved: no violation in this run."]
     assert page.charts[0].title == "System Proved"
 
 

@@ -11,7 +11,7 @@ import pytest
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.stack_bound import StackBound
-from soter.targets.cortex_m_board import BOARDS, board_names, board_of, read_board
+from soter.targets.cortex_m_board import BOARDS, board_names, parsed_board, read_board
 from soter.targets.cortex_m_package import build_image, linker_script, missing_tools, require_stack
 from tables import all_rows
 
@@ -27,7 +27,7 @@ def changed(old: str, new: str) -> str:
 
 def refused(text: str) -> str:
     with pytest.raises(SoterError) as caught:
-        board_of("mine", text)
+        parsed_board("mine", text)
     (diagnostic,) = caught.value.diagnostics
     assert diagnostic.code == "X017"
     return " ".join((diagnostic.message, *diagnostic.notes))
@@ -88,7 +88,7 @@ def test_numbers_may_stand_in_a_column() -> None:
     spread = TEXT.replace("#define BOARD_CORE ", "#define BOARD_CORE     ")
     spread = spread.replace("#define BOARD_RAM_AT ", "# define\tBOARD_RAM_AT\t")
     assert spread != TEXT
-    assert board_of("mine", spread).ram_at == board_of("mine", TEXT).ram_at
+    assert parsed_board("mine", spread).ram_at == parsed_board("mine", TEXT).ram_at
 
 
 def test_all_that_is_wrong_is_told_at_once() -> None:

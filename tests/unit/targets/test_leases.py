@@ -28,7 +28,7 @@ from long_tests import examples, seed_of
 from soter.language.front_end import check_file, system_of
 from soter.native.compiler import STANDARD, WARNINGS, find
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
-from soter.targets.leases_and_lateness import ages_of, lease_times
+from soter.targets.leases_and_lateness import age_limits, lease_times
 from soter.verify.problem.extract import extract
 from soter.verify.problem.schedule import ActuationPath, Releases, Schedule
 from tables import all_rows
@@ -367,12 +367,12 @@ def test_sc_may_read_what_is_as_old_as_its_proof_says(
     world = EXAMPLES / "wall" / "cart_firmware.soter"
     (tmp_path / world.name).write_text(world.read_text())
     flat = system_of(check_file(str(tmp_path / world.name)), None)
-    (age,) = ages_of(flat, flat.modules[0])
+    (age,) = age_limits(flat, flat.modules[0])
     assert flat.topics[age.topic].name == "cart.motion"
     assert flat.components[age.component].role == "sc"
     assert age.most_ns == most_ms * 1_000_000
     proved = system_of(check_file(str(tmp_path / "cart.soter")), "Protected")
-    assert ages_of(proved, proved.modules[0]) == (), "plants say when"
+    assert age_limits(proved, proved.modules[0]) == (), "plants say when"
 
 
 def test_nodes_before_sc_may_not_read_what_is_too_old_either(tmp_path: Path) -> None:
@@ -380,7 +380,7 @@ def test_nodes_before_sc_may_not_read_what_is_too_old_either(tmp_path: Path) -> 
     flat = system_of(check_file(str(tmp_path / "p.soter")), None)
     age_by_reader = {
         (flat.components[a.component].name, flat.topics[a.topic].name): a.most_ns
-        for a in ages_of(flat, flat.modules[0])
+        for a in age_limits(flat, flat.modules[0])
     }
     ms = 1_000_000
     assert age_by_reader == {("M.S", "clean"): 40 * ms, ("Filter", "raw"): 20 * ms}

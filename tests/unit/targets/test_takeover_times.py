@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import soter
 from soter.language.front_end import check_file, system_of
 from soter.targets import leases_and_lateness
-from soter.targets.leases_and_lateness import longest_turn, takeovers
+from soter.targets.leases_and_lateness import longest_turn, takeover_bounds
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,13 +85,13 @@ def test_what_is_too_long_to_go_through_has_a_bound_all_the_same(
 def test_the_package_says_it_of_every_module_with_a_foreign_ac(tmp_path: Path) -> None:
     path = tmp_path / "watched.soter"
     path.write_text(TEXT)
-    (takeover,) = takeovers(system_of(check_file(str(path)), None))
+    (takeover,) = takeover_bounds(system_of(check_file(str(path)), None))
     # asked at 0, not answered by 10; decided at 40; asked at 40, not answered by 50: decided at 80
     assert (takeover.turn, takeover.work) == (40_000_000, 8_000_000)
     package = soter.load(path).build("posix", tmp_path / "out")
-    assert takeover.text in package.notes
+    assert takeover.bound_text in package.notes
     own = TEXT.replace("extern node Fast", "node Fast").replace(
         "publishes u; }", "publishes u; step { publish u = 1.0; } }", 1
     )
     path.write_text(own)
-    assert takeovers(system_of(check_file(str(path)), None)) == []
+    assert takeover_bounds(system_of(check_file(str(path)), None)) == []

@@ -1,9 +1,9 @@
 """Checks the certificate of a safety case, and records with which tools the case was made.
 
-Purpose: `proof_of` first rejects a certificate of another program, system, module or parameters, or
-with a broken seal, and only rechecks one that may support something. `provenance_of` and
-`compiler_used` give versions, hashes, flags and the command, so that somebody can make the case
-again, and each printed page says which tools and which certificate it is about.
+Purpose: `certified_proof` first rejects a certificate of another program, system, module or
+parameters, or with a broken seal, and only rechecks one that may support something.
+`case_provenance` and `compiler_used` give versions, hashes, flags and the command, so that somebody
+can make the case again, and each printed page says which tools and which certificate it is about.
 Non-goals: checking claims (`soter.recheck`); goals (`safety_case.py`); the time and the machine,
 which would make equal cases differ.
 """
@@ -19,7 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.rechecking import no_certificate, recheck
+from soter.api.rechecking import no_certificate_error, recheck
 from soter.certificate.report import (
     REJECTED,
     NotRecheckedError,
@@ -70,7 +70,7 @@ class CertifiedProof:
     entries: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """Name of a module of the system -> its entries in the manifest, one for each view."""
 
-    def of(
+    def confirmed_for(
         self, flat: System, module: Module, params: dict[str, str]
     ) -> tuple[list[RecheckedModule], str]:
         """What was confirmed of exactly this module, one for each view, or why nothing was."""
@@ -97,20 +97,17 @@ class CertifiedProof:
         return mine, ""
 
 
-def proof_of(
+def certified_proof(
     cert: str | Path | None,
     flat: System,
     params: dict[str, str],
     progress: Progress | None,
     tell: Tell,
 ) -> CertifiedProof:
-    """What a certificate says of a system; SoterError D006, D007 and D009 as `recheck`.
-
-    `tell` is called at once with why a certificate does not fit, before anything takes time.
-    """
+    """What a certificate says of a system; first `tell`s misfits; SoterError D006, D007, D009."""
     if cert is None:
         return CertifiedProof(why="no certificate was given (--cert DIR)")
-    known = _looked_at(Path(cert), flat, params)
+    known = _compared_certificate(Path(cert), flat, params)
     if known.rejected or known.why:
         tell(known.why or f"the certificate is rejected: {known.rejected}")
         return known
@@ -127,7 +124,7 @@ def proof_of(
     return replace(known, report=report)
 
 
-def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
+def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Compares seal, hashes and the manifest's subject with the system, which takes no time."""
     from soter.certificate.reading.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
@@ -141,7 +138,7 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
         sha256 = file_hash(folder / "manifest.json")
         checked, overrides = program_of(certificate)
     except NotACertificateError as error:
-        raise no_certificate(error) from None
+        raise no_certificate_error(error) from None
     except RejectedError as error:
         return CertifiedProof(path, rejected=str(error))
     except (NotRecheckedError, RecursionError) as error:
@@ -152,7 +149,7 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
         return CertifiedProof(path, rejected=f"the manifest is not as it should be: {error}")
     assert checked.program is not None
     if checked.program.sha256 != flat.program.sha256:
-        return CertifiedProof(path, sha256, why=_of_another_program(flat, checked, overrides))
+        return CertifiedProof(path, sha256, why=_why_other_program(flat, checked, overrides))
     entries = _manifest_entries(certificate, flat)
     if not entries:
         return CertifiedProof(path, sha256, why=OTHER_MODULE)
@@ -161,8 +158,8 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
     return CertifiedProof(path, sha256, certificate=certificate, entries=entries)
 
 
-def _of_another_program(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
-    """Why a certificate does not fit, and what `soter diff` would say of each module."""
+def _why_other_program(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
+    """Says why a certificate does not fit, and what `soter diff` would say of each module."""
     from soter.verify.posed_problems import posed_by  # noqa: PLC0415 - needs the prover
 
     try:
@@ -175,7 +172,7 @@ def _of_another_program(flat: System, certified: CheckResult, overrides: dict[st
 
 
 def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
-    """Parameter -> value in the certificate's system; {"": ""}, which fits none, after errors."""
+    """The parameters' values in the certificate; {"": ""}, which fits none, after errors."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
     try:
@@ -185,7 +182,7 @@ def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) 
 
 
 def _manifest_entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
-    """Name of a module that is not forced -> its entries in the manifest."""
+    """By name of a module that is not forced: its entries in the manifest."""
     given = certificate.manifest.get("modules")
     entries_by_module: dict[str, list[dict[str, Any]]] = {}
     switching = {m.name for m in flat.modules if m.forced is None}
@@ -231,8 +228,8 @@ def compiler_used() -> str:
     return f"{told_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
 
 
-def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
-    """Name on the page -> value: tools and files behind the case; the compiler is added later."""
+def case_provenance(proof: CertifiedProof, command: str) -> dict[str, str]:
+    """By name on the page: the tools and files behind the case, but for the compiler."""
     certificate = f"SHA-256 {proof.sha256}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
     why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why

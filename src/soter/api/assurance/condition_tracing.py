@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_of
+from soter.api.arguments import end_ns
 from soter.api.assurance.hazard_traceability import LAW
 from soter.codegen.conditions import conditions_of, functions_of, lacking, reached, watched
 from soter.codegen.unit import UnitBuilder
@@ -54,16 +54,16 @@ def trace_conditions(
     unit = builder.run()
     functions = functions_of(unit.tree)
     direct = {
-        (item.id, name): reached(functions, _roots(builder, flat, name))
+        (item.id, name): reached(functions, _root_functions(builder, flat, name))
         for item in case.traceability.items
         for name in item.traces_to
         if name in item.properties
     }
     computed = any(m.symbol.ttf is None or m.symbol.safer is None for m in declared.modules)
     decided = [(UNCOUNTED, dict[Any, Any]())]
-    shown: list[tuple[str, Shown]] = [*_flown(flat)]
-    shown += [*(decided if computed else _decided(case, flat)), *tested]
-    evidence = list(_summed(shown))
+    shown: list[tuple[str, Shown]] = [*_shown_by_flights(flat)]
+    shown += [*(decided if computed else _shown_by_dm_check(case, flat)), *tested]
+    evidence = list(_summed_up(shown))
     found = []
     for x in conditions_of(unit.tree, unit.source):
         missing = [lacking(seen.get(x.key[:2], set()), x.key[2]) for _, seen in evidence]
@@ -81,7 +81,7 @@ def trace_conditions(
     case.conditions = ConditionTrace(f"{unit.prefix}.c", how, tuple(found), empty)
 
 
-def _roots(builder: UnitBuilder, flat: System, name: str) -> list[str]:
+def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
     """The C functions of what a property is about; of a test of all nodes and modules."""
     for p in flat.properties:
         if p.component is None and " ".join(f"{p.kind} {p.text}".split()) == name:
@@ -95,7 +95,7 @@ def _roots(builder: UnitBuilder, flat: System, name: str) -> list[str]:
     return [*steps, *(f"{builder.module_names[m.index]}_decide" for m in modules)]
 
 
-def _flown(flat: System) -> Iterator[tuple[str, Shown]]:
+def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
     """What flights with seeds 1 to `RUNS` show; where externs are not bound, why there are none."""
     phase("flying to see conditions")
     with watched() as seen:
@@ -105,7 +105,7 @@ def _flown(flat: System) -> Iterator[tuple[str, Shown]]:
             try:
                 program = NativeProgram(flat, core=bindings.core)
                 for seed in range(1, RUNS + 1):
-                    program.run(end_of(flat, None), seed, bound)
+                    program.run(end_ns(flat, None), seed, bound)
                     yield f"run of {flat.name}, seed {seed}", seen()
             finally:
                 close(bound)
@@ -113,7 +113,7 @@ def _flown(flat: System) -> Iterator[tuple[str, Shown]]:
             yield f"no run of {flat.name}: {error}", {}
 
 
-def _decided(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
+def _shown_by_dm_check(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
     """What the check of the decision modules shows; it says where one differs."""
     from soter.verify.deploy.dm_check import check_decisions  # noqa: PLC0415 - compiles
 
@@ -127,7 +127,7 @@ def _decided(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
         yield "check of the decision modules", seen()
 
 
-def _summed(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
+def _summed_up(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
     """Sums up: each pair with the union of what it and all pairs before it show."""
     total: Shown = {}
     for what, seen in shown:

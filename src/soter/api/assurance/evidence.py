@@ -189,7 +189,7 @@ class Evidence:
     flights: FlightFolder | None
 
     @staticmethod
-    def read(
+    def read_files(
         program: Program,
         flat: System,
         params: Any,  # noqa: ANN401 - as given
@@ -293,7 +293,7 @@ def _report_fault(told: dict[str, Any] | None, sha256: str) -> str:
 
 
 def _tests_in_report(path: Path) -> dict[str, dict[str, Any]]:
-    """Test -> its entry in a document of `soter test --json`; SoterError D005, D006."""
+    """By test, its entry in a document of `soter test --json`; SoterError D005, D006."""
     try:
         document = json.loads(read_json_text(path))
         sha256, tests = document["program_sha256"], document["tests"]

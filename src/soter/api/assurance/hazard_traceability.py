@@ -58,10 +58,7 @@ NUMBER = re.compile(r"(?<![\w.])(?<![\w\]]\[)-?\d[\d.e+-]*")
 
 @dataclass(frozen=True)
 class HazardRow:
-    """A row; `traces_to`: ids of requirements and names of properties; `span`: its whole text.
-
-    The id of an assumption is its key, as in `case.json`.
-    """
+    """A row with its text `span`; `traces_to`: ids of requirements, names of properties."""
 
     kind: str
     id: str
@@ -115,7 +112,7 @@ def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow
             message = f"{len(cells)} cells, where the first line has {len(names)}"
             diagnostics.error(CODE, message, span, helps=('a comma inside a cell wants "…"',))
             continue
-        row = _row(dict.fromkeys(COLUMNS, "") | dict(zip(names, cells, strict=True)), span)
+        row = _hazard_row(dict.fromkeys(COLUMNS, "") | dict(zip(names, cells, strict=True)), span)
         if not _is_sound(row, diagnostics):
             continue
         before = first.setdefault((row.kind == "assumption", row.id), span)
@@ -169,7 +166,7 @@ def _is_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
     return diagnostics.error_count == before
 
 
-def _row(cells: dict[str, str], span: Span) -> HazardRow:
+def _hazard_row(cells: dict[str, str], span: Span) -> HazardRow:
     said = {name: " ".join(cell.split()) for name, cell in cells.items()}
     targets = tuple(t for t in (x.strip() for x in said["traces_to"].split(";")) if t)
     return HazardRow(
@@ -224,18 +221,15 @@ class Tracing:
     how: dict[str, str]
 
     @staticmethod
-    def read(path: Path | None, flat: System) -> Tracing:
+    def read_tracing(path: Path | None, flat: System) -> Tracing:
         """Reads a file; SoterError D006, and D021 if a row names what the system does not have."""
-        tracing = Tracing(None if path is None else read_hazards(path), _properties(flat))
+        tracing = Tracing(None if path is None else read_hazards(path), _traceable_properties(flat))
         if tracing.file is not None:
             _require_traces(tracing.file.rows, tracing.how)
         return tracing
 
-    def enter(self, case: SafetyCase) -> None:
-        """Adds to a finished case the owners of assumptions, the traces, and what is open.
-
-        SoterError D021 for a row about an assumption that the case does not have.
-        """
+    def enter_traces(self, case: SafetyCase) -> None:
+        """Adds to a finished case owners of assumptions, traces and open items; SoterError D021."""
         rows = () if self.file is None else self.file.rows
         assumptions = [n for n in case.nodes if n.kind == "assumption"]
         stale = list(_owner_gaps(assumptions, [r for r in rows if r.kind == "assumption"]))
@@ -268,8 +262,8 @@ class Tracing:
         return TracedProperty(name, how, status, goal.id if goal else "", wanted=not beside)
 
 
-def _properties(flat: System) -> dict[str, str]:
-    """Property that a row may name -> how it is shown."""
+def _traceable_properties(flat: System) -> dict[str, str]:
+    """By property that a row may name: how it is shown."""
     names = [f"{m.name}.{what}" for what in (SAFE, RETURNS, LAW) for m in flat.modules]
     how = dict.fromkeys(names, "proof")
     how |= {n: "exploration" for n in flat.program.tests if "." not in n}
@@ -311,7 +305,7 @@ def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> 
 
 
 def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
-    """Id of a row -> the properties that it traces to, directly or not, each once."""
+    """By id of a row: the properties that it traces to, directly or not, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}

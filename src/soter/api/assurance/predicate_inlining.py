@@ -1,8 +1,9 @@
 """Expands `safe`, `ttf` and `safer` of a module: their functions are inlined.
 
-Purpose: `expanded` gives arithmetic over topics and named constants to a reader who judges the
-predicate and does not read the program. Its text is an expression of Soter with the same value; a
-function that is no expression (a loop, an assignment, an extern) stays a call, with its text.
+Purpose: `expanded_predicates` gives arithmetic over topics and named constants to a reader who
+judges the predicate and does not read the program. Its text is an expression of Soter with the same
+value; a function that is no expression (a loop, an assignment, an extern) stays a call, with its
+text.
 Non-goals: where it faults: a part that has a name stands outside the condition that it is under.
 """
 
@@ -57,7 +58,7 @@ class _Text:
         return self.text if self.binds >= least else f"({self.text})"
 
 
-def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
+def expanded_predicates(system: System, module: Module) -> Iterator[ExpandedPredicate]:
     """Yields `safe`, `ttf` and `safer` of a module, each expanded by itself."""
     symbol = module.symbol
     for name, predicate in (("safe", symbol.safe), ("ttf", symbol.ttf), ("safer", symbol.safer)):
@@ -69,7 +70,7 @@ def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
             module.name,
             name,
             " ".join(predicate.span.text.split()),
-            expansion.whole(predicate),
+            expansion.predicate_text(predicate),
             where=tuple(expansion.where),
             constants=tuple(expansion.constants.values()),
             read=tuple(expansion.read.values()),
@@ -91,15 +92,15 @@ class _Expansion:
     functions: dict[str, Definition] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
 
-    def whole(self, predicate: typed.TypedExpr) -> str:
-        """The text of the whole predicate."""
+    def predicate_text(self, predicate: typed.TypedExpr) -> str:
+        """The text of a whole predicate."""
         topics = {
-            self.topic(n.topic): n.type
+            self.topic_name(n.topic): n.type
             for n in nodes([predicate])
             if isinstance(n, typed.TopicRead)
         }
         self.taken |= {name.partition(".")[0] for name in topics}
-        text = self.expr(predicate, {}).text
+        text = self.expression_text(predicate, {}).text
         if self.where and self.where[-1].name == text:
             text = self.where.pop().text  # the predicate is nothing but a call
         used = text
@@ -113,22 +114,22 @@ class _Expansion:
 
     # ------------------------------------------------------------ names
 
-    def define(self, base: str, value: _Text) -> _Text:
+    def named_text(self, base: str, value: _Text) -> _Text:
         """Gives a text a name, for a record each field; equal texts have one name."""
         if value.parts:
             parts = {
-                name: self.define(f"{base}_{name}", part) if _long(part) else part
+                name: self.named_text(f"{base}_{name}", part) if _is_long(part) else part
                 for name, part in value.parts.items()
             }
             return _record_text(parts)
         for known in self.where:
             if known.text == value.text:
                 return _Text(known.name)
-        name = self.free(base.rpartition(".")[2].lstrip("_") or "part")
+        name = self.free_name(base.rpartition(".")[2].lstrip("_") or "part")
         self.where.append(Definition(name, value.text))
         return _Text(name)
 
-    def free(self, base: str) -> str:
+    def free_name(self, base: str) -> str:
         """The name `base`, or with the first number behind it that is free."""
         name, number = base, 1
         while name in self.taken:
@@ -137,160 +138,161 @@ class _Expansion:
         self.taken.add(name)
         return name
 
-    def constant(self, name: str, t: Type, value: Value) -> _Text:
-        """Notes a named constant or parameter of the program; its name as text."""
+    def noted_constant(self, name: str, t: Type, value: Value) -> _Text:
+        """The name of a constant or parameter, which is noted with its value."""
         known = self.constants.get(name)
         if known is None:
             text = _constant_text(t, value)
             if len(text) > VALUE_MAX:
                 text = f"{text[:VALUE_MAX]}… ({len(text):,} letters: the program has all)"
-            known = Definition(self.free(name.rpartition(".")[2]), text, _unit(t))
+            known = Definition(self.free_name(name.rpartition(".")[2]), text, _unit(t))
             self.constants[name] = known
         return _Text(known.name)
 
-    def topic(self, symbol: typed.TopicSymbol) -> str:
+    def topic_name(self, symbol: typed.TopicSymbol) -> str:
         """The name of a topic in the system."""
         index = self.module.scope.topics.get(symbol)
         return symbol.name if index is None else self.system.topics[index].name
 
     # ------------------------------------------------------------ expressions
 
-    def expr(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
+    def expression_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
         """The text of an expression; `env`: parameters and lets of the functions around it."""
         match e:
             case typed.Literal() if e.name is not None and not isinstance(e.type, EnumType):
-                return self.constant(e.name, e.type, e.value)
+                return self.noted_constant(e.name, e.type, e.value)
             case typed.Literal():
                 text = _constant_text(e.type, e.value)
                 return _Text(text, UNARY if text.startswith("-") else ATOM)
             case typed.ParamRead():
                 params = {**self.module.around, **self.module.scope.params}
-                return self.constant(e.param.name, e.param.type, params[e.param])
+                return self.noted_constant(e.param.name, e.param.type, params[e.param])
             case typed.VarRead():
                 return env[e.variable]
             case typed.TypedField():
-                return self.field_of(e, env)
+                return self.field_text(e, env)
             case typed.TypedCall():
-                return self.call(e, env)
+                return self.call_text(e, env)
             case typed.Narrow():
-                return self.expr(e.operand, env)
+                return self.expression_text(e.operand, env)
             case typed.TypedUnary() | typed.TypedBinary() | typed.Vector() | typed.Conditional():
-                return self.operation(e, env)
+                return self.operation_text(e, env)
             case typed.Aggregate():
-                return self.aggregate(e, env)
-        return _Text(self.atom(e, env))
+                return self.literal_text(e, env)
+        return _Text(self.atom_text(e, env))
 
-    def operation(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
+    def operation_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
         """The text of an operation, with needed parentheses and some that help readers."""
         if isinstance(e, typed.TypedUnary):
-            operand = self.expr(e.operand, env)
+            operand = self.expression_text(e.operand, env)
             within = operand.within(ATOM if operand.text.startswith(("-", "!")) else UNARY)
             return _Text(f"{e.op}{within}", UNARY)
         if isinstance(e, typed.Conditional):
             sides = (e.condition, e.then, e.otherwise)
-            if_, then, otherwise = (self.expr(x, env).within(1) for x in sides)
+            if_, then, otherwise = (self.expression_text(x, env).within(1) for x in sides)
             return _Text(f"{if_} ? {then} : {otherwise}", CONDITIONAL)
         assert isinstance(e, (typed.TypedBinary, typed.Vector))
         binds = PRECEDENCE[e.op]
         least = {"||": PRECEDENCE["<"]}.get(e.op, binds)  # `a && b` in `a || …` has brackets
         least += e.op in ("<", "<=", ">", ">=", "==", "!=")
-        left, right = self.expr(e.left, env), self.expr(e.right, env)
+        left, right = self.expression_text(e.left, env), self.expression_text(e.right, env)
         signed = right.text.startswith("-") and e.op in ("+", "-", "*", "/", "%")
         beside = ATOM if signed else max(least, binds + 1)
         same = isinstance(e.left, typed.TypedBinary) and e.left.op == e.op and binds == left.binds
         first = left.within(binds if same else least)
         return _Text(f"{first} {e.op} {right.within(beside)}", binds)
 
-    def field_of(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
+    def field_text(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
         """The text of a field; for a record that was written out just that part."""
-        target = self.expr(e.target, env)
+        target = self.expression_text(e.target, env)
         assert isinstance(e.target.type, RecordType)
         name = e.target.type.fields[e.index][0]
         return target.parts.get(name) or _Text(f"{target.within(ATOM)}.{name}")
 
-    def aggregate(self, e: typed.Aggregate, env: dict[typed.Variable, _Text]) -> _Text:
+    def literal_text(self, e: typed.Aggregate, env: dict[typed.Variable, _Text]) -> _Text:
         """The text of a record, array or list literal."""
-        given = [self.expr(x, env) for x in e.elements]
+        given = [self.expression_text(x, env) for x in e.elements]
         fields = getattr(e.type, "fields", None)
         if fields is None:
             return _Text(f"[{', '.join(x.text for x in given)}]")
         by_field = dict(zip(e.order or range(len(given)), given, strict=True))
         return _record_text({name: by_field[i] for i, (name, _) in enumerate(fields)})
 
-    def atom(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:
+    def atom_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:
         """The text of an expression that never needs parentheses."""
         match e:
             case typed.TopicRead():
-                return self.topic(e.topic)
+                return self.topic_name(e.topic)
             case typed.AgeRead():
-                return f"age({self.topic(e.topic)})"
+                return f"age({self.topic_name(e.topic)})"
             case typed.ModeRead() | typed.MarginRead():
                 word = "mode" if isinstance(e, typed.ModeRead) else "margin"
                 return f"{word}({e.module if isinstance(e.module, str) else e.module.name})"
             case typed.Builtin():
-                return f"{e.name}({', '.join(self.expr(x, env).text for x in e.arguments)})"
+                return (
+                    f"{e.name}({', '.join(self.expression_text(x, env).text for x in e.arguments)})"
+                )
             case typed.Index():
-                index = self.expr(e.index, env).text
-                return f"{self.expr(e.target, env).within(ATOM)}[{index}]"
+                index = self.expression_text(e.index, env).text
+                return f"{self.expression_text(e.target, env).within(ATOM)}[{index}]"
             case typed.TypedLength():
-                return f"{self.expr(e.target, env).within(ATOM)}.len"
+                return f"{self.expression_text(e.target, env).within(ATOM)}.len"
         return " ".join(e.span.text.split())  # `time`, `dt`: the same everywhere
 
     # ------------------------------------------------------------ functions
 
-    def call(self, e: typed.TypedCall, env: dict[typed.Variable, _Text]) -> _Text:
+    def call_text(self, e: typed.TypedCall, env: dict[typed.Variable, _Text]) -> _Text:
         """The text of what a function computes, or of the call if its body is no expression."""
         fun = e.fun
-        given = [self.expr(x, env) for x in e.arguments]
+        given = [self.expression_text(x, env) for x in e.arguments]
         short = fun.name.rpartition(".")[2]
         if fun.prelude or fun.body is None or not _is_expression(fun.body):
-            return _Text(f"{self.keep(fun)}({', '.join(x.text for x in given)})")
+            return _Text(f"{self.kept_call_name(fun)}({', '.join(x.text for x in given)})")
         inner = {}
         for variable, value in zip(fun.parameters, given, strict=True):
             reads = [n for n in nodes(fun.body) if isinstance(n, typed.VarRead)]
             often = sum(n.variable is variable for n in reads) > 1
-            inner[variable] = self.define(variable.name, value) if often and _long(value) else value
-        result = self.body(fun.body, inner)
+            inner[variable] = (
+                self.named_text(variable.name, value) if often and _is_long(value) else value
+            )
+        result = self.body_text(fun.body, inner)
         if len(result.text) > LONG:
-            return self.define(short, result)
+            return self.named_text(short, result)
         return result
 
-    def keep(self, fun: typed.FunSymbol) -> str:
-        """The name of a function that stays a call; keeps its text, and of those that it calls.
-
-        A name that differs in this expansion is explained behind the text.
-        """
+    def kept_call_name(self, fun: typed.FunSymbol) -> str:
+        """The name of a function that stays a call; its text, and texts that it calls, are kept."""
         short = fun.name.rpartition(".")[2]
         if fun.prelude:
             return short
         if fun.name in self.functions:
             return self.functions[fun.name].name
-        name = self.free(short)
+        name = self.free_name(short)
         self.functions[fun.name] = Definition(name, "")
         called = {}
         for n in nodes(fun.body or ()):
             if isinstance(n, typed.TypedCall):
-                called[n.span.text.partition("(")[0].strip()] = self.keep(n.fun)
+                called[n.span.text.partition("(")[0].strip()] = self.kept_call_name(n.fun)
             elif isinstance(n, typed.ParamRead) or (isinstance(n, typed.Literal) and n.name):
-                called[" ".join(n.span.text.split())] = self.expr(n, {}).text
+                called[" ".join(n.span.text.split())] = self.expression_text(n, {}).text
         told = [f"{said} is {what}" for said, what in called.items() if said != what]
-        text = name + _source(fun)[len(short) :] + f"  // {', '.join(told)}" * bool(told)
+        text = name + _source_text(fun)[len(short) :] + f"  // {', '.join(told)}" * bool(told)
         self.functions[fun.name] = Definition(name, text)
         return name
 
-    def body(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
+    def body_text(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
         """The text of what a body returns, if it is an expression (`_is_expression`)."""
         first, rest = body[0], body[1:]
         if isinstance(first, typed.TypedReturn):
-            return self.expr(first.value, env)
+            return self.expression_text(first.value, env)
         if isinstance(first, typed.TypedDeclare):
-            value = self.expr(first.value, env)
-            value = value if _is_plain(value) else self.define(first.variable.name, value)
-            return self.body(rest, {**env, first.variable: value})
+            value = self.expression_text(first.value, env)
+            value = value if _is_plain(value) else self.named_text(first.variable.name, value)
+            return self.body_text(rest, {**env, first.variable: value})
         assert isinstance(first, typed.TypedIf)
-        conditions = [self.expr(condition, env) for condition, _ in first.arms]
-        results = [self.body(arm, env) for _, arm in first.arms]
-        text = self.body((*first.otherwise, *rest), env)
+        conditions = [self.expression_text(condition, env) for condition, _ in first.arms]
+        results = [self.body_text(arm, env) for _, arm in first.arms]
+        text = self.body_text((*first.otherwise, *rest), env)
         for condition, result in reversed(list(zip(conditions, results, strict=True))):
             shown = f"{condition.within(1)} ? {result.within(1)} : {text.within(1)}"
             text = _Text(shown, CONDITIONAL)
@@ -314,7 +316,7 @@ def _is_plain(value: _Text) -> bool:
     return PLAIN.fullmatch(value.text) is not None
 
 
-def _long(value: _Text) -> bool:
+def _is_long(value: _Text) -> bool:
     return not _is_plain(value) and len(value.text) > SHORT
 
 
@@ -324,7 +326,7 @@ def _record_text(parts: dict[str, _Text]) -> _Text:
 
 
 def _definitions_in(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
-    """The topics and fields of topics in a text -> their types and units."""
+    """The types and units of the topics, and of fields of topics, in a text."""
     read = {}
     for name, t in topics.items():
         for path in re.findall(rf"(?<![\w.]){re.escape(name)}((?:\.\w+)*)(?![\w:])", text):
@@ -350,7 +352,7 @@ def _constant_text(t: Type, value: Value) -> str:
     return repr(value) if isinstance(value, float) else json.dumps(to_json(t, value), default=str)
 
 
-def _source(fun: typed.FunSymbol) -> str:
+def _source_text(fun: typed.FunSymbol) -> str:
     """The source of a function from its name on; for an extern its first line."""
     text = fun.span.source.text[fun.span.start :]
     end = text.find(";") if fun.body is None else _closing_brace(text)

@@ -2,11 +2,11 @@
 
 Purpose: `assure` makes goals from the paper's properties in the words of ASTM F3269-21, and checks
 their evidence now: the certificate by the re-checker, tests by exploring and flights by flying
-again; any other file is listed with its hash, and supports nothing. `argue` adds the top goal and
-the properties below it; beside it, as goals of their own, that control comes back (P2b), that a
-fail-safe law holds once the trusted part has stopped, and that the compiled decision module (DM) is
-the one that was proved. `compiled_as_proved` repeats the check of `soter verify`, row DM; for
-computed `ttf` and `safer` with the certificate's tables, which the re-checker has confirmed.
+again; any other file is listed with its hash, and supports nothing. `add_argument` adds the top
+goal and the properties below it; beside it, as goals of their own, that control comes back (P2b),
+that a fail-safe law holds once the trusted part has stopped, and that the compiled decision module
+(DM) is the one that was proved. `compiled_as_proved` repeats the check of `soter verify`, row DM;
+for computed `ttf` and `safer` with the certificate's tables, which the re-checker has confirmed.
 Non-goals: the pages (`report/safety_case_page.py`); proving; the certificate
 (`certificate_check.py`); the check of the DM (`verify/deploy/dm_check.py`): what it does not try
 supports nothing.
@@ -23,16 +23,16 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import require_no_certificate
 from soter.api.assurance.certificate_check import (
     CertifiedProof,
+    case_provenance,
+    certified_proof,
     command_line,
     compiler_used,
-    proof_of,
-    provenance_of,
 )
 from soter.api.assurance.condition_tracing import trace_conditions
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import NUMBER, Tracing
-from soter.api.assurance.predicate_inlining import expanded
-from soter.api.exploring import chosen
+from soter.api.assurance.predicate_inlining import expanded_predicates
+from soter.api.exploring import chosen_tests
 from soter.api.rechecking import require_flint
 from soter.codegen.conditions import watched
 from soter.diagnostics.command_records import needless
@@ -42,7 +42,15 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.report.atomic_write import own_place
-from soter.report.safety_case import LAWS, RETURNS, SUPPORTED, Assurance, CaseNode, SafetyCase, sdoc
+from soter.report.safety_case import (
+    LAWS,
+    RETURNS,
+    SUPPORTED,
+    Assurance,
+    CaseNode,
+    SafetyCase,
+    strictdoc,
+)
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -65,7 +73,7 @@ UNTRIED = (typed.AgeRead, typed.ModeRead)
 def compiled_as_proved(
     flat: System, module: Module, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> tuple[str, str, bool]:
-    """What was tried, why that is not enough ("": it is), and whether the C differs.
+    """What was tried of the C, why that is not enough ("": it is), whether the C differs.
 
     `flat`: the system as declared; `entries`: the certificate's for the module, one for each view.
     """
@@ -95,10 +103,7 @@ def compiled_as_proved(
 def _group_tables(
     problem: Problem, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> list[GroupTable]:
-    """The DM's tables in the certificate, which the re-checker compared with its sets.
-
-    None if one of them is no table of cells, or there is no such view.
-    """
+    """The confirmed tables of the DM; [] if one is no table of cells, or the view is missing."""
     import numpy as np  # noqa: PLC0415 - only then
 
     from soter.verify.deploy.level_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
@@ -163,15 +168,12 @@ class _ConfirmedModule:
         return self.why or f"the certificate does not confirm {claim}: {', '.join(said)}"
 
 
-def argue(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
-    """Adds all goals about the certificate to the case, and returns the top goal.
-
-    It adds to `case.refuted` a rejected certificate, and a compiled DM that differs.
-    """
+def add_argument(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
+    """Adds the goals about the certificate; returns the top goal. Refutations are noted, too."""
     if proof.rejected:
         case.refuted.append(f"the certificate is rejected: {proof.rejected}")
     shown = [
-        _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
+        _ConfirmedModule(k, m, *proof.confirmed_for(flat, m, case.params))
         for k, m in enumerate(flat.modules, 1)
     ]
     top = case.add(CaseNode("G1", "goal", _top_goal_text(flat)))
@@ -210,13 +212,13 @@ def _add_context(
         if by:
             key = derived.get(text) or keys[text]
             case.add(CaseNode(number, "assumption", text, key=key, stated_by=by), beside=top)
-    for k, text in enumerate(_vacuous(used), 1):
+    for k, text in enumerate(_vacuous_sentences(used), 1):
         case.add(CaseNode(f"V{k}", "context", f"what is proved of {text}"), beside=top)
     for k, other in enumerate(rest, 1):
         case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
 
 
-def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
+def _vacuous_sentences(used: Sequence[RecheckedModule]) -> list[str]:
     """Sentences on modules proved of next to no states, or whose AC was not examined."""
     unseen = "it was not looked at whether AC ever has control"
     return [f"{m.name}: {m.vacuous}" for m in used if m.vacuous] + [
@@ -373,7 +375,9 @@ def assure(
     needless("without `hazards`", trace=trace and hazards is None)
     flat = program.declared(system, params)
     if tests:  # U010 where there is none
-        chosen({n: t for n, t in flat.program.tests.items() if "." not in n}, program.path, None)
+        chosen_tests(
+            {n: t for n, t in flat.program.tests.items() if "." not in n}, program.path, None
+        )
     case = SafetyCase(
         f"Safety case of {flat.name} in {Path(program.path).name}",
         program.path,
@@ -382,10 +386,10 @@ def assure(
         parameters_of(flat),
     )
     case.plants = _plant_equations(flat)
-    evidence = Evidence.read(program, flat, params, test_report, campaign, tell)
-    tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
-    case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
-    proof = proof_of(cert, flat, case.params, progress, tell)
+    evidence = Evidence.read_files(program, flat, params, test_report, campaign, tell)
+    tracing = Tracing.read_tracing(None if hazards is None else Path(hazards), flat)
+    case.predicates = tuple(p for m in flat.modules for p in expanded_predicates(flat, m))
+    proof = certified_proof(cert, flat, case.params, progress, tell)
     options = {
         "--system": system,
         "--cert": cert,
@@ -397,19 +401,19 @@ def assure(
         "--trace": trace,
         "-o": output,
     }
-    case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))
-    top = argue(case, flat, proof)
+    case.provenance = case_provenance(proof, command_line(program.path, options, params or {}))
+    top = add_argument(case, flat, proof)
     _add_contexts(case, flat, top)
-    tested = _tests(case, evidence, explored=tests, counted=trace)
+    tested = _add_tests(case, evidence, explored=tests, counted=trace)
     evidence.add_campaign(case, flights)
-    tracing.enter(case)
+    tracing.enter_traces(case)
     if trace:
         trace_conditions(case, flat, program.flat(system, params), tested)
     files = _write_files(case, Path(output))
     return Assurance(case, files, tuple(case.refuted), proof.not_rechecked)
 
 
-def _tests(
+def _add_tests(
     case: SafetyCase, evidence: Evidence, *, explored: bool, counted: bool
 ) -> list[tuple[str, Any]]:
     """Adds the goals of tests, and returns what these show of conditions, if that is `counted`."""
@@ -435,18 +439,18 @@ def _add_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
 
 
 def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:
-    """Instance of a plant -> its equations as they are written."""
+    """By instance of a plant: its equations as they are written."""
     names: dict[PlantSymbol, list[str]] = {}
     for c in flat.components:
         if c.plant is not None:
             names.setdefault(c.plant, []).append(c.name)
     return {
-        f"{', '.join(instances)}: {plant.name}": _equations(plant)
+        f"{', '.join(instances)}: {plant.name}": _plant_sources(plant)
         for plant, instances in names.items()
     }
 
 
-def _equations(plant: PlantSymbol) -> tuple[str, ...]:
+def _plant_sources(plant: PlantSymbol) -> tuple[str, ...]:
     """The source texts of a plant's equations; () for an extern plant."""
     told = [("let", v, e) for v, e in plant.lets]
     told += [("der", v, e) for v, e in plant.der.items()]
@@ -468,7 +472,7 @@ def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
         raise mistake("D006", str(error)) from error
     write_case(case, page)
     write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
-    write_text(sdoc(case), document)
+    write_text(strictdoc(case), document)
     if case.conditions is None:
         return page, data, document
     write_text(case.conditions.as_csv(), table)

@@ -51,7 +51,12 @@ from soter.language.front_end import system_to_prove
 from soter.language.model.types import FloatType, RecordType, has_list, leaf_name, leaves
 from soter.language.model.values import ValueShapeError, from_json
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
-from soter.report.mcap_reading import messages, metadata, require_log_package, unreadable
+from soter.report.mcap_reading import (
+    log_messages,
+    log_metadata,
+    require_log_package,
+    unreadable_error,
+)
 from soter.report.wording import changed_parameters, visible
 
 if TYPE_CHECKING:
@@ -108,7 +113,7 @@ def read_flight(path: Path, system: System, modules: Sequence[Module]) -> Flight
     def cut(why: str) -> None:
         log.cut = why
 
-    for time_ns, channel, message in messages(path, cut):
+    for time_ns, channel, message in log_messages(path, cut):
         if now is not None and time_ns > now:
             reader.read_instant(now, due)
             due = []
@@ -227,7 +232,7 @@ class _Reader:
         except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
             fault = error if isinstance(error, ValueShapeError) else repr(error)
             why = f"at {time_ns} ns: {fault}; is it a log of `{self.system.name}`?"
-            raise unreadable(self.path, why) from error
+            raise unreadable_error(self.path, why) from error
 
     def end(self, time_ns: int) -> None:
         """The log was read up to here, this instant included."""
@@ -452,9 +457,9 @@ class Flights:
 
     def _system_of(self, log: str) -> str:
         """The system that flew in a log; SoterError D023 where the certificate is of another."""
-        header = metadata(Path(log))
+        header = log_metadata(Path(log))
         if not header:
-            raise unreadable(Path(log), "it does not say what flew")
+            raise unreadable_error(Path(log), "it does not say what flew")
         system, own = header.get("system", ""), self._sha256
         if header.get("program_sha256") != own:
             other = header.get("program_sha256", "none")

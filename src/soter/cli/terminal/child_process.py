@@ -55,28 +55,28 @@ def fork_into_child(console: Console, rescue: Rescue) -> None:
     if child == 0:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         end_with(parent)
-        verdict.begin()
-        console.leave_to(verdict.leave)
+        verdict.note_child()
+        console.keep_output_for(verdict.leave_result)
         return
     adopt_orphans()
-    status, was_told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
+    status, was_told = _wait_for_child(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
     end_children()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    if (exception := verdict.found()) is not None:
+    if (exception := verdict.result_left()) is not None:
         raise exception
     saved = rescue(child)
     if was_told:
         for text in saved:
             console.note(text)
         raise KeyboardInterrupt
-    raise SoterError((_without_verdict(status, saved),))
+    raise SoterError((_no_verdict_diagnostic(status, saved),))
 
 
-def _wait(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
+def _wait_for_child(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
     """Waits for the child; its wait status, and whether a signal had told it to end."""
     told_s: float | None = None
     while True:
-        number, passed_on = _next(signals)
+        number, passed_on = _next_signal(signals)
         if number == signal.SIGCHLD:
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:
@@ -93,7 +93,7 @@ def _wait(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
                 signal.alarm(PATIENCE_S)
 
 
-def _next(signals: set[signal.Signals]) -> tuple[int, bool]:
+def _next_signal(signals: set[signal.Signals]) -> tuple[int, bool]:
     """Waits for a signal; its number, and whether the terminal sent it to the child, too."""
     if sys.platform == "linux":
         info = signal.sigwaitinfo(signals)
@@ -101,7 +101,7 @@ def _next(signals: set[signal.Signals]) -> tuple[int, bool]:
     return signal.sigwait(signals), False
 
 
-def _without_verdict(status: int, saved: tuple[str, ...]) -> Diagnostic:
+def _no_verdict_diagnostic(status: int, saved: tuple[str, ...]) -> Diagnostic:
     code = os.waitstatus_to_exitcode(status)
     how = f"it ended by itself, with exit status {code}"
     if code < 0:
@@ -130,11 +130,11 @@ class ResultFile:
         self._mark = os.urandom(16)
         self._process = 0
 
-    def begin(self) -> None:
+    def note_child(self) -> None:
         """Notes that this process, the child, may leave a result."""
         self._process = os.getpid()
 
-    def leave(self, text: str, exit_code: int) -> NoReturn:
+    def leave_result(self, text: str, exit_code: int) -> NoReturn:
         """Leaves a result and ends the process; in a fork that an extern made it only ends."""
         if os.getpid() != self._process:
             os._exit(1)
@@ -146,9 +146,9 @@ class ResultFile:
                 at += os.pwrite(self._file, whole[at:], at)
         with suppress(OSError):  # an extern may have stopped the parent, which prints the result
             os.kill(os.getppid(), signal.SIGCONT)
-        _end(exit_code)
+        _end_process(exit_code)
 
-    def found(self) -> ChildResult | None:
+    def result_left(self) -> ChildResult | None:
         """The result that the child left; None if there is no whole one."""
         size = os.fstat(self._file).st_size
         whole = bytearray()
@@ -181,7 +181,7 @@ def _unnamed_file() -> int:
     return made
 
 
-def _end(exit_code: int) -> NoReturn:
+def _end_process(exit_code: int) -> NoReturn:
     """Ends the process after `atexit` functions, whatever threads externs have left running."""
     import atexit  # noqa: PLC0415 - only here
 

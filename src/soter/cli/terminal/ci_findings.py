@@ -1,6 +1,6 @@
 """What continuous integration is told of: a verdict or a diagnostic with its place in a program.
 
-Purpose: `CiFinding` before it has a format; `of_diagnostics` makes one of each diagnostic.
+Purpose: `CiFinding` before it has a format; `diagnostic_findings` makes one of each diagnostic.
 Non-goals: the formats (`ci_formats.py`); exit codes (`command_outcome.py`).
 """
 
@@ -33,7 +33,7 @@ class CiFinding:
     seconds: float = 0.0
 
 
-def of_diagnostics(items: Iterable[Diagnostic]) -> list[CiFinding]:
+def diagnostic_findings(items: Iterable[Diagnostic]) -> list[CiFinding]:
     """A finding for every diagnostic: `fail` for an error, `warning` for any other."""
     return [
         CiFinding(
@@ -52,7 +52,7 @@ def of_diagnostics(items: Iterable[Diagnostic]) -> list[CiFinding]:
     ]
 
 
-def place(span: Span | None) -> tuple[str, int, int, int, int] | None:
+def place_in_file(span: Span | None) -> tuple[str, int, int, int, int] | None:
     """File, line, column, end line, end column (one past the last); None where there is no file."""
     if span is None or span.source.name.startswith("<"):
         return None  # standard input, the prelude

@@ -2,7 +2,7 @@
 
 Purpose: `CommandParser` is an `ArgumentParser` that raises `UsageError` instead of ending the
 process. `Option.flags` (`diagnostics/command_records.py`) describes each argument; `READERS` read
-the text of its value. `given` hands the arguments on as keywords of a method in Python.
+the text of its value. `keyword_arguments` hands the arguments on as keywords of a method in Python.
 Non-goals: what the options mean; options of several commands (`shared_options.py`).
 """
 
@@ -92,7 +92,7 @@ class CommandParser(argparse.ArgumentParser):
                 self._add_argument_of(field_name, known)
         self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
 
-    def read(self, line: Sequence[str]) -> argparse.Namespace:
+    def read_line(self, line: Sequence[str]) -> argparse.Namespace:
         """The arguments of a line; `written`: names of what stands there. SoterError U001: gone."""
         if problems := gone(self.record, [word.partition("=")[0] for word in line]):
             raise SoterError(problems)
@@ -103,7 +103,7 @@ class CommandParser(argparse.ArgumentParser):
         written = {n for n, v in given_values.items() if n in dashed or v != defaults[n]}
         return argparse.Namespace(**{**defaults, **given_values, "written": written})
 
-    def subject(self, args: argparse.Namespace) -> dict[str, object]:
+    def subject_fields(self, args: argparse.Namespace) -> dict[str, object]:
         """Fields of the document that say what the command was about, however it ends."""
         return {field_name: getattr(args, name) for name, field_name in self._about.items()}
 
@@ -143,7 +143,7 @@ class CommandParser(argparse.ArgumentParser):
                 action="append",
                 default=[],
                 metavar=metavar,
-                type=_pair,
+                type=_name_and_value,
                 dest=name,
                 help=about,
             )
@@ -163,25 +163,22 @@ class _Help(argparse.Action):
         raise HelpWantedError(parser.format_help().rstrip())
 
 
-def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
+def keyword_arguments(args: argparse.Namespace, record: type) -> dict[str, Any]:
     """The arguments that are keywords of `record`, as a dict for the method in Python."""
     options = options_of(record, keyword=True)
     values = {name: getattr(args, name) for name in options if name in args}
     return values | ({PARAMS: dict(args.params)} if PARAMS in options else {})
 
 
-def _pair(text: str) -> tuple[str, str]:
+def _name_and_value(text: str) -> tuple[str, str]:
     name, sign, value = text.partition("=")
     if not sign or not name.strip() or not value.strip():
         raise argparse.ArgumentTypeError(f"`{text}`: write NAME=VALUE")
     return name.strip(), value.strip()
 
 
-def whole(text: str) -> int:
-    """A whole number in plain digits; ArgumentTypeError for any other text.
-
-    `int` alone would read `1_000` and digits of any script, too.
-    """
+def whole_number(text: str) -> int:
+    """Reads a whole number in plain digits, unlike `int`, `1_000`; ArgumentTypeError for others."""
     if not re.fullmatch("[+-]?[0-9]{1,20}", text):
         raise argparse.ArgumentTypeError(f"`{text}` is no whole number")
     return int(text)
@@ -189,12 +186,12 @@ def whole(text: str) -> int:
 
 def at_least_one(text: str) -> int:
     """A whole number that is not 0; ArgumentTypeError for any other text."""
-    if whole(text) == 0:
+    if whole_number(text) == 0:
         raise argparse.ArgumentTypeError("it has to be 1 at least: leave it out for no such bound")
-    return whole(text)
+    return whole_number(text)
 
 
-def seconds(text: str) -> float:
+def duration_s(text: str) -> float:
     """Seconds: a number in plain digits, or one with its unit; ArgumentTypeError for other text."""
     from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - only then
 
@@ -208,7 +205,7 @@ def seconds(text: str) -> float:
     )
 
 
-def seed(text: str) -> int:
+def seed_number(text: str) -> int:
     """A seed: a whole number of 64 bits without sign; ArgumentTypeError for any other text."""
     if not (text.isascii() and text.isdigit()) or len(text) > 20 or int(text) >= 2**64:
         raise argparse.ArgumentTypeError(f"`{text}`: a seed is 0 to 2^64 - 1")
@@ -217,5 +214,5 @@ def seed(text: str) -> int:
 
 TIMES = ", such as 90 (seconds) or 10min"
 """Help text: how a time is written."""
-READERS = {"whole": whole, "seed": seed, "bound": at_least_one, "seconds": seconds}
+READERS = {"whole": whole_number, "seed": seed_number, "bound": at_least_one, "seconds": duration_s}
 """`Kind.text` -> the function that reads the text of such a value."""

@@ -1,7 +1,7 @@
 """How a command ends: what every command returns.
 
 Purpose: `CommandOutcome` has the exit code, diagnostics, and the fields of the JSON document
-(docs/json.md); `exit_of` and the like are the rules that give an exit code.
+(docs/json.md); `exit_code` and the like are the rules that give an exit code.
 Non-goals: writing documents (`console.py`); an outcome that is kept (`stored_outcome.py`).
 """
 
@@ -52,7 +52,7 @@ class CommandOutcome:
         entries = several if isinstance(several, list) else [self.fields]
         return [str(e["file"]) for e in entries if isinstance(e, dict) and "file" in e]
 
-    def document(self, command: str | None) -> dict[str, object]:
+    def json_document(self, command: str | None) -> dict[str, object]:
         """The JSON document of the outcome, as a dict."""
         from soter.diagnostics.render import to_json  # noqa: PLC0415 - only with --json
 
@@ -72,7 +72,7 @@ def exit_of_kinds(kinds: Iterable[Kind]) -> int:
     return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 
 
-def exit_of(diagnostics: Iterable[Diagnostic]) -> int:
+def exit_code(diagnostics: Iterable[Diagnostic]) -> int:
     """0 without errors; 2 where every error is one of the command line (U...); else 1."""
     errors = [d.code for d in diagnostics if d.severity is Severity.ERROR]
     if not errors:
@@ -80,6 +80,6 @@ def exit_of(diagnostics: Iterable[Diagnostic]) -> int:
     return USAGE if all(code.startswith("U") for code in errors) else DIAGNOSTICS
 
 
-def failed(error: SoterError) -> CommandOutcome:
+def failure(error: SoterError) -> CommandOutcome:
     """The outcome of a command that ended with this error."""
-    return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
+    return CommandOutcome(exit_code(error.diagnostics) or DIAGNOSTICS, error.diagnostics)

@@ -3,10 +3,10 @@
 Purpose: `Console` writes results to standard output and everything else to standard error, in
 colour only where a person looks; with `--json` one document and nothing else reaches standard
 output, whatever an extern prints; a closed pipe ends quietly, a full disk with a sentence. Where an
-encoding or a terminal lacks characters it writes plain ones (`->` for an arrow). `rounded`, `size`:
-figures with a unit. `LineOfProgress` rewrites, after two seconds on a terminal, one line on
-standard error that is gone at the end; where standard error is a log, it writes a new line every
-ten seconds.
+encoding or a terminal lacks characters it writes plain ones (`->` for an arrow). `rounded_rate`,
+`memory_size`: figures with a unit. `LineOfProgress` rewrites, after two seconds on a terminal, one
+line on standard error that is gone at the end; where standard error is a log, it writes a new line
+every ten seconds.
 Non-goals: what is said; the process in which externs run (`child_process.py`); times
 (`language/model/types.py`).
 """
@@ -81,12 +81,12 @@ PLAIN_ERRORS = "soter.plain"
 TERMS = re.compile(r"(dumb|unknown|ansi|cons25|vt(52|1\d\d|2\d\d))(-.*)?")
 
 
-def plainly(text: str) -> str:
+def plain_text(text: str) -> str:
     """The text with plain characters for those of PLAIN; the rest stays."""
     return text.translate(_TABLE)
 
 
-def _encoded(error: UnicodeError) -> tuple[str, int]:
+def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
     """Codec error handler: plain text for characters that an encoding does not have."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
@@ -94,7 +94,7 @@ def _encoded(error: UnicodeError) -> tuple[str, int]:
     return "".join(PLAIN.get(char, "?") for char in missing), error.end
 
 
-codecs.register_error(PLAIN_ERRORS, _encoded)
+codecs.register_error(PLAIN_ERRORS, _replace_unencodable)
 
 
 def _in_units(x: float, step: int, units: Sequence[str], plain: str) -> str:
@@ -106,17 +106,17 @@ def _in_units(x: float, step: int, units: Sequence[str], plain: str) -> str:
     return plain
 
 
-def rounded(x: float) -> str:
+def rounded_rate(x: float) -> str:
     """A rate with three digits and a unit: `1.4 M`, `23 k`, `840`."""
     return _in_units(x, 1000, ("G", "M", "k"), f"{x:.0f}")
 
 
-def size(count: int) -> str:
+def memory_size(count: int) -> str:
     """A number of bytes in units of 1024: `9.6 MB`."""
     return _in_units(count, 1024, ("GB", "MB", "kB"), f"{count} bytes")
 
 
-def decimal(count: int) -> str:
+def disk_size(count: int) -> str:
     """A number of bytes on a disk in units of 1000: `481 MB`."""
     return _in_units(count, 1000, ("GB", "MB", "kB"), f"{count} bytes")
 
@@ -158,14 +158,14 @@ class Console:
         for stream in (self.out, self.err):
             with suppress(AttributeError, ValueError, OSError):
                 stream.reconfigure(errors=PLAIN_ERRORS)  # type: ignore[union-attr]
-        self.color_out = colorful(self.out)
-        self.color_err = colorful(self.err)
-        self._plain_out, self._plain_err = plain_terminal(self.out), plain_terminal(self.err)
+        self.color_out = shows_colors(self.out)
+        self.color_err = shows_colors(self.err)
+        self._plain_out, self._plain_err = is_plain_terminal(self.out), is_plain_terminal(self.err)
         self.ascii_only = self._plain_out or (
             not (getattr(self.out, "encoding", None) or "ascii").lower().startswith("utf")
         )
         if self.json:
-            self._guard()
+            self._guard_output()
         return self
 
     def __exit__(
@@ -176,13 +176,13 @@ class Console:
     ) -> None:
         self._during.close()
         if self._saved is not None:
-            self._unguard()
+            self._unguard_output()
 
     def enter_until_end(self, context: AbstractContextManager[None]) -> None:
         """Enters a context that lasts as long as the command."""
         self._during.enter_context(context)
 
-    def listen(self) -> None:
+    def listen_to_signals(self) -> None:
         """From now on Ctrl-C, SIGTERM and SIGHUP only ask to stop, so that results are kept."""
         from soter.simulate.interrupt import (  # noqa: PLC0415 - NumPy
             ANY_END,
@@ -194,13 +194,13 @@ class Console:
 
     # ------------------------------------------------------------ a child that prints nothing
 
-    def leave_to(self, leave: Callable[[str, int], NoReturn]) -> None:
+    def keep_output_for(self, leave: Callable[[str, int], NoReturn]) -> None:
         """Keeps from now on what would be printed: the parent prints it (`child_process.py`)."""
         self._leave = leave
         self.out = io.StringIO()
         self._plain_out = False  # the parent writes plain characters where they are needed
 
-    def hand_over(self, exit_code: int) -> None:
+    def hand_over_output(self, exit_code: int) -> None:
         """In a child: leaves the output for the parent and ends; otherwise does nothing."""
         if self._leave is not None:
             assert isinstance(self.out, io.StringIO)
@@ -223,7 +223,7 @@ class Console:
         if self.err is not None:
             text = legible(text, color=self.color_err, words=self.words)
             with suppress(OSError, ValueError):
-                self.err.write((plainly(text) if self._plain_err else text) + "\n")
+                self.err.write((plain_text(text) if self._plain_err else text) + "\n")
                 self.err.flush()
 
     def write_diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
@@ -263,7 +263,7 @@ class Console:
         if self.out is None or self.output_error is not None:
             return
         try:
-            self.out.write(plainly(text) if self._plain_out else text)
+            self.out.write(plain_text(text) if self._plain_out else text)
         except (OSError, ValueError) as error:
             self._note_lost_output(error)
 
@@ -277,7 +277,7 @@ class Console:
 
     # ------------------------------------------------------------ one document, whatever happens
 
-    def _guard(self) -> None:
+    def _guard_output(self) -> None:
         """Sends to standard error whatever else is written to standard output."""
         self._saved = self.out
         if _descriptor(self.out) == 1:
@@ -291,7 +291,7 @@ class Console:
                 return
         sys.stdout = self.err if self.err is not None else sys.stdout
 
-    def _unguard(self) -> None:
+    def _unguard_output(self) -> None:
         if not self._guarded_fd:
             sys.stdout = self._saved
             return
@@ -312,7 +312,7 @@ def painted(style: str, text: str) -> str:
     return f"\x1b[{known}m{text}\x1b[0m" if known and text else text
 
 
-def colorful(stream: IO[str] | None) -> bool:
+def shows_colors(stream: IO[str] | None) -> bool:
     """Whether a stream shows colours: a terminal, unless NO_COLOR or FORCE_COLOR decide."""
     if os.environ.get("NO_COLOR"):
         return False
@@ -321,7 +321,7 @@ def colorful(stream: IO[str] | None) -> bool:
     return is_terminal(stream) and os.environ.get("TERM") != "dumb"
 
 
-def plain_terminal(stream: IO[str] | None) -> bool:
+def is_plain_terminal(stream: IO[str] | None) -> bool:
     """Whether the stream is a terminal that draws no boxes."""
     return is_terminal(stream) and TERMS.fullmatch(os.environ.get("TERM", "")) is not None
 
@@ -354,17 +354,14 @@ WIDTH = 30
 CLEAR = "\r\x1b[K"
 
 
-def clipped(text: str) -> str:
+def clipped_line(text: str) -> str:
     """The text cut to one line of the terminal: a longer one could not be cleared."""
     most = max(shutil.get_terminal_size((80, 24)).columns - 1, 20)
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class LineOfProgress:
-    """A context that gives a function to call with a text for how far the command is.
-
-    Without a terminal a thread writes the last text at fixed intervals, changed or not.
-    """
+    """Gives a function to call with a text on how far the command is, now or in intervals."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -376,36 +373,36 @@ class LineOfProgress:
         self._logging: Thread | None = None
 
     def __enter__(self) -> Callable[[str], None] | None:
-        self._begin()
-        return None if self._console.err is None else self._show
+        self._begin_logging()
+        return None if self._console.err is None else self._show_text
 
     def __exit__(self, *_: object) -> None:
         if self._logging is not None:
             self._left.set()
             self._logging.join()
         if self._shown:
-            self._write(CLEAR)
+            self._write_line(CLEAR)
 
-    def _begin(self) -> None:
+    def _begin_logging(self) -> None:
         err = self._console.err
         if err is not None and not is_terminal(err):
-            self._logging = Thread(target=self._log, name="soter progress", daemon=True)
+            self._logging = Thread(target=self._write_log, name="soter progress", daemon=True)
             self._logging.start()
 
-    def _log(self) -> None:
+    def _write_log(self) -> None:
         """Writes a line to the log at fixed intervals until the context is left."""
         while not self._left.wait(EVERY_S_OF_A_LOG):
             spent = f"soter: {time.perf_counter() - self._began:.0f} s"
-            self._write("  ".join(x for x in (spent, self._so_far()) if x) + "\n")
+            self._write_line("  ".join(x for x in (spent, self._progress_text()) if x) + "\n")
 
-    def _so_far(self) -> str:
+    def _progress_text(self) -> str:
         """The text for how far the command is."""
         return self._text
 
-    def _show(self, text: str) -> None:
+    def _show_text(self, text: str) -> None:
         self._text = text
         if self._is_time():
-            self._write(CLEAR + clipped(text))
+            self._write_line(CLEAR + clipped_line(text))
 
     def _is_time(self) -> bool:
         """Whether to rewrite the line now; False where there is no terminal."""
@@ -416,7 +413,7 @@ class LineOfProgress:
         self._shown = True
         return True
 
-    def _write(self, text: str) -> None:
+    def _write_line(self, text: str) -> None:
         assert self._console.err is not None
         with suppress(OSError, ValueError):
             self._console.err.write(text)
@@ -442,7 +439,7 @@ class ProgressBar(LineOfProgress):
         self._during = ExitStack()
 
     def __enter__(self) -> Callable[[float], None] | None:  # type: ignore[override]
-        self._begin()
+        self._begin_logging()
         if self._console.err is None:
             return None
         self._during.enter_context(listening_to_phases(self._enter_phase, self._announce))
@@ -453,7 +450,7 @@ class ProgressBar(LineOfProgress):
         super().__exit__()
 
     def _announce(self, line: str) -> None:
-        self._write(f"{CLEAR if self._shown else ''}soter: {line}\n")
+        self._write_line(f"{CLEAR if self._shown else ''}soter: {line}\n")
 
     def _enter_phase(self, name: str, anew: bool) -> None:
         if name != self._phase:
@@ -471,24 +468,24 @@ class ProgressBar(LineOfProgress):
 
     def _show_now(self) -> None:
         if self._is_time():
-            self._write(CLEAR + self._line())
+            self._write_line(CLEAR + self._line_text())
 
-    def _line(self) -> str:
-        words = self._so_far()
+    def _line_text(self) -> str:
+        words = self._progress_text()
         if not 0.0 < self._furthest < 1.0:
-            return clipped(words)
+            return clipped_line(words)
         full = int(self._furthest * WIDTH)
         fill, rest = ("#", "-") if self._console.ascii_only else ("━", "╌")
-        return clipped(f"{fill * full}{rest * (WIDTH - full)}  {words}")
+        return clipped_line(f"{fill * full}{rest * (WIDTH - full)}  {words}")
 
-    def _so_far(self) -> str:
+    def _progress_text(self) -> str:
         share = f"{self._furthest:4.0%}" if 0.0 < self._furthest < 1.0 else ""
         since = f"{time.perf_counter() - self._phase_began:.0f} s"
         in_a_log = "" if self._logging is not None else since  # lines of a log have it in front
         doing = f"{self._phase}, {since}" if self._phase else in_a_log
-        return "  ".join(p for p in (share, self._remaining(), doing) if p).strip()
+        return "  ".join(p for p in (share, self._time_left_text(), doing) if p).strip()
 
-    def _remaining(self) -> str:
+    def _time_left_text(self) -> str:
         """The time left as text, estimated from the last share; "" if nothing can be said."""
         share, now = self._furthest, time.perf_counter()
         if not (self._timed and 0.001 < share < 1.0):

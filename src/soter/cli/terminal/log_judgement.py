@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, Severity
 from soter.diagnostics.render import safe
-from soter.report.judged_curves import drawing
+from soter.report.judged_curves import drawing_html
 from soter.report.templates import PageSection
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ ERRORS_HEAD = ("value", *ERRORS_SHARES, "how")
 BOUNDS_HEAD = ("least distance", "at", "comparison")
 
 
-def undecided(m: ModuleOfLog) -> Diagnostic:
+def undecided_warning(m: ModuleOfLog) -> Diagnostic:
     """The warning D017 for a module that the log does not decide; others may be decided."""
     notes = tuple(f"missing: {name}" for name in m.missing)
     message = f"the log does not decide module `{m.module}`"
@@ -61,12 +61,12 @@ def undecided(m: ModuleOfLog) -> Diagnostic:
 # ---------------------------------------------------------------- for people
 
 
-def lines(j: LogJudgement, console: Console) -> Iterator[str]:
+def judgement_lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """Yields the judgement as text for the terminal."""
-    yield f"{_judged_span(j)}\n"
+    yield f"{_span_text(j)}\n"
     for m in j.modules:
-        yield f"{m.module}: {verdict_of(m)}\n"
-    yield console.table(HEAD, _rows(j))
+        yield f"{m.module}: {verdict_line(m)}\n"
+    yield console.table(HEAD, _module_rows(j))
     for m in j.modules:
         yield f"\n{m.module}"
         yield from _module_lines(m)
@@ -76,15 +76,17 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
         yield from _list_item(text)
 
 
-def sections(j: LogJudgement) -> Iterator[PageSection]:
+def judgement_sections(j: LogJudgement) -> Iterator[PageSection]:
     """Yields the judgement as sections of a page."""
-    yield PageSection("What was judged", (_judged_span(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
+    yield PageSection(
+        "What was judged", (_span_text(j), DISTANCES), PAGE_HEAD, tuple(_module_rows(j))
+    )
     for m in j.modules:
         yield from _module_sections(m)
-    if lost := tuple(text.strip() for text in lost_of(j)):
+    if lost := tuple(text.strip() for text in lost_lines(j)):
         yield PageSection("The log", lost)
     if j.derived:
-        rows = tuple((d.name, *_errors(d), d.how) for d in j.derived)
+        rows = tuple((d.name, *_error_texts(d), d.how) for d in j.derived)
         yield PageSection("What was derived", (ERRORS,), ERRORS_HEAD, rows)
     yield PageSection("What this rests on", tuple(j.assumptions))
 
@@ -95,8 +97,8 @@ def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
     if m.times is not None and m.decided:
         changes = [(m.times.begin_s, "SC"), *((c.time_s, c.to) for c in m.changes)]
         m.times.changes = () if m.unheard else changes
-        drawn = drawing(m.times, "reads outside of `safe`")
-    yield PageSection(m.module, tuple(text.strip() for text in _outcome(m)), drawn=drawn)
+        drawn = drawing_html(m.times, "reads outside of `safe`")
+    yield PageSection(m.module, tuple(text.strip() for text in _outcome_lines(m)), drawn=drawn)
     if not m.decided:
         return
     if m.changes:
@@ -107,16 +109,16 @@ def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
         yield PageSection(f"{m.module}: comparisons of `ttf`", (), BOUNDS_HEAD, rows)
 
 
-def _judged_span(j: LogJudgement) -> str:
+def _span_text(j: LogJudgement) -> str:
     samples = ", ".join(f"{name} ({n:,})" if n else name for name, n in j.samples.items())
     return f"{j.log}  judged on reads from {j.from_s:.3f} s to {j.to_s:.3f} s: {samples}"
 
 
-def _rows(j: LogJudgement) -> list[tuple[str, ...]]:
+def _module_rows(j: LogJudgement) -> list[tuple[str, ...]]:
     return [
         (
             m.module,
-            share(m.judged_share),
+            percent_text(m.judged_share),
             "" if m.unheard else f"{m.ac_share:.1%}",
             _first_switch(m),
             f"{len(m.switches):,}",
@@ -134,17 +136,17 @@ def _first_switch(m: ModuleOfLog) -> str:
     return "none" if m.judged and not m.unheard else "not judged"
 
 
-def share(x: float) -> str:
+def percent_text(x: float) -> str:
     """A share in percent; only 1 is shown as 100 %, and only 0 as 0."""
     return f"{min(max(x, 0.001), 0.999) if 0.0 < x < 1.0 else x:.1%}"
 
 
-def of_the_log(x: float) -> str:
+def share_words(x: float) -> str:
     """The words that a headline adds if only this share of the log was judged."""
-    return f" in {share(x)} of the log" if x < 1.0 else ""
+    return f" in {percent_text(x)} of the log" if x < 1.0 else ""
 
 
-def verdict_of(m: ModuleOfLog) -> str:
+def verdict_line(m: ModuleOfLog) -> str:
     """The verdict on a module, in a line."""
     parts = [f"none of {m.asked:,} reads lay outside `safe`"]
     if m.outside:
@@ -156,7 +158,7 @@ def verdict_of(m: ModuleOfLog) -> str:
     if m.first_outside_s is not None:
         parts.append(f"the first at {m.first_outside_s:.3f} s")
     if m.judged and m.judged_share < 1.0:
-        parts.append(f"judged{of_the_log(m.judged_share)}")
+        parts.append(f"judged{share_words(m.judged_share)}")
     if m.last_heard:
         names = ", ".join(f"`{n}` after {t:.3f} s" for n, t in m.last_heard.items())
         parts.append(f"nothing was heard of {names}")
@@ -166,7 +168,7 @@ def verdict_of(m: ModuleOfLog) -> str:
     return verdict if m.damage is None else f"{m.damage}: {verdict}"
 
 
-def unheard(m: ModuleOfLog) -> tuple[str, ...]:
+def unheard_sentence(m: ModuleOfLog) -> tuple[str, ...]:
     """A sentence for what follows if the log lacks the topics that let AC have control."""
     if not m.unheard:
         return ()
@@ -174,7 +176,7 @@ def unheard(m: ModuleOfLog) -> tuple[str, ...]:
     return (f"{text}, so AC never has it, and when it would have switched is not judged",)
 
 
-def _outcome(m: ModuleOfLog) -> Iterator[str]:
+def _outcome_lines(m: ModuleOfLog) -> Iterator[str]:
     """Lines about all steps of a DM, or what the log lacks to decide."""
     if not m.decided:
         yield "  undecided; the log does not give"
@@ -194,7 +196,7 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
         yield f"  {m.waiting:,} more before all that it reads was there"
     if m.outside_late:
         yield f"  samples {NOT_READ} lay outside of safe {m.outside_late:,} times"
-    for text in unheard(m):
+    for text in unheard_sentence(m):
         yield from _list_item(text)
     if m.faults:
         yield f"  a predicate faulted {m.faults:,} times: the DM takes that for unsafe"
@@ -203,7 +205,7 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
 
 
 def _module_lines(m: ModuleOfLog) -> Iterator[str]:
-    yield from _outcome(m)
+    yield from _outcome_lines(m)
     if not m.decided:
         return
     for change in m.changes[:CHANGES_SHOWN]:
@@ -219,7 +221,7 @@ def _module_lines(m: ModuleOfLog) -> Iterator[str]:
         yield f"  ... and {len(near) - BOUNDS_SHOWN:,} further away"
 
 
-def lost_of(j: LogJudgement) -> Iterator[str]:
+def lost_lines(j: LogJudgement) -> Iterator[str]:
     """Lines for samples that were not used, components that faulted, and damage of the file."""
     texts = [*j.lost]
     for name, (count, first) in j.refused.items():
@@ -231,17 +233,17 @@ def lost_of(j: LogJudgement) -> Iterator[str]:
 
 
 def _log_lines(j: LogJudgement) -> Iterator[str]:
-    yield from lost_of(j)
+    yield from lost_lines(j)
     if j.derived:
         yield "\nderived (error: half, 95 %, all of it below)"
     for how in dict.fromkeys(d.how for d in j.derived):
         yield from _list_item(how)
         for d in j.derived:
             if d.how == how:
-                yield f"      {d.name}  {', '.join(_errors(d))}"
+                yield f"      {d.name}  {', '.join(_error_texts(d))}"
 
 
-def _errors(d: DerivedValue) -> tuple[str, ...]:
+def _error_texts(d: DerivedValue) -> tuple[str, ...]:
     """The errors of a derived value as text; "none" if none could be measured, which is not 0."""
     return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
@@ -274,7 +276,7 @@ class LeftOutSamples(LostSamples):
     reasons: tuple[LostSamples, ...]
 
 
-def _left_out(j: LogJudgement) -> dict[str, LeftOutSamples]:
+def _left_out_samples(j: LogJudgement) -> dict[str, LeftOutSamples]:
     return {
         name: LeftOutSamples(*x, tuple(LostSamples(*r) for r in j.reasons[name]))
         for name, x in j.left_out.items()
@@ -285,23 +287,23 @@ def _refused_samples(j: LogJudgement) -> dict[str, LostSamples]:
     return {name: LostSamples(*x) for name, x in j.refused.items()}
 
 
-def _modules(j: LogJudgement) -> dict[str, ModuleOfLog]:
+def _modules_by_name(j: LogJudgement) -> dict[str, ModuleOfLog]:
     return {m.module: m for m in j.modules}
 
 
-def _ac_share(m: ModuleOfLog) -> float | None:
+def _ac_share_or_none(m: ModuleOfLog) -> float | None:
     return m.ac_share if m.decided and not m.unheard else None
 
 
-def _switches(m: ModuleOfLog) -> int:
+def _switch_count(m: ModuleOfLog) -> int:
     return len(m.switches)
 
 
-def _bounds(m: ModuleOfLog) -> list[NearestMargin]:
+def _bound_margins(m: ModuleOfLog) -> list[NearestMargin]:
     return list(m.bounds.values())
 
 
-def _distance(n: NearestMargin) -> float | None:
+def _finite_distance(n: NearestMargin) -> float | None:
     return n.distance if isfinite(n.distance) else None
 
 
@@ -312,13 +314,16 @@ LEFT_OUT = JsonObject(
 )
 DAMAGE = JsonObject(f"{COLUMNS}.Damage", "told share", named="damage")
 NEAREST = JsonObject(
-    f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
+    f"{RESULT}.NearestMargin",
+    "distance time_s bound",
+    {"distance": _finite_distance},
+    named="nearest",
 )
 FOREIGN_LOG = JsonObject(
     f"{RESULT}.LogJudgement",
     "path=log from_s to_s samples nodes derived constants left_out refused far_stamps faulted "
     "notes assumptions modules",
-    {"left_out": _left_out, "refused": _refused_samples, "modules": _modules},
+    {"left_out": _left_out_samples, "refused": _refused_samples, "modules": _modules_by_name},
     named="foreign_log",
     derived=JsonObject("soter.monitor.typed_samples.DerivedValue", "name how error"),
     left_out=LEFT_OUT,
@@ -329,7 +334,7 @@ FOREIGN_LOG = JsonObject(
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "
         "steps ac_share first_switch_s switches changes stale silent last_heard ttf safer outside "
         "outside_late first_outside_s nan_looks faults margin clearance bounds damage",
-        {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
+        {"ac_share": _ac_share_or_none, "switches": _switch_count, "bounds": _bound_margins},
         changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
         margin=NEAREST,
         clearance=NEAREST,

@@ -1,7 +1,8 @@
 """Loads the program of a command, from a file or from standard input.
 
-Purpose: `loaded` shows progress in a line and binds externs as `--bind` says; `warned_of_files`
-tells early of wrong files of externs; `standard_input` reads the text for `-`.
+Purpose: `loaded_program` shows progress in a line and binds externs as `--bind` says;
+`warn_of_extern_files` tells early of wrong files of externs; `standard_input` reads the text for
+`-`.
 Non-goals: parameters (`--set`), which each command hands on.
 """
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from soter.api import Program
 
 
-def opened(args: argparse.Namespace, console: Console) -> Program:
+def opened_program(args: argparse.Namespace, console: Console) -> Program:
     """Loads `args.file`; if it is correct, its warnings are told with the outcome."""
     from soter.api import load  # noqa: PLC0415 - commands about the tool itself open none
 
@@ -29,18 +30,15 @@ def opened(args: argparse.Namespace, console: Console) -> Program:
     return program
 
 
-def bound(program: Program, args: argparse.Namespace) -> Program:
+def bound_program(program: Program, args: argparse.Namespace) -> Program:
     """Binds externs as `args.bindings` says; `SoterError` if one cannot be. Returns `program`."""
     for name, target in args.bindings:
         program.bind(name, target)
     return program
 
 
-def warned_of_files(program: Program, console: Console) -> Program:
-    """Tells at once what is wrong with files of externs (W007, W037). Returns `program`.
-
-    It is for commands that do not call externs: a proof, or a package that leaves them out.
-    """
+def warn_of_extern_files(program: Program, console: Console) -> Program:
+    """Tells early of wrong files of externs (W007, W037), where none will be called."""
     warnings = program.check().warnings if program.externs else ()
     missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
     if console.json:
@@ -49,9 +47,9 @@ def warned_of_files(program: Program, console: Console) -> Program:
     return program
 
 
-def loaded(args: argparse.Namespace, console: Console) -> Program:
+def loaded_program(args: argparse.Namespace, console: Console) -> Program:
     """Loads the program that the arguments name, and binds its externs; `SoterError`."""
-    return bound(opened(args, console), args)
+    return bound_program(opened_program(args, console), args)
 
 
 STDIN = "<stdin>"

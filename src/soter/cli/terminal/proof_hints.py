@@ -35,10 +35,7 @@ def seconds_text(value: float) -> str:
 
 
 def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
-    """Prints what was tried to find hints of a module, and what was found.
-
-    `command`: the command line that verifies the same.
-    """
+    """Prints the hints tried and found for a module; `command` is the line that verifies it."""
     why = "what the program says leaves it undecided" if search.own else NO_HINTS
     printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried")
     print_tries(search, printed)
@@ -75,10 +72,7 @@ def require_writable(path: Path) -> None:
 
 
 def write_hints(report: VerifyReport, console: Console) -> str | None:
-    """Writes what was found into the program, if it proves; the path of what was written.
-
-    `SoterError` D006 where the file is not that any more which was read.
-    """
+    """Writes found hints into the program if they prove; gives its path; SoterError D006."""
     from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
 
     found = [s for s in report.searches if s.proved]
@@ -94,14 +88,14 @@ def write_hints(report: VerifyReport, console: Console) -> str | None:
     return report.path
 
 
-def _found(search: ProofSearch) -> str | None:
+def _found_text(search: ProofSearch) -> str | None:
     return None if search.found is None else str(search.found)
 
 
 SEARCHES = JsonObject(
     "soter.verify.claims.results.ProofSearch",
     "module own proved found? tries",
-    {"found": _found},
+    {"found": _found_text},
     tries=JsonObject("soter.verify.claims.results.Try", "hints gave cpu_s untried"),
 )
 """What the document of `soter verify` has of a search."""

@@ -1,8 +1,8 @@
 """The summary of a run, for a person at a terminal.
 
-Purpose: `summary` prints the verdict first, then what went wrong, who was in control when, and what
-the verdict rests on; for a run in real time also how late it was, which releases were missed, how
-workers fared, and who took over and why.
+Purpose: `run_summary` prints the verdict first, then what went wrong, who was in control when, and
+what the verdict rests on; for a run in real time also how late it was, which releases were missed,
+how workers fared, and who took over and why.
 Non-goals: figures for programs (`simulate/run_fields.py`); measuring real time
 (`runtime/posix/soter_posix_report.c`).
 """
@@ -37,10 +37,10 @@ def timing_lines(timing: Timing) -> list[str]:
     """Lines on a run in real time, from the driver's report (docs/json.md)."""
     return [
         *_timing_head(timing),
-        *_histograms(timing),
-        *_workers(timing),
-        *_takeovers(timing),
-        *_leases(timing),
+        *_histogram_lines(timing),
+        *_worker_lines(timing),
+        *_takeover_lines(timing),
+        *_lease_lines(timing),
     ]
 
 
@@ -64,15 +64,15 @@ def _timing_head(timing: Timing) -> Iterator[str]:
     yield from (f"  note: {text}" for text in timing["notes"])
 
 
-def _histograms(timing: Timing) -> Iterator[str]:
+def _histogram_lines(timing: Timing) -> Iterator[str]:
     yield f"  {'lateness, µs':<{WIDTH}}{'p50':>9} {'p99':>9} {'p99.9':>9} {'max':>9}"
-    yield _row("wake-up, nothing to do", timing["bare"])
-    yield _row("instants", timing["wake"])
+    yield _histogram_row("wake-up, nothing to do", timing["bare"])
+    yield _histogram_row("instants", timing["wake"])
     for name, node in timing["nodes"].items():
         if not node["release"]["count"]:
             continue  # of a process of its own
-        yield _row(f"{name} begins", node["release"])
-        yield _row(f"{name} complete", node["completion"])
+        yield _histogram_row(f"{name} begins", node["release"])
+        yield _histogram_row(f"{name} complete", node["completion"])
         if late := [f"{node[k]} {k.replace('_', ' ')}" for k in _LATE if node[k]]:
             yield f"    {', '.join(late)}"
 
@@ -80,12 +80,12 @@ def _histograms(timing: Timing) -> Iterator[str]:
 _LATE = ("released_late", "completed_late")
 
 
-def _row(name: str, h: dict[str, Any]) -> str:
+def _histogram_row(name: str, h: dict[str, Any]) -> str:
     figures = " ".join(f"{h[k] / 1e3:>9.1f}" for k in ("p50_ns", "p99_ns", "p999_ns", "max_ns"))
     return f"  {name:<{WIDTH}}{figures}"
 
 
-def _workers(timing: Timing) -> Iterator[str]:
+def _worker_lines(timing: Timing) -> Iterator[str]:
     for name, w in timing["workers"].items():
         yield (
             f"  worker {name}: {w['answered']} of {w['asked']} answered, {w['later']} of them "
@@ -94,13 +94,13 @@ def _workers(timing: Timing) -> Iterator[str]:
         )
 
 
-def _takeovers(timing: Timing) -> Iterator[str]:
+def _takeover_lines(timing: Timing) -> Iterator[str]:
     for name, module in timing["modules"].items():
         if causes := [f"{n} by {cause}" for cause, n in module["takeovers"].items() if n]:
             yield f"  takeovers {name}: {', '.join(causes)}"
 
 
-def _leases(timing: Timing) -> Iterator[str]:
+def _lease_lines(timing: Timing) -> Iterator[str]:
     for name, of in timing["leases"].items():
         text = f"  leases {name}: {of['given']} given"
         ended = of["ended_ns"]
@@ -115,18 +115,22 @@ COLUMNS_A_TAKEOVER = 3
 """Columns that a timeline needs for each takeover; with fewer it is not drawn."""
 
 
-def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
+def run_summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
     """The whole summary as text; with `why` also each change of mode and its values."""
     sections = [
-        [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
-        list(_violations(run, console)),
-        list(_faults(run, console)),
-        _on_purpose(run, console),
+        [
+            _headline(run, path, console),
+            *_parameter_lines(run, console),
+            *_verdict_lines(run, console),
+        ],
+        list(_violation_lines(run, console)),
+        list(_fault_lines(run, console)),
+        _declared_fault_lines(run, console),
         timing_lines(run.timing) if run.timing else [],
         [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
-        _modules(run, console),
-        list(_timelines(run, console)),
-        list(_decisions(run, console)) if why else [],
+        _module_lines(run, console),
+        list(_timeline_lines(run, console)),
+        list(_decision_lines(run, console)) if why else [],
         list(_proof_lines(run, console)),
     ]
     return "\n\n".join("\n".join(lines) for lines in sections if lines)
@@ -134,15 +138,15 @@ def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
 
 def _headline(run: Run, path: str, console: Console) -> str:
     speed = run.reached_s / run.wall_s if run.wall_s > 0 else 0.0
-    how = f"{run.engine}, {_time(run.wall_s)}"
+    how = f"{run.engine}, {_time_text(run.wall_s)}"
     if run.lag_s_max is None and run.engine != "recorded":
-        how += f" ({_rounded(speed)} {TIMES} real time)"
+        how += f" ({_rounded_text(speed)} {TIMES} real time)"
     how += ", in real time" if run.timing else ", paced" if run.lag_s_max is not None else ""
     facts = f"{visible(path)}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
 
 
-def _params(run: Run, console: Console) -> Iterator[str]:
+def _parameter_lines(run: Run, console: Console) -> Iterator[str]:
     """A line with the parameters that do not have their default values."""
     if changes := changed_parameters(run.system):
         texts = [
@@ -151,7 +155,7 @@ def _params(run: Run, console: Console) -> Iterator[str]:
         yield console.paint("muted", f"params  {', '.join(texts)}")
 
 
-def _verdict(run: Run, console: Console) -> list[str]:
+def _verdict_lines(run: Run, console: Console) -> list[str]:
     lines = []
     if run.interrupted:
         at = f"stopped at {run.reached_s:.3f} s of {run.duration_s:g} s"
@@ -172,11 +176,11 @@ def _verdict(run: Run, console: Console) -> list[str]:
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
         lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
-    lines += _reservations(run, console)
+    lines += _reservation_lines(run, console)
     return lines
 
 
-def _reservations(run: Run, console: Console) -> Iterator[str]:
+def _reservation_lines(run: Run, console: Console) -> Iterator[str]:
     """Lines for what limits the verdict: unshown modules, lateness, externs without answers."""
     for m in run.system.modules:
         if m.unshown:
@@ -188,12 +192,12 @@ def _reservations(run: Run, console: Console) -> Iterator[str]:
         word = console.paint("yellow", "NEVER ANSWERED")
         yield f"{word}  `{name}` failed in each of {steps} steps: nothing of it was tried"
     if run.lag_s_max is not None and not run.timing:
-        late = f"no instant was more than {_time(run.lag_s_max)} late"
+        late = f"no instant was more than {_time_text(run.lag_s_max)} late"
         why = f" ({run.paced})" if run.paced else ""
         yield f"paced by the virtual-time driver, not the real-time runtime{why}: {late}"
 
 
-def _violations(run: Run, console: Console) -> Iterator[str]:
+def _violation_lines(run: Run, console: Console) -> Iterator[str]:
     cross = "x" if console.ascii_only else TIMES
     for v in run.violation_list:
         first = "" if v.time_s is None else f"at {v.time_s:.3f} s"
@@ -203,7 +207,7 @@ def _violations(run: Run, console: Console) -> Iterator[str]:
         yield console.paint("muted", f"    {first}{often}  {where}".rstrip())
 
 
-def _faults(run: Run, console: Console) -> Iterator[str]:
+def _fault_lines(run: Run, console: Console) -> Iterator[str]:
     """Lines for step faults of each component, with the message of an extern."""
     faults = component_faults(run)
     if not faults:
@@ -221,7 +225,7 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
             yield console.paint("muted", f"    `{clipped}` puts answers at the ends of their sets")
 
 
-def _on_purpose(run: Run, console: Console) -> list[str]:
+def _declared_fault_lines(run: Run, console: Console) -> list[str]:
     """A table of what the `faults` of the system did in this run."""
     rows: dict[tuple[str, int], tuple[str, ...]] = {}
     until_ns = round(run.reached_s * 1e9)
@@ -242,7 +246,7 @@ def _on_purpose(run: Run, console: Console) -> list[str]:
     return [console.table(heads, list(rows.values()))]
 
 
-def _modules(run: Run, console: Console) -> list[str]:
+def _module_lines(run: Run, console: Console) -> list[str]:
     if not run.modules:
         return []
     rows: list[list[Entry]] = []
@@ -255,7 +259,7 @@ def _modules(run: Run, console: Console) -> list[str]:
     return [console.table(headers, rows)]
 
 
-def _decisions(run: Run, console: Console) -> Iterator[str]:
+def _decision_lines(run: Run, console: Console) -> Iterator[str]:
     """Lines for each change of mode, up to `DECISIONS_MAX`, with its reason."""
     decisions = run.decisions
     arrow = "->" if console.ascii_only else "→"
@@ -269,7 +273,7 @@ def _decisions(run: Run, console: Console) -> Iterator[str]:
         yield console.paint("muted", f"  and {len(decisions) - DECISIONS_MAX} more: --json, --log")
 
 
-def _timelines(run: Run, console: Console) -> Iterator[str]:
+def _timeline_lines(run: Run, console: Console) -> Iterator[str]:
     names = [m.name for m in run.system.modules]
     if not names or run.reached_s <= 0:
         return
@@ -277,7 +281,7 @@ def _timelines(run: Run, console: Console) -> Iterator[str]:
     columns = shutil.get_terminal_size((100, 24)).columns
     width = max(TIMELINE_MIN, min(columns - label - 3, TIMELINE_MAX))
     for index, name in enumerate(names):
-        time_s, in_control = _modes(run, index)
+        time_s, in_control = _mode_changes(run, index)
         if run.modules[name].switches_to_sc > width // COLUMNS_A_TAKEOVER:
             yield f"{name}{' ' * (label - display_width(name))}  too many takeovers to draw"
             continue
@@ -287,7 +291,7 @@ def _timelines(run: Run, console: Console) -> Iterator[str]:
     yield console.paint("muted", f"{' ' * label}  0{end.rjust(width - 1)}")
 
 
-def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
+def _mode_changes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
     """Times in s of start, every change and end; whether AC is in control from each on."""
     forced_ac = run.system.modules[module].forced == "ac"
     changes = [(c.time_ns / 1e9, c.to == "AC") for c in run.changes if c.module == module]
@@ -303,11 +307,11 @@ def _proof_lines(run: Run, console: Console) -> Iterator[str]:
             yield console.paint("muted", f"  {line}")
 
 
-def _time(seconds: float) -> str:
+def _time_text(seconds: float) -> str:
     if seconds < 1e-3:
         return f"{seconds * 1e6:.0f} µs"
     return f"{seconds * 1e3:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
 
 
-def _rounded(x: float) -> str:
+def _rounded_text(x: float) -> str:
     return f"{float(f'{x:.2g}'):,.0f}" if x >= 10 else f"{x:.1f}"

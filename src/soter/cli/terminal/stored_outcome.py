@@ -47,11 +47,7 @@ PAINT = re.compile(r"\x1b\[[0-9;]*m")
 
 @dataclass(eq=False)
 class Printout:
-    """Texts and tables in the order in which they are shown, in a form that JSON can hold.
-
-    A part is a text, coloured, or `[headers, rows]` of a table, whose cells are texts or
-    `{"text", "tone"}`.
-    """
+    """Shown parts, in order, as JSON: coloured texts, and `[headers, rows]` of tables."""
 
     parts: list[Any] = field(default_factory=list)
 
@@ -66,10 +62,10 @@ class Printout:
 
     @staticmethod
     def paint(style: str, text: str) -> str:
-        """`text` in colour; `show` removes colours where the console has none."""
+        """`text` in colour; `print_to` removes colours where the console has none."""
         return painted(style, text)
 
-    def show(self, console: Console) -> None:
+    def print_to(self, console: Console) -> None:
         """Prints all parts, unless the console is for JSON."""
         for part in self.parts if not console.json else ():
             if isinstance(part, str):
@@ -83,10 +79,7 @@ class Printout:
 
 @dataclass(frozen=True)
 class StoredOutcome:
-    """The output, the fields of the document and the exit code of a command.
-
-    `warned`: the program has warnings, which are not stored.
-    """
+    """A command's output, fields and exit code; `warned`: it had warnings, not stored."""
 
     exit: int
     fields: dict[str, object]
@@ -124,7 +117,7 @@ def store_outcome(
     try:
         with new_entry(NAME, _content_hash(file, words, absolute), (FILE,)) as entry:
             (entry / FILE).write_text(text, encoding="utf-8")
-        _list(file, list(absolute))
+        _write_list(file, list(absolute))
     except (OSError, SoterError):
         return  # the next command computes it again
 
@@ -133,12 +126,12 @@ def _content_hash(file: str, words: Sequence[str], contents: Mapping[str, str]) 
     """A hash over everything that an outcome rests on."""
     compiler = find()
     made_by = [soter_sha256(), compiler.identity, *compiler.flags, sys.version, platform.platform()]
-    made_by += [f"{name} {_version(name)}" for name in PACKAGES]
+    made_by += [f"{name} {_package_version(name)}" for name in PACKAGES]
     files = [part for pair in sorted(contents.items()) for part in pair]
     return digest([*made_by, str(len(files)), *files, _absolute(file), file, *words])
 
 
-def _version(package: str) -> str:
+def _package_version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
@@ -160,22 +153,22 @@ def _sha256(path: str) -> str:
 # ---------------------------------------------------------------- which files
 
 
-def _list_of(file: str) -> Path:
+def _list_path(file: str) -> Path:
     """The path of the list of a program's files; clearing the cache removes only folders."""
     return cache_dir() / "verdicts" / f"{digest([_absolute(file)])[:32]}.files"
 
 
 def _stored_files(file: str) -> list[str]:
     """The files that the program was made of when its last outcome was stored; [] if unknown."""
-    path = _list_of(file)
+    path = _list_path(file)
     status = path.stat()
     if not is_ours(status) or status.st_size > LIST_MAX:
         return []
     return [str(name) for name in json.loads(path.read_text(encoding="utf-8"))]
 
 
-def _list(file: str, paths: list[str]) -> None:
-    to = _list_of(file)
+def _write_list(file: str, paths: list[str]) -> None:
+    to = _list_path(file)
     to.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     handle, made = tempfile.mkstemp(dir=to.parent)
     with os.fdopen(handle, "w", encoding="utf-8") as stream:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from soter.cli.terminal.command_line import UsageError
 from soter.cli.terminal.command_outcome import CommandOutcome
-from soter.cli.terminal.console import Console, decimal
+from soter.cli.terminal.console import Console, disk_size
 from soter.diagnostics.command_records import choice, option, read_by
 from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
 
@@ -59,15 +59,15 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     held = sum(size for _, size, _ in cache_entries)
     if removed is not None:
         noun = "entry" if removed[0] == 1 else "entries"
-        console.say(f"removed  {removed[0]} {noun}, {decimal(removed[1])}")
+        console.say(f"removed  {removed[0]} {noun}, {disk_size(removed[1])}")
     console.say(f"folder   {cache_dir()}")
     console.say(
-        f"holds    {decimal(held)} in {len(cache_entries)} "
+        f"holds    {disk_size(held)} in {len(cache_entries)} "
         f"entr{'y' if len(cache_entries) == 1 else 'ies'}"
     )
-    console.say(f"limit    {decimal(most)} ({said_by})")
+    console.say(f"limit    {disk_size(most)} ({said_by})")
     if cache_entries:
-        console.say(f"oldest   used {_ago(time.time() - cache_entries[0][0])} ago")
+        console.say(f"oldest   used {_ago_text(time.time() - cache_entries[0][0])} ago")
     fields: dict[str, object] = {
         "folder": str(cache_dir()),
         "entries": len(cache_entries),
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(fields=fields)
 
 
-def _ago(seconds: float) -> str:
+def _ago_text(seconds: float) -> str:
     for unit, length in (("day", 86_400.0), ("hour", 3_600.0), ("minute", 60.0)):
         if count := int(seconds // length):
             return f"{count} {unit}{'s' if count > 1 else ''}"

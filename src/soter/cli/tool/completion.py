@@ -59,10 +59,10 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Prints the script for the shell."""
-    from soter.cli.main import COMMANDS, parser_of  # noqa: PLC0415 - it imports this file by name
+    from soter.cli.main import COMMANDS, command_parser  # noqa: PLC0415 - it imports this file by name
 
     words = [
-        words_of(name, about, parser_of(name) if name != "help" else None, COMMANDS)
+        words_of_command(name, about, command_parser(name) if name != "help" else None, COMMANDS)
         for name, about in COMMANDS.items()
     ]
     text = "\n".join(SHELLS[args.shell](words))
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(fields={"shell": args.shell, "script": text})
 
 
-def words_of(
+def words_of_command(
     name: str, about: str, made: argparse.ArgumentParser | None, commands: dict[str, str]
 ) -> Words:
     """What a command takes, read off its parser; `help`, which has none, takes `commands`."""
@@ -113,7 +113,7 @@ BASH_TAIL = """\
 complete -o filenames -F _soter soter"""
 
 
-def bash(commands: list[Words]) -> Iterator[str]:
+def bash_script(commands: list[Words]) -> Iterator[str]:
     """A script for bash 4 and later."""
     yield BASH_HEAD
     for c in commands:
@@ -160,18 +160,18 @@ ZSH_TAIL = """\
 if [ "$funcstack[1]" = "_soter" ]; then _soter "$@"; else compdef _soter soter; fi"""
 
 
-def zsh(commands: list[Words]) -> Iterator[str]:
+def zsh_script(commands: list[Words]) -> Iterator[str]:
     """A completion function for zsh, to be put into a folder of `fpath`."""
     yield ZSH_HEAD
     for c in commands:
-        yield f"    {_quoted(f'{c.name}:{_plain(c.about)}')}"
+        yield f"    {_zsh_quoted(f'{c.name}:{_zsh_text(c.about)}')}"
     yield ZSH_OPTIONS
     for c in commands:
         rows = [r for o in c.options for r in _zsh_option(o)]
         if c.first:
-            rows.append(_quoted(f"*:word:({' '.join(c.first)})"))
+            rows.append(_zsh_quoted(f"*:word:({' '.join(c.first)})"))
         elif c.path:
-            rows.append(_quoted("*:file:_files"))
+            rows.append(_zsh_quoted("*:file:_files"))
         if rows:
             yield f"    {c.name}) _arguments \\"
             yield from (f"      {row} \\" for row in rows[:-1])
@@ -180,21 +180,21 @@ def zsh(commands: list[Words]) -> Iterator[str]:
 
 
 def _zsh_option(option: Option) -> Iterator[str]:
-    about = _plain(option.about)
+    about = _zsh_text(option.about)
     for name in option.names:
         takes = ""
         if option.takes:
             how = f"({' '.join(option.values)})" if option.values else "_files" * option.path
             takes = f":value:{how or ' '}"
-        yield _quoted(f"{name}[{about}]{takes}")
+        yield _zsh_quoted(f"{name}[{about}]{takes}")
 
 
-def _plain(text: str) -> str:
+def _zsh_text(text: str) -> str:
     """A description without the characters that have a meaning in zsh."""
     return re.sub(r"[\[\]:\\]", " ", text)
 
 
-def _quoted(text: str) -> str:
+def _zsh_quoted(text: str) -> str:
     return "'" + text.replace("'", "'\\''") + "'"
 
 
@@ -207,15 +207,15 @@ complete -c soter -f
 complete -c soter -n __fish_use_subcommand -s V -l version -d 'the version'"""
 
 
-def fish(commands: list[Words]) -> Iterator[str]:
+def fish_script(commands: list[Words]) -> Iterator[str]:
     """Commands for fish."""
     yield FISH_HEAD
     for c in commands:
-        yield f"complete -c soter -n __fish_use_subcommand -a {c.name} -d {_fish(c.about)}"
+        yield f"complete -c soter -n __fish_use_subcommand -a {c.name} -d {_fish_quoted(c.about)}"
     for c in commands:
         seen = f"complete -c soter -n '__fish_seen_subcommand_from {c.name}'"
         if c.first:
-            yield f"{seen} -a {_fish(' '.join(c.first))}"
+            yield f"{seen} -a {_fish_quoted(' '.join(c.first))}"
         if c.path:
             yield f"{seen} -F"
         for o in c.options:
@@ -224,13 +224,13 @@ def fish(commands: list[Words]) -> Iterator[str]:
             )
             takes = ""
             if o.takes:
-                takes = f" -r -a {_fish(' '.join(o.values))}" if o.values else " -r"
+                takes = f" -r -a {_fish_quoted(' '.join(o.values))}" if o.values else " -r"
                 takes += " -F" if o.path else ""
-            yield f"{seen} {names}{takes} -d {_fish(o.about)}"
+            yield f"{seen} {names}{takes} -d {_fish_quoted(o.about)}"
 
 
-def _fish(text: str) -> str:
+def _fish_quoted(text: str) -> str:
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
-SHELLS = {"bash": bash, "zsh": zsh, "fish": fish}
+SHELLS = {"bash": bash_script, "zsh": zsh_script, "fish": fish_script}

@@ -39,23 +39,23 @@ class Options:
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Prints the page of the code, or the list of codes; a diagnostic for an unknown code."""
     if args.code is None:
-        return _list(console)
+        return _list_codes(console)
     code = named(args.code)
     page = explain(args.code)
     if page is None or code is None:
-        return _unknown(args.code)
-    console.say(_shown(page, console))
+        return _unknown_code_outcome(args.code)
+    console.say(_coloured_page(page, console))
     return CommandOutcome(fields={"code": code, "title": title(code), "page": page})
 
 
-def _list(console: Console) -> CommandOutcome:
+def _list_codes(console: Console) -> CommandOutcome:
     titles = {code: title(code) or "" for code in all_codes()}
     for code, text in titles.items():
         console.say(f"{console.paint('bold', code)}{' ' * (6 - len(code))}{text}")
     return CommandOutcome(fields={"codes": [{"code": c, "title": t} for c, t in titles.items()]})
 
 
-def _unknown(code: str) -> CommandOutcome:
+def _unknown_code_outcome(code: str) -> CommandOutcome:
     near = ", ".join(f"`{c}`" for c in suggestions(code))
     helps = (f"did you mean {near}?",) if near else ("`soter explain` lists all codes",)
     return CommandOutcome(
@@ -63,7 +63,7 @@ def _unknown(code: str) -> CommandOutcome:
     )
 
 
-def _shown(page: str, console: Console) -> str:
+def _coloured_page(page: str, console: Console) -> str:
     """The page's Markdown; with colours for headings and code where the console has some."""
     if not console.color_out:
         return page.rstrip()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome, exit_of
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome, exit_code
 from soter.cli.terminal.program_loading import STDIN, standard_input
 from soter.cli.terminal.shared_options import file_option
 from soter.diagnostics.command_records import SWITCH, option
@@ -58,11 +58,11 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             texts[name] = after
             if before != after:
                 changed.append(name)
-            differences += _deliver(name, before, after, args, console)
+            differences += _write_or_show(name, before, after, args, console)
         except SoterError as error:
             problems += error.diagnostics
-    _say(args, changed, problems, console)
-    code = exit_of(problems) or (DIAGNOSTICS if args.check and changed else 0)
+    _say_changed(args, changed, problems, console)
+    code = exit_code(problems) or (DIAGNOSTICS if args.check and changed else 0)
     fields: dict[str, object] = {"changed": changed}
     if args.diff:
         fields["diff"] = "\n".join(differences)
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(code, tuple(problems), fields)
 
 
-def _deliver(
+def _write_or_show(
     name: str, before: str, after: str, args: argparse.Namespace, console: Console
 ) -> list[str]:
     """Writes, or shows, what was laid out; returns the lines of the difference, for `--diff`."""
@@ -91,7 +91,7 @@ def _deliver(
     return lines
 
 
-def _say(
+def _say_changed(
     args: argparse.Namespace, changed: list[str], problems: list[Diagnostic], console: Console
 ) -> None:
     if args.diff or "-" in args.files:

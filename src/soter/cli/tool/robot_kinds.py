@@ -1,7 +1,8 @@
 """The robots of `soter new --robot KIND`: texts of a kind, with figures of one's own.
 
-Purpose: `kinds` lists them; `texts_of_kind` gives the files of a robot. Figures are the constants
-at the head of its program that are a number or a time; its other files name them as `{{MASS}}`.
+Purpose: `robot_kinds` lists them; `texts_of_kind` gives the files of a robot. Figures are the
+constants at the head of its program that are a number or a time; its other files name them as
+`{{MASS}}`.
 Non-goals: what a robot is and how it is proved: all of that stands in its program.
 """
 
@@ -32,7 +33,7 @@ class Channel(Protocol):
     """A channel of the log."""
 
     fields: dict[str, Range]
-    kept: list[str]
+    kept_fields: list[str]
 
     def first_max_age_ns(self) -> int:
         """How old its samples may be."""
@@ -54,7 +55,7 @@ AGE = "AGE"
 """The figure that every kind has: how old what its decision module reads may be."""
 
 
-def kinds() -> dict[str, str]:
+def robot_kinds() -> dict[str, str]:
     """Each kind with one line about it: what its program says first."""
     programs = sorted(FOLDER.glob(f"*/{PROGRAM}"))
     heads = [p.read_text(encoding="utf-8").partition("{{name}}: ")[2] for p in programs]
@@ -65,8 +66,8 @@ def kinds() -> dict[str, str]:
 def texts_of_kind(
     kind: str, names: Mapping[str, str], settings: Sequence[str], survey: LogSurvey | None
 ) -> dict[str, str]:
-    """File name -> text; SoterError U001 for a kind or figures that cannot be, U004, D016."""
-    known = kinds()
+    """The texts of a robot's files, by name; SoterError U001, U004 (wrong figures), D016."""
+    known = robot_kinds()
     if kind not in known:
         lines = (f"{name}: {line}" for name, line in known.items())
         message = f"there is no kind of robot `{safe(kind)[:40]}`"
@@ -75,20 +76,20 @@ def texts_of_kind(
     texts = {
         p.name.removesuffix(".in"): p.read_text(encoding="utf-8") for p in paths if p.is_file()
     }
-    figures = _figures(texts[PROGRAM], settings)
+    figures = _figure_values(texts[PROGRAM], settings)
     if survey is not None:
         _fill_from_log(texts, figures, survey, settings)
     texts[PROGRAM] = FIGURE.sub(
         lambda m: f"const {m[1]}: {m[2]} = {figures[m[1]]};  // {m[4]}", texts[PROGRAM]
     )
     return {
-        _filled(name, RENAMED, names): _filled(text, (), {**names, **figures})
+        _filled_text(name, RENAMED, names): _filled_text(text, (), {**names, **figures})
         for name, text in texts.items()
     }
 
 
-def _figures(program: str, settings: Sequence[str]) -> dict[str, str]:
-    """Name -> value, as Soter writes it, of every figure; SoterError U001, U004."""
+def _figure_values(program: str, settings: Sequence[str]) -> dict[str, str]:
+    """The value of every figure, by name, as Soter writes it; SoterError U001, U004."""
     known = {m[1]: m for m in FIGURE.finditer(program)}
     values, problems = {name: m[3] for name, m in known.items()}, list[Diagnostic]()
     for word in settings:
@@ -99,7 +100,7 @@ def _figures(program: str, settings: Sequence[str]) -> dict[str, str]:
             problems.append(Diagnostic("U004", message, notes=("there are", *rows), helps=(help_,)))
             continue
         try:
-            values[name] = _value(name, text, known[name])
+            values[name] = _checked_figure(name, text, known[name])
         except SoterError as error:
             problems += error.diagnostics
     if problems:
@@ -107,7 +108,7 @@ def _figures(program: str, settings: Sequence[str]) -> dict[str, str]:
     return values
 
 
-def _value(name: str, text: str, known: re.Match[str]) -> str:
+def _checked_figure(name: str, text: str, known: re.Match[str]) -> str:
     """A value that somebody gave; SoterError U001 where the figure cannot have it."""
     if known[2] == "duration":
         return write_ns(time_ns(name, text) or 0)
@@ -136,14 +137,14 @@ def _fill_from_log(
         figures[AGE] = write_ns(age)
     ranges = (
         f"// {safe(p)}: {found.fields[p].low:.6g} to {found.fields[p].high:.6g}\n"
-        for p in found.kept[:8]
+        for p in found.kept_fields[:8]
     )
     comment = f"// A log's `{channel}` gave {AGE}, and ranges to compare the figures with:\n"
     head, at, rest = texts[PROGRAM].partition("const ")
     texts[PROGRAM] = head + comment + "".join(ranges) + at + rest
 
 
-def _filled(text: str, renamed: Sequence[tuple[str, str]], values: Mapping[str, str]) -> str:
+def _filled_text(text: str, renamed: Sequence[tuple[str, str]], values: Mapping[str, str]) -> str:
     for old, new in (*renamed, *(("{{" + name + "}}", value) for name, value in values.items())):
         text = text.replace(old, new)
     return text

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_outcome import CommandOutcome
-from soter.cli.terminal.program_loading import loaded
+from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import SET, SYSTEM, file_option
 from soter.diagnostics.command_records import option
 
@@ -59,7 +59,7 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Draws the system, and writes the SVG."""
-    program = loaded(args, console)
+    program = loaded_program(args, console)
     if args.core:
         return _print_core(program.declared(args.system, dict(args.params)), program, console)
     shown = program.diagram(args.system, dict(args.params))

@@ -1,4 +1,4 @@
-"""The files of bags of ROS: read within bounds, and whether their parts make a whole bag.
+"""Reads the files of bags of ROS within bounds, and checks that they make a whole bag.
 
 Purpose: `ros1_messages` and `sqlite_messages` read one file of ROS 1, or one SQLite file of ROS 2,
 within bounds: records that point to one another in circles, chunks that unpack to gigabytes and
@@ -29,10 +29,10 @@ from rosbags.rosbag2 import Reader as Reader2
 from soter.monitor.log_files.log_columns import REINDEX, Writers
 from soter.monitor.log_files.message_decoding import (
     UndecodableError,
-    decoder,
-    decoder_made,
     find_definitions,
     known_definitions,
+    made_decoder,
+    message_decoder,
     require_type,
 )
 from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
@@ -59,19 +59,19 @@ CHECKPOINT, ROLLBACK = "'PRAGMA wal_checkpoint(TRUNCATE)'", "'SELECT 1 FROM mess
 
 
 class ContradictionError(ValueError):
-    """A bag that is not as it says; the text says where and how, `remedy` what to do."""
+    """A bag contradicts itself: the text says where and how, `remedy` what to do."""
 
     def __init__(self, message: str, remedy: str) -> None:
         super().__init__(message)
         self.remedy = remedy
 
 
-def _wrong(message: str) -> ContradictionError:
+def _contradiction(message: str) -> ContradictionError:
     return ContradictionError(message, REMEDY1)
 
 
 class WholeBag1:
-    """Reads an open bag of ROS 1; `unpack`: the bounded form of each way to unpack of `rosbags`."""
+    """Reads an open bag of ROS 1; `unpack`: by way to unpack of `rosbags`, its bounded form."""
 
     def __init__(
         self, reader: Reader, unpack: Mapping[Callable[[bytes], bytes], Callable[[bytes], bytes]]
@@ -81,11 +81,11 @@ class WholeBag1:
         self.known: dict[int, tuple[dict[str, bytes], bytes]] = {}
 
     def messages(self) -> Iterator[tuple[int, int, bytes]]:
-        """Connection, time and bytes of every message, in the order of the file.
+        """Gives connection, time and bytes of every message, in the order of the file.
 
         ContradictionError where a chunk, the index or a connection says something else.
         """
-        self._walk()
+        self._check_records()
         index: dict[int, Counter[tuple[int, int]]] = {}
         for connection, entries in self.reader.indexes.items():
             for entry in entries:
@@ -97,19 +97,19 @@ class WholeBag1:
                 yield connection, time_ns, data
             where = f"the chunk at byte {info.pos}"
             if found != index.get(info.pos, Counter()):
-                raise _wrong(f"{where} has other messages than the index says")
+                raise _contradiction(f"{where} has other messages than the index says")
             counts: Counter[int] = Counter()
             for (connection, _), n in found.items():
                 counts[connection] += n
             counts_by_connection = {c: n for c, n in info.connection_counts.items() if n}
             if counts_by_connection != dict(counts):
-                raise _wrong(f"{where} has another number of messages than it says")
+                raise _contradiction(f"{where} has another number of messages than it says")
             times = [time_ns for _, time_ns in found]
             if times and (min(times), max(times) + 1) != (info.start_time, info.end_time):
-                raise _wrong(f"{where} has messages of other times than it says")
+                raise _contradiction(f"{where} has messages of other times than it says")
 
-    def _walk(self) -> None:
-        """Step over every record of the file to its end, and compare them with its head."""
+    def _check_records(self) -> None:
+        """Steps over every record of the file to its end, and compares them with its head."""
         file = self.reader.bio
         assert file is not None
         file.seek(0, 2)
@@ -121,18 +121,18 @@ class WholeBag1:
                 header = Header.read(file)
                 kind, size = header.get_uint8("op"), read_uint32(file)
             except ReaderError as error:
-                raise _wrong(f"at byte {at} stands no record") from error
+                raise _contradiction(f"at byte {at} stands no record") from error
             seen[kind] += 1
             if kind == RecordType.CHUNK:
                 if at not in self.reader.chunks:
-                    raise _wrong(f"the index does not name the chunk at byte {at}")
+                    raise _contradiction(f"the index does not name the chunk at byte {at}")
                 self.sizes[at] = header.get_uint32("size")
             if kind == RecordType.CONNECTION:
-                self._define(header, read_bytes(file, size), at)
+                self._define_connection(header, read_bytes(file, size), at)
             else:
                 file.seek(size, 1)
         if file.tell() > end:
-            raise _wrong("its end is missing")
+            raise _contradiction("its end is missing")
         index = (
             len(self.reader.connections),
             len(self.reader.chunk_infos),
@@ -140,15 +140,15 @@ class WholeBag1:
         )
         kinds = RecordType.CONNECTION, RecordType.CHUNK_INFO, RecordType.CHUNK
         if index != tuple(seen[kind] for kind in kinds):
-            raise _wrong("its head counts other connections or chunks than stand there")
+            raise _contradiction("its head counts other connections or chunks than stand there")
 
-    def _define(self, header: Header, body: bytes, at: int) -> None:
+    def _define_connection(self, header: Header, body: bytes, at: int) -> None:
         number = header.get_uint32("conn")
         before, _ = self.known.setdefault(number, (dict(header), body))
         if self.known[number] != (dict(header), body):
             topic = before["topic"].decode("utf-8", "replace")[:80]
             message = f"connection {number} is `{topic}`, and another one at byte {at}"
-            raise _wrong(message)
+            raise _contradiction(message)
 
     def _chunk_messages(self, place: int) -> Iterator[tuple[int, int, bytes]]:
         chunk = self.reader.chunks[place]
@@ -159,18 +159,18 @@ class WholeBag1:
         data = self.unpack[chunk.decompressor](packed)
         if len(data) != self.sizes[place]:
             message = f"it says {self.sizes[place]:,} bytes and has {len(data):,}"
-            raise _wrong(f"the chunk at byte {place} is damaged: {message}")
+            raise _contradiction(f"the chunk at byte {place} is damaged: {message}")
         inside = BytesIO(data)
         while inside.tell() < len(data):
             header = Header.read(inside)
             body = read_bytes(inside, read_uint32(inside))
             kind = header.get_uint8("op")
             if kind == RecordType.CONNECTION:
-                self._define(header, body, place)
+                self._define_connection(header, body, place)
             elif kind != RecordType.MSGDATA:
-                raise _wrong(f"a record of kind {kind} stands in the chunk at byte {place}")
+                raise _contradiction(f"a record of kind {kind} stands in the chunk at byte {place}")
             elif header.get_uint32("conn") not in self.known:
-                raise _wrong(f"a message of the chunk at byte {place} is of no connection")
+                raise _contradiction(f"a message of the chunk at byte {place} is of no connection")
             else:
                 yield header.get_uint32("conn"), header.get_time("time"), body
 
@@ -179,10 +179,7 @@ class WholeBag1:
 
 
 def require_no_journal(path: Path) -> None:
-    """ContradictionError where SQLite left a part of a database beside it, packed or not.
-
-    Of a link beside what it points to, too: there SQLite looks.
-    """
+    """Raises ContradictionError where SQLite left a journal beside a database or its link."""
     for each in dict.fromkeys((path, path.resolve())):
         database = each.with_name(each.name.removesuffix(".zstd"))
         wal, journal = (database.with_name(database.name + end) for end in ("-wal", "-journal"))
@@ -200,9 +197,9 @@ def require_no_journal(path: Path) -> None:
 
 
 def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
-    """ContradictionError where a database is damaged, or has fewer messages than it says.
+    """Raises ContradictionError where a database is damaged, or has fewer messages than it says.
 
-    `counts`: its messages by topic. What it says of itself was written before its last messages.
+    `counts`: its messages by topic. A database's metadata were written before its last messages.
     """
     size = path.stat().st_size
     pages = next(iter(database.execute(SIZE)))[0]
@@ -224,7 +221,7 @@ def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Pa
     if not next(iter(database.execute(HAS_METADATA)), None):
         return
     row = next(iter(database.execute("SELECT metadata FROM metadata ORDER BY id DESC")), None)
-    announced = counts_said(row[0], path.name) if row is not None else {}
+    announced = counts_in_metadata(row[0], path.name) if row is not None else {}
     for topic, n in sorted(announced.items(), key=lambda each: each[0] is None):
         if n > (stored if topic is None else counts.get(topic, 0)):
             raise wrong_count(topic, n, stored if topic is None else counts.get(topic, 0))
@@ -234,8 +231,8 @@ SIZE = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"
 HAS_METADATA = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'metadata'"
 
 
-def counts_said(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 - what a row has
-    """The numbers of messages by topic, None: of all, by a database's metadata; {}: it has none."""
+def counts_in_metadata(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 - what a row has
+    """The numbers of messages by topic (None: of all) in a database's metadata; {} without such."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
@@ -251,7 +248,7 @@ def counts_said(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 
 
 
 def read_counts(information: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
-    """Messages by topic, None: of all; raises KeyError, TypeError, ValueError."""
+    """The numbers of messages by topic (None: of all); raises KeyError, TypeError, ValueError."""
     counts: dict[str | None, int] = {None: int(information["message_count"])}
     for each in information["topics_with_message_count"]:
         name = str(each["topic_metadata"]["name"])
@@ -260,7 +257,7 @@ def read_counts(information: Any) -> dict[str | None, int]:  # noqa: ANN401 - wh
 
 
 def require_counts(announced: Mapping[str | None, int], read_by_topic: Mapping[str, int]) -> None:
-    """ContradictionError where other messages were read than `metadata.yaml` says."""
+    """Raises ContradictionError where other messages were read than `metadata.yaml` says."""
     read: dict[str | None, int] = {None: sum(read_by_topic.values())}
     read.update(read_by_topic)
     for topic in (*sorted(t for t in {*announced, *read} if t is not None), None):
@@ -269,14 +266,14 @@ def require_counts(announced: Mapping[str | None, int], read_by_topic: Mapping[s
 
 
 def wrong_count(topic: str | None, announced: int, read: int) -> ContradictionError:
-    """A ContradictionError for another number of messages than metadata say."""
+    """Gives a ContradictionError: the metadata say another number of messages."""
     of = "in all" if topic is None else f"of `{topic[:80]}`"
     message = f"its metadata count {announced:,} messages {of}, and {read:,} stand there"
     return ContradictionError(message, REINDEX + ", of what is there")
 
 
 STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
-"""Instructions that SQLite is given for a file: so many a byte, and so many at all."""
+"""Instructions that SQLite may run for a file: so many a byte, and so many in addition."""
 STEPS_AT_ONCE = 1_000_000
 IN_ORDER = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
 """Messages as they were written: sorting would hide a clock that was set back."""
@@ -290,7 +287,7 @@ class _BoundedReader1(Reader1):
         self.bytes_left = path.stat().st_size
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """The entries at the place where the file is read."""
+        """Reads the entries at the place where the file is read."""
         assert self.bio is not None
         before = self.bio.tell()
         super().read_index_data(pos, indexes)
@@ -300,23 +297,20 @@ class _BoundedReader1(Reader1):
 
 
 def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Time of arrival, channel and content of each message; None for what nobody wants.
-
-    In the order of the file; ContradictionError where it is not as it says.
-    """
+    """Gives arrival, channel and content (None: unwanted), in order; ContradictionError."""
     facts.unchecked = True
     writers = Writers()
     facts.size = path.stat().st_size
     unpacking = BoundedUnpacking(facts.size)
     bounded = {
-        decompressors["none"]: unpacking.plain,
-        decompressors["bz2"]: unpacking.bz2,
-        decompressors["lz4"]: unpacking.lz4,
+        decompressors["none"]: unpacking.count_plain,
+        decompressors["bz2"]: unpacking.unpack_bz2,
+        decompressors["lz4"]: unpacking.unpack_lz4,
     }
     with _BoundedReader1(path) as reader:
         file = reader.bio
         assert file is not None
-        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
+        chosen = {c.id: c for c in _wanted_connections(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
         decoders = _make_decoders(chosen, wanted, 1, facts)
         nodes = {k: _publishing_node(c) for k, c in chosen.items()}
@@ -326,7 +320,7 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
             content = None
             if connection in chosen:
                 content = decoders[connection](data)
-                writers.note(names[connection], nodes[connection])
+                writers.note_message(names[connection], nodes[connection])
             yield time_ns, None, names[connection], content
     facts.notes += writers.notes
 
@@ -335,14 +329,14 @@ def _offered_topics(connections: Iterable[Connection]) -> Writers:
     writers = Writers()
     for c in connections:
         if isinstance(c.ext, ConnectionExtRosbag2):
-            writers.offer(c.topic, len(c.ext.offered_qos_profiles))
+            writers.note_publishers(c.topic, len(c.ext.offered_qos_profiles))
     return writers
 
 
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
 ) -> Iterator[Arrived]:
-    """As `ros1_messages`, of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
+    """Gives the messages as `ros1_messages`, of one SQLite file of ROS 2; `packed`: by zstd.
 
     Raises UndecodableError where its database or its messages are none of a bag.
     """
@@ -351,13 +345,13 @@ def sqlite_messages(
     _require_tables(path)
     size = path.stat().st_size
     unpacking = BoundedUnpacking(size)
-    unpack = unpacking.zstd if packed else unpacking.plain
+    unpack = unpacking.unpack_zstd if packed else unpacking.count_plain
     with Reader2(path) as reader:
         database = cast("Sqlite3Reader", reader.storage).dbconn
         assert database is not None
-        _limit(database, size)
+        _limit_steps(database, size)
         require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path)
-        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
+        chosen = {c.id: c for c in _wanted_connections(reader.connections, wanted, facts)}
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
         writers = _offered_topics(chosen.values())
@@ -371,12 +365,12 @@ def sqlite_messages(
             if not isinstance(data, bytes) or not isinstance(time_ns, int):
                 raise UndecodableError(f"a message of `{name}` is no bytes with a time")
             facts.there[name] += 1
-            writers.note(name, f"topic {topic}")
+            writers.note_message(name, f"topic {topic}")
             yield time_ns, None, name, decoders[topic](unpack(data))
     facts.notes += writers.notes
 
 
-def _chosen(
+def _wanted_connections(
     connections: list[Connection], wanted: dict[str, Wanted], facts: FileFacts
 ) -> list[Connection]:
     for connection in connections:
@@ -385,7 +379,7 @@ def _chosen(
 
 
 def _publishing_node(connection: Connection) -> str:
-    """Who published, where a bag of ROS 1 says so."""
+    """The node that published, or in its place the connection's number."""
     ext = connection.ext
     node = ext.callerid if isinstance(ext, ConnectionExtRosbag1) else None
     return node or f"connection {connection.id}"
@@ -395,7 +389,7 @@ def _make_decoders(
     chosen: Mapping[int, Connection], wanted: dict[str, Wanted], ros: int, facts: FileFacts
 ) -> dict[int, Callable[[bytes], Any]]:
     return {
-        k: decoder_made(partial(_make_decoder, c, wanted[c.topic], ros), wanted[c.topic], facts)
+        k: made_decoder(partial(_make_decoder, c, wanted[c.topic], ros), wanted[c.topic], facts)
         for k, c in chosen.items()
     }
 
@@ -412,11 +406,11 @@ def _make_decoder(connection: Connection, wanted: Wanted, ros: int) -> Callable[
     else:
         form: Format = "msg" if definition.format == MessageDefinitionFormat.MSG else "idl"
         definitions = find_definitions(definition.data, name, form)
-    return decoder(name, definitions, "ros1" if ros == 1 else "cdr")
+    return message_decoder(name, definitions, "ros1" if ros == 1 else "cdr")
 
 
 def _require_tables(path: Path) -> None:
-    """UndecodableError where a database would compute something when it is read, or is none."""
+    """Raises UndecodableError for what is no database, or one that computes what is read."""
     address = f"file:{quote(str(path))}?mode=ro&immutable=1"
     connection = sqlite3.connect(address, uri=True)
     try:
@@ -432,8 +426,8 @@ def _require_tables(path: Path) -> None:
             raise UndecodableError(f"its database has a `{kind}` that no bag has")
 
 
-def _limit(database: apsw.Connection, size: int) -> None:
-    """Let SQLite end: after so many steps, and with so much of a row."""
+def _limit_steps(database: apsw.Connection, size: int) -> None:
+    """Bounds the steps that SQLite may take, and how much it reads of a row."""
     left = STEPS_MIN + STEPS_PER_BYTE * size
 
     def is_too_long() -> bool:

@@ -21,10 +21,10 @@ from soter.monitor.log_files.log_columns import (
     RowChoice,
     add_row,
     damaged_log,
-    moment,
-    no_time,
+    no_time_error,
     opened_log,
-    remedies,
+    parsed_time_ns,
+    remedies_for_file,
     unusable,
 )
 
@@ -42,7 +42,7 @@ GZIP = 31
 """The `wbits` by which zlib unpacks a gzip."""
 PART = 1 << 16
 PADDING_MAX = 1 << 20
-"""Bytes of zeros that may stand behind what is packed."""
+"""Bytes of zeros that may stand behind a packed file."""
 UNPACKED_MAX = 4 << 30
 """Bytes that are unpacked: a log has no more."""
 
@@ -61,14 +61,14 @@ class BoundedGzip(io.RawIOBase):
         return True
 
     def readinto(self, into: memoryview) -> int:  # type: ignore[override]
-        """The next bytes; 0 at the end."""
-        found = self._next(len(into))
+        """Reads the next bytes into a buffer, and gives their number: 0 at the end."""
+        found = self._next_bytes(len(into))
         into[: len(found)] = found
         return len(found)
 
-    def _next(self, most: int) -> bytes:
+    def _next_bytes(self, most: int) -> bytes:
         while True:
-            if self._member.eof and not self._another():
+            if self._member.eof and not self._begin_next_member():
                 return b""
             part = self._left or self._packed.read(PART)
             self._read += len(part)
@@ -84,8 +84,8 @@ class BoundedGzip(io.RawIOBase):
                     return b""
                 raise EOFError("its end is missing")
 
-    def _another(self) -> bool:
-        """Whether another member follows."""
+    def _begin_next_member(self) -> bool:
+        """Begins the next member of the gzip; False where none follows."""
         rest = self._member.unused_data.lstrip(b"\0")
         rest = rest or self._packed.read(PADDING_MAX).lstrip(b"\0")
         if not rest and self._packed.read(1):
@@ -120,52 +120,52 @@ def is_table(path: Path) -> bool:
 
 
 def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = False) -> Columns:
-    """The rows that count; `partial`: of a damaged file those before that. SoterError D016.
+    """Reads the rows that count; `partial`: if damaged those before that. SoterError D016.
 
     A ROS time is two columns, as other fields are one: `header.stamp.sec`, `header.stamp.nanosec`.
     """
     if mapping.time is None:
         help_ = 'say it in the mapping: [time] from = "t", unit = "s"'
         raise unusable(path, "nobody says which column is the time", help_)
-    columns = wanted.columns()
+    columns = wanted.empty_columns()
     columns.unchecked = not path.name.lower().endswith(".gz")
     of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
     choice = RowChoice(mapping.where)
     needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
     facts = FileFacts(notes=columns.notes)
-    for line, clock, row in facts.readable(
+    for line, clock, row in facts.readable_rows(
         path, csv_rows(path, list(needed), mapping.time, facts), partial=partial
     ):
-        if not choice.takes(row.__getitem__):
+        if not choice.chooses(row.__getitem__):
             continue
         where = f"line {line}"
-        now = _time(path, mapping, clock, where)
+        now = _row_time_ns(path, mapping, clock, where)
         if not mapping.counts(now):
             continue
         cells = {n: row[n] for n in wanted.names}
-        stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
+        stamps = {source: _row_stamp_ns(path, row, source, where) for source in wanted.stamps}
         add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
     if not columns.times_ns:
         message = f"no row has {choice}" if mapping.where else "it has no rows"
-        raise unusable(path, message, *choice.helps)
+        raise unusable(path, message, *choice.seen_values)
     columns.damage = facts.damage
     return columns
 
 
-def _time(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
-    """The time of a row, in ns: a number in its unit, or seconds and nanoseconds."""
+def _row_time_ns(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
+    """The time of a row, in ns: of a number in its unit, or of seconds and nanoseconds."""
     if len(clock) == 1:
-        return moment(path, clock[0], mapping.time_ns, where)
+        return parsed_time_ns(path, clock[0], mapping.time_ns, where)
     if mapping.time_ns != SECOND_NS:
         raise unusable(path, f"`{mapping.time}` is a time of two columns: it has no `unit`")
-    return _ros_time(path, clock, where)
+    return _ros_time_ns(path, clock, where)
 
 
-def _ros_time(path: Path, cells: list[str], where: str) -> int:
-    """Seconds and nanoseconds, in ns; SoterError D016 where these are no part of a second."""
-    seconds, rest = (moment(path, c, u, where) for c, u in zip(cells, OF_ROS, strict=True))
+def _ros_time_ns(path: Path, cells: list[str], where: str) -> int:
+    """Joins seconds and nanoseconds, in ns; SoterError D016 where these are no part of a second."""
+    seconds, rest = (parsed_time_ns(path, c, u, where) for c, u in zip(cells, OF_ROS, strict=True))
     if seconds % SECOND_NS or not 0 <= rest < SECOND_NS:
-        raise no_time(path, " s and ".join(cells) + " ns", where)
+        raise no_time_error(path, " s and ".join(cells) + " ns", where)
     return seconds + rest
 
 
@@ -175,44 +175,43 @@ def _stamp_columns(source: StampSource) -> list[str]:
     return [f"{source.path}.sec", f"{source.path}.nanosec"]
 
 
-def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) -> int | None:
+def _row_stamp_ns(
+    path: Path, row: Mapping[str, str], source: StampSource, where: str
+) -> int | None:
     """The time at which a row was measured, in ns; None where its cells are empty."""
     names = _stamp_columns(source)
     if any(not row[n].strip() for n in names):
         return None
     if source.kind == "number":
-        return moment(path, row[names[0]], source.unit_ns, where)
-    return _ros_time(path, [row[n] for n in names], where)
+        return parsed_time_ns(path, row[names[0]], source.unit_ns, where)
+    return _ros_time_ns(path, [row[n] for n in names], where)
 
 
-def csv_head(path: Path) -> list[str]:
+def csv_column_names(path: Path) -> list[str]:
     """The names of a CSV's columns; SoterError D016."""
     try:
-        with opened_log(path) as data, _text(path, data) as file:
-            return [h.strip() for h in next(csv.reader(_lines(file, FileFacts())), [])]
+        with opened_log(path) as data, _opened_text(path, data) as file:
+            return [h.strip() for h in next(csv.reader(_bounded_lines(file, FileFacts())), [])]
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise damaged_log(path, f"it is no CSV: {error}", *remedies(path)) from error
+        raise damaged_log(path, f"it is no CSV: {error}", *remedies_for_file(path)) from error
 
 
 def csv_rows(
     path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
-    """Line, the cells of its time and those that are needed of each row.
-
-    SoterError D016; DamagedLogError where rows before it were whole.
-    """
+    """Gives line, cells of the time and `needed` cells of each row; SoterError D016."""
     try:
-        with opened_log(path) as data, _text(path, data) as file:
+        with opened_log(path) as data, _opened_text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
-            reader = csv.reader(_lines(file, facts), strict=True)
+            reader = csv.reader(_bounded_lines(file, facts), strict=True)
             rows = _checked_rows(path, reader)
             head = [h.strip() for h in next(rows, [])]
             if not head:
                 raise unusable(path, "it is empty")
-            places = {name: _place(path, head, name) for name in needed}
+            places = {name: _column_number(path, head, name) for name in needed}
             two = [f"{time}.sec", f"{time}.nanosec"]
             of_time = two if time not in head and set(two) <= set(head) else [time]
-            clock = [_place(path, head, name) for name in of_time]
+            clock = [_column_number(path, head, name) for name in of_time]
             for row in rows:
                 if not row:
                     continue
@@ -222,11 +221,11 @@ def csv_rows(
                 cells = {name: row[at] for name, at in places.items()}
                 yield reader.line_num, [row[at] for at in clock], cells
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise damaged_log(path, f"it is no CSV: {error}", *remedies(path)) from error
+        raise damaged_log(path, f"it is no CSV: {error}", *remedies_for_file(path)) from error
 
 
 def _checked_rows(path: Path, reader: Reader) -> Iterator[list[str]]:
-    """Each row; D016 where one goes on in the next line: a stray quote hides rows so."""
+    """Gives each row; D016 where one goes on in the next line, as a stray quote hides rows so."""
     before = 0
     try:
         for row in reader:
@@ -239,8 +238,8 @@ def _checked_rows(path: Path, reader: Reader) -> Iterator[list[str]]:
         raise csv.Error(f"the row of line {before + 1}: {error}") from error
 
 
-def _text(path: Path, data: BinaryIO) -> IO[str]:
-    """The text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
+def _opened_text(path: Path, data: BinaryIO) -> IO[str]:
+    """Opens the text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
     csv.field_size_limit(CELL_MAX)
     if path.name.lower().endswith(".gz"):
         unpacked = io.BufferedReader(BoundedGzip(data))
@@ -248,8 +247,8 @@ def _text(path: Path, data: BinaryIO) -> IO[str]:
     return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
 
 
-def _lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
-    """The lines of a file; csv.Error where one is longer than any can be."""
+def _bounded_lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
+    """Gives the lines of a file; csv.Error for one that is longer than `LINE_MAX`."""
     line = "\n"
     while next_line := file.readline(LINE_MAX + 1):
         facts.at_byte += len(line)
@@ -261,7 +260,7 @@ def _lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
         facts.notes.append("its last line has no end: the file may be cut there")
 
 
-def _place(path: Path, head: list[str], name: str) -> int:
+def _column_number(path: Path, head: list[str], name: str) -> int:
     if head.count(name) == 1:
         return head.index(name)
     if name in head:
@@ -272,7 +271,7 @@ def _place(path: Path, head: list[str], name: str) -> int:
 
 
 def head_helps(head: list[str]) -> list[str]:
-    """Why its first line may not be the names of its columns, and what to do."""
+    """Says why the first line may not be the names of the columns, and what to do."""
     helps = []
     other = next((c for c in (";", "\t", "|") if len(head) == 1 and c in head[0]), None)
     if other is not None:

@@ -23,8 +23,8 @@ from soter.monitor.log_files.log_columns import (
     FileFacts,
     damaged_log,
     is_plain,
-    no_file_of,
     opened_log,
+    wrong_format,
 )
 
 if TYPE_CHECKING:
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 DATAFLASH_MAGIC = b"\xa3\x95"
 FMT, HEAD_BYTES = 128, 3
 TEXT_HEAD, LINE_MAX = 1 << 16, 1 << 16
-"""Bytes in which a text has to say its first format, and of a line."""
+"""Bytes within which a text has to say its first format; bytes of a line."""
 CODES = {
     "a": "64s", "b": "b", "B": "B", "g": "e", "h": "h", "H": "H", "i": "i", "I": "I", "f": "f",
     "d": "d", "n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i",
     "M": "b", "q": "q", "Q": "Q",
 }  # fmt: skip
-"""Letter of a format -> its code of `struct`."""
+"""By letter of a format: its code of `struct`."""
 DIVISORS = {"c": 1e2, "C": 1e2, "e": 1e2, "E": 1e2, "L": 1e7}
 TEXTS, FLOATS = {"n": 4, "N": 16, "Z": 64}, "gfdcCeEL"
 TIMES_NS = {"TimeUS": 1000, "T": 10**6, "TimeMS": 10**6}
@@ -53,10 +53,7 @@ PADDING = (b"\0", b"\xff")
 
 @dataclass
 class _Format:
-    """A kind of messages, from its `FMT`.
-
-    `instance`: the field that tells its sensors apart, "" where it has none; None: no `FMTU` says.
-    """
+    """A kind of messages; `instance`: the field that tells sensors apart, "" or None: unknown."""
 
     name: str
     length: int
@@ -68,41 +65,41 @@ class _Format:
     def __post_init__(self) -> None:
         self.layout = struct.Struct("<" + "".join(CODES[letter] for letter in self.letters))
 
-    def content(self, raw: Sequence[Any]) -> dict[str, Any]:
-        """The content of a binary message, from what `layout` reads of it."""
+    def binary_content(self, raw: Sequence[Any]) -> dict[str, Any]:
+        """The content of a binary message, from the values that `layout` reads of it."""
         made: dict[str, Any] = {}
         for letter, name, value in zip(self.letters, self.columns, raw, strict=True):
             if letter in TEXTS:
-                made[name] = _text(value)
+                made[name] = _decoded_text(value)
             elif letter == "a":
                 made[name] = list(struct.unpack("<32h", value))
             else:
                 made[name] = value / DIVISORS[letter] if letter in DIVISORS else value
         return made
 
-    def typed(self, cells: Sequence[str]) -> list[Any]:
-        """A line of a text; ValueError where it is none. A mode may stand there by name."""
-        return [_typed(letter, cell) for letter, cell in zip(self.letters, cells, strict=True)]
+    def typed_cells(self, cells: Sequence[str]) -> list[Any]:
+        """The values of a text line's cells, a mode also by name; ValueError if they fit not."""
+        return [_typed_cell(letter, cell) for letter, cell in zip(self.letters, cells, strict=True)]
 
-    def cells(self, line: str) -> list[str]:
+    def cells_of_line(self, line: str) -> list[str]:
         """The cells of a line behind its name; a text that stands last may have commas."""
         text_last = self.letters[-1:] in TEXTS
         return [c.strip() for c in line.split(",", len(self.letters) - 1 if text_last else -1)]
 
-    def of_text(self, raw: Sequence[Any]) -> dict[str, Any]:
-        """The content of a message of a text, from what `typed` reads of it."""
+    def text_content(self, raw: Sequence[Any]) -> dict[str, Any]:
+        """The content of a message in a text, from the values of `typed_cells`."""
         return dict(zip(self.columns, raw, strict=True))
 
-    def channel(self, raw: Sequence[Any]) -> str:
+    def channel_name(self, raw: Sequence[Any]) -> str:
         """The channel of a message: its name, and the instance where that is not the first."""
         if not self.instance:
             return self.name
         number = raw[self.columns.index(self.instance)]
-        number = _text(number) if isinstance(number, bytes) else number
+        number = _decoded_text(number) if isinstance(number, bytes) else number
         return f"{self.name}#{number}" if number not in (0, "", "0") else self.name
 
     def time_ns(self, raw: Sequence[Any]) -> int | None:
-        """The time at which a message was written; None where it does not say so."""
+        """The time at which a message was written; None where it says none."""
         for name, unit_ns in TIMES_NS.items():
             if name in self.columns:
                 value = raw[self.columns.index(name)]
@@ -110,7 +107,7 @@ class _Format:
         return None
 
 
-def _text(raw: bytes) -> str:
+def _decoded_text(raw: bytes) -> str:
     ended = raw.partition(b"\0")[0]
     try:
         return ended.decode("utf-8")
@@ -118,8 +115,8 @@ def _text(raw: bytes) -> str:
         return ended.decode("latin-1")
 
 
-def _typed(letter: str, cell: str) -> float | int | str:
-    """A cell of a text; ValueError where its letter has no such value."""
+def _typed_cell(letter: str, cell: str) -> float | int | str:
+    """The value of a text cell; ValueError where its letter has no such value."""
     is_text = letter in TEXTS or letter in "aM"
     if len(cell.encode("utf-8")) > TEXTS.get(letter, LINE_MAX) or not (is_text or is_plain(cell)):
         raise ValueError
@@ -133,33 +130,27 @@ def _typed(letter: str, cell: str) -> float | int | str:
 def dataflash_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts
 ) -> Iterator[Arrived]:
-    """Time, kind and content of each message; None for that of a kind nobody wants.
-
-    `facts` counts the messages of every kind. SoterError D016.
-    """
+    """Gives time, kind and content (None: unwanted) of messages; counts all; SoterError D016."""
     facts.unchecked = True
     with opened_log(path) as file:
         head = file.read(TEXT_HEAD)
-        facts.size_of(file)
+        facts.note_size(file)
         file.seek(0)
         binary = head.startswith(DATAFLASH_MAGIC)
         if not binary and b"FMT," not in head:
-            raise no_file_of(path, "log of ArduPilot")
+            raise wrong_format(path, "log of ArduPilot")
         first = _DataflashReading(path, None, FileFacts())
         with suppress(DamagedLogError):  # which the second pass comes upon
-            deque(first.of_binary(file) if binary else first.of_text(file), maxlen=0)
+            deque(first.binary_messages(file) if binary else first.text_messages(file), maxlen=0)
         file.seek(0)
         reading = _DataflashReading(path, wanted, facts)
         reading.formats = first.formats
         reading.has_units = any(form.name == "FMTU" for form in first.formats.values())
-        yield from reading.of_binary(file) if binary else reading.of_text(file)
+        yield from reading.binary_messages(file) if binary else reading.text_messages(file)
 
 
 class _DataflashReading:
-    """Reads a log by the formats met so far, or these alone (`wanted` is None).
-
-    `now_ns`: the time of the last message with one; `has_units`: whether there are any `FMTU`.
-    """
+    """Reads a log by the formats met so far; `wanted` None: reads the formats alone."""
 
     def __init__(self, path: Path, wanted: dict[str, Wanted] | None, facts: FileFacts) -> None:
         self.path, self.wanted, self.facts = path, wanted, facts
@@ -167,7 +158,7 @@ class _DataflashReading:
         self.formats = {FMT: first}
         self.now_ns, self.has_units = 0, False
 
-    def of_binary(self, file: BinaryIO) -> Iterator[Arrived]:
+    def binary_messages(self, file: BinaryIO) -> Iterator[Arrived]:
         while head := file.read(HEAD_BYTES):
             at = self.facts.at_byte = file.tell() - len(head)
             if head[:2] != DATAFLASH_MAGIC:
@@ -181,11 +172,11 @@ class _DataflashReading:
             if form is None or len(body) < form.length - HEAD_BYTES:
                 message = f"its last message, at byte {at:,}, has no end: {NO_END}"
                 raise damaged_log(self.path, message)
-            if self._is_left(form):
+            if self._is_skipped(form):
                 continue
             try:
                 raw = form.layout.unpack(body)
-                yield from self._take_message(form, raw, form.content, f"at byte {at:,}")
+                yield from self._take_message(form, raw, form.binary_content, f"at byte {at:,}")
             except (struct.error, ValueError) as error:
                 message = (
                     f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
@@ -193,7 +184,7 @@ class _DataflashReading:
                 raise damaged_log(self.path, f"{message} what its fields need") from error
 
     def _require_padding(self, head: bytes, file: BinaryIO, at: int) -> None:
-        """D016 where something else than erased flash stands behind the last message."""
+        """Raises D016 where bytes other than erased flash stand behind the last message."""
         fill, count = head[:1], len(head)
         while fill in PADDING and head == fill * len(head):
             head = file.read(1 << 16)
@@ -206,7 +197,7 @@ class _DataflashReading:
                 return
         raise damaged_log(self.path, f"at byte {at:,} stands no message")
 
-    def of_text(self, file: BinaryIO) -> Iterator[Arrived]:
+    def text_messages(self, file: BinaryIO) -> Iterator[Arrived]:
         by_name = {form.name: form for form in self.formats.values()}
         begun = False
         for number, raw in enumerate(iter(partial(file.readline, LINE_MAX + 1), b""), 1):
@@ -216,38 +207,38 @@ class _DataflashReading:
                 raise damaged_log(self.path, f"{where} is longer than any is, or no text")
             if not raw.endswith(b"\n"):
                 raise damaged_log(self.path, f"its last line, {where}, has no end: {NO_END}")
-            line = _text(raw).strip()
+            line = _decoded_text(raw).strip()
             name, _, rest = line.partition(",")
             form = by_name.get(name.rstrip())
             if form is None and begun and line and self.wanted is not None:
                 raise damaged_log(self.path, f"{where} is of no kind that a `FMT` says")
-            if form is None or self._is_left(form):
+            if form is None or self._is_skipped(form):
                 continue
             try:
-                values = form.typed(form.cells(rest))
+                values = form.typed_cells(form.cells_of_line(rest))
             except (ValueError, struct.error):  # the latter of a number that is too large
                 values = []
-            if not values or self._has_line(values[-1], by_name):
+            if not values or self._has_line_inside(values[-1], by_name):
                 text = f"{where} is no `{name}`: {line[:60]}"
                 raise damaged_log(self.path, text)
-            yield from self._take_message(form, values, form.of_text, f"in {where}")
+            yield from self._take_message(form, values, form.text_content, f"in {where}")
             if name == "FMT":
                 begun, fmt = True, self.formats[values[0]]
                 if by_name.setdefault(fmt.name, fmt).columns != fmt.columns:
                     text = f"the `FMT` in {where} says of `{fmt.name}` what one before it does not"
                     raise damaged_log(self.path, text)
 
-    def _has_line(self, cell: Any, by_name: Mapping[str, _Format]) -> bool:  # noqa: ANN401 - as typed
-        """Whether a text that stands last ends with another line, whose own begin was lost."""
+    def _has_line_inside(self, cell: Any, by_name: Mapping[str, _Format]) -> bool:  # noqa: ANN401 - as typed
+        """Whether a text that stands last ends with another line, whose begin was lost."""
         for name in by_name if isinstance(cell, str) and "," in cell else ():
             _, found, rest = cell.rpartition(f"{name},")
             with suppress(ValueError, struct.error):
-                if found and by_name[name].typed(by_name[name].cells(rest)):
+                if found and by_name[name].typed_cells(by_name[name].cells_of_line(rest)):
                     return True
         return False
 
-    def _is_left(self, form: _Format) -> bool:
-        """Whether a message says nothing to a pass that reads formats alone."""
+    def _is_skipped(self, form: _Format) -> bool:
+        """Whether a pass that reads formats alone skips messages of this format."""
         return self.wanted is None and form.name not in ("FMT", "FMTU")
 
     def _take_message(
@@ -257,14 +248,14 @@ class _DataflashReading:
         content: Callable[[Sequence[Any]], dict[str, Any]],
         where: str,
     ) -> Iterator[Arrived]:
-        """A message, unless nobody wants it and it does not say when it was."""
+        """Gives a message, unless nobody wants it and it does not say when it was written."""
         if form.name == "FMT":
-            self._define(content(raw), where)
+            self._define_format(content(raw), where)
         elif form.name == "FMTU":
-            self._say_instance(content(raw), where)
+            self._note_instance_field(content(raw), where)
         time_ns = form.time_ns(raw)
         self.now_ns = self.now_ns if time_ns is None else time_ns
-        channel = form.channel(raw)
+        channel = form.channel_name(raw)
         self.facts.there[channel] = self.facts.there.get(channel, 0) + 1
         if self.wanted is not None and channel in self.wanted:
             notes = []
@@ -278,7 +269,7 @@ class _DataflashReading:
         elif time_ns is not None:
             yield self.now_ns, None, channel, None
 
-    def _define(self, row: dict[str, Any], where: str) -> None:
+    def _define_format(self, row: dict[str, Any], where: str) -> None:
         columns = tuple(filter(None, row["Columns"].split(",")))
         if (row["Type"], row["Name"]) == (FMT, "FMT"):
             return  # it is the one that reads this
@@ -296,7 +287,7 @@ class _DataflashReading:
             raise damaged_log(self.path, text)
         self.formats[row["Type"]] = form
 
-    def _say_instance(self, fields: dict[str, Any], where: str) -> None:
+    def _note_instance_field(self, fields: dict[str, Any], where: str) -> None:
         form, units = self.formats.get(fields.get("FmtType", -1)), str(fields.get("UnitIds", ""))
         if self.wanted is not None and (form is None or len(units) != len(form.columns)):
             raise damaged_log(self.path, f"the `FMTU` {where} fits no kind that a `FMT` says")

@@ -1,11 +1,11 @@
-"""The columns of a log, whatever file they come from, and what readers of all files share.
+"""Holds the columns of a log, and what the readers of all kinds of files share.
 
 Purpose: `Columns` holds times in ns and cells, row by row, of what a mapping asks for (`Wanted`).
-`unusable` and `damaged` make a D016 that says where a file cannot be read. `RowChoice` decides
-whether a cell is what a `where` says, however its file writes it, and keeps what stood there where
-none was. `remedies` gives help for a file of MATLAB, or one under a wrong name.
-`FileFacts.readable`: what stands before a damage. `Writers` counts how many values each of several
-nodes, or channels of one name, gave a topic: they are read as one stream.
+`unusable` and `damaged_log` make a D016 that says where a file cannot be read. `RowChoice` decides
+whether a cell is what a `where` says, however its file writes it, and keeps the values that stood
+there otherwise. `remedies_for_file` gives help for a file of MATLAB, or one under a wrong name.
+`FileFacts.readable_rows` gives the rows before a damage. `Writers` counts how many values each of
+several nodes, or channels of one name, gave a topic: they are read as one stream.
 Non-goals: the files (`csv_log.py`, `read_columns.py`), what the cells mean
 (`monitor/typed_samples.py`), a choice by time (`LogMap.counts`), sources of a mapping, of which
 each has a channel.
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 
 Arrived = tuple[int, "int | None", str, Any]
-"""Log time, time of publishing where a file has it, channel and content of a message."""
+"""The log time, the time of publishing where a file has it, channel and content of a message."""
 FIGURES_NS = 10**15
-"""The longest time in ns: of a longer one nine figures of its seconds would not be enough."""
+"""The longest time, in ns, whose seconds are shown with nine figures."""
 
 READABLE = "with `--partial` what stands before it is read, which is no verdict (exit 4)"
 REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
@@ -77,7 +77,7 @@ class Columns:
 
     @property
     def remarks(self) -> list[str]:
-        """Notes on what was found that is no error."""
+        """Notes on findings that are no errors."""
         if not self.equal:
             return self.notes
         text = f"{self.equal:,} of {len(self.times_ns):,} have the time of the one before them"
@@ -89,10 +89,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class FarStamps:
-    """How many stamps are further from the log's clock than the log is long.
-
-    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
-    """
+    """Stamps further from the log's clock than its length; `offset_s`: the furthest, signed."""
 
     samples: int
     offset_s: float
@@ -122,16 +119,16 @@ class FileFacts:
     size: int = 0
     damage: Damage | None = None
 
-    def size_of(self, file: BinaryIO) -> int:
-        """Note the length of a file, and go back to its beginning."""
+    def note_size(self, file: BinaryIO) -> int:
+        """Notes the length of a file, goes back to its beginning, and gives the length."""
         self.size = file.seek(0, 2)
         file.seek(0)
         return self.size
 
-    def readable(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
-        """The rows, with `partial` up to the first damage, which is then noted here.
+    def readable_rows(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
+        """Gives the rows; with `partial` up to the first damage, which is noted here.
 
-        DamagedLogError where nothing stands before it, or nobody asked for a part.
+        DamagedLogError where no row stands before it, or nobody asked for a part.
         """
         any_given = False
         try:
@@ -166,11 +163,11 @@ class Damage:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The needs of a mapping of one channel.
+    """What a mapping needs of one channel.
 
     `optional`: of `names`, those that go through a list that may be too short. `message`: the type
     that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
-    particular: where its messages cannot be decoded that is told, and they are left out.
+    particular: messages that cannot be decoded are told of, and left out.
     """
 
     names: tuple[str, ...] = ()
@@ -179,15 +176,15 @@ class Wanted:
     message: MessageType | None = None
     unnamed: bool = False
 
-    def columns(self) -> Columns:
-        """Columns for what is wanted, without rows."""
+    def empty_columns(self) -> Columns:
+        """Makes columns for the wanted names and stamps, without rows."""
         return Columns(
             cells={n: [] for n in self.names}, stamps_ns={source: [] for source in self.stamps}
         )
 
 
 def unusable(path: Path, why: str, *helps: str) -> SoterError:
-    """Makes the SoterError D016 for a log that cannot be used."""
+    """Gives the SoterError D016 for a log that cannot be used."""
     text = f"the log `{path}` cannot be used: {why}"
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
 
@@ -197,7 +194,7 @@ NO_END = "the autopilot lost power while it wrote, or the file was cut"
 
 @contextmanager
 def opened_log(path: Path) -> Iterator[BinaryIO]:
-    """The file of a log; SoterError D016 where it cannot be read."""
+    """Opens the file of a log; SoterError D016 where it cannot be read."""
     try:
         with opened(path) as file:
             yield file
@@ -205,22 +202,22 @@ def opened_log(path: Path) -> Iterator[BinaryIO]:
         raise unusable(path, reason(error)) from error
 
 
-def no_file_of(path: Path, format_name: str) -> SoterError:
-    """SoterError D016 for a file that does not begin as its name says."""
-    return unusable(path, f"it is no {format_name}", *remedies(path))
+def wrong_format(path: Path, format_name: str) -> SoterError:
+    """Gives a SoterError D016 for a file that does not begin as its name says."""
+    return unusable(path, f"it is no {format_name}", *remedies_for_file(path))
 
 
 class DamagedLogError(SoterError):
-    """D016 of a file that is cut, or contradicts itself; what stood before it was given."""
+    """D016 of a file that is cut, or contradicts itself; its rows before that were given."""
 
 
 def damaged_log(path: Path, why: str, *helps: str) -> DamagedLogError:
-    """SoterError D016 for a file that is cut, or contradicts itself."""
+    """Gives a SoterError D016 for a file that is cut, or contradicts itself."""
     return DamagedLogError(unusable(path, why, *helps))
 
 
 def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | None, Wanted]:
-    """What each channel of a mapping has to hold; a table is the channel None. SoterError D016."""
+    """What a mapping needs of each channel; a table is the channel None. SoterError D016."""
     by_channel: dict[str | None, Wanted] = {}
     for t in mapping.topics:
         if not t.names:
@@ -251,10 +248,7 @@ def add_row(
     where: str,
     remedies: tuple[str, ...] = (),
 ) -> None:
-    """A row, in the order of the file; D016 where time goes back.
-
-    A recorder's clock that does not move on between two rows is none that was set back.
-    """
+    """Adds a row, in the order of the file; D016 where its time is before the last one's."""
     last = into.times_ns[-1] if into.times_ns else time_ns
     if time_ns < last:
         between = f"from {seconds_text(last)} s to {seconds_text(time_ns)} s"
@@ -277,19 +271,19 @@ def add_row(
 
 
 def seconds_text(time_ns: int) -> str:
-    """A time in s; of one since 1970 every digit."""
+    """Writes a time in s; a time since 1970 with every digit."""
     if abs(time_ns) < FIGURES_NS:
         return f"{time_ns / 1e9:.9g}"
     return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
 def is_plain(number: str) -> bool:
-    """Whether a number is written as logs write it, not as Python reads it: `0_1`, other digits."""
+    """Whether a number is written as logs write it: Python also reads `0_1` and other digits."""
     return number.isascii() and "_" not in number
 
 
 def parse_decimal(cell: object) -> Decimal | None:
-    """A finite number, exactly as it is written; None for anything else."""
+    """The finite number of a cell, exactly as it is written; None for anything else."""
     text = str(cell).strip()
     try:
         number = Decimal(text if is_plain(text) else "")
@@ -299,11 +293,11 @@ def parse_decimal(cell: object) -> Decimal | None:
 
 
 DIGITS_MAX = 40
-"""Digits of a whole number at most: no type has more."""
+"""The most digits of a whole number: no type has more."""
 
 
 def whole_number(cell: object) -> int:
-    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
+    """The whole number of a cell, written `1`, `1.0` or `1e3`; ValueError for others."""
     number = parse_decimal(cell)
     if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
         raise ValueError
@@ -318,39 +312,39 @@ DATES = (
 )
 
 
-def no_time(path: Path, cell: object, where: str) -> SoterError:
-    """SoterError D016 for a value that should be a time."""
+def no_time_error(path: Path, cell: object, where: str) -> SoterError:
+    """Gives a SoterError D016 for a value that should be a time."""
     text = str(cell).strip()
     help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
     return unusable(path, f"`{str(cell)[:40]}` in {where} is no time", help_)
 
 
-def moment(path: Path, cell: object, unit_ns: Fraction, where: str) -> int:
-    """A time in ns, exactly as it is written; SoterError D016."""
+def parsed_time_ns(path: Path, cell: object, unit_ns: Fraction, where: str) -> int:
+    """The time of a cell in ns, exactly as it is written; SoterError D016."""
     number = parse_decimal(cell)
     if number is None or abs(number.adjusted()) > 40:
-        raise no_time(path, cell, where)
+        raise no_time_error(path, cell, where)
     return round(Fraction(number) * unit_ns)
 
 
 TRUTHS = {"true": True, "false": False}
 CODE = re.compile(r"[+-]?0[0-9]")
-"""A text that begins so is no number, but a name that has figures."""
+"""A text that begins so is a name of digits, and no number."""
 SHOWN = 5
 
 
 class RowChoice:
-    """The rows in which each of these columns has this text; `where`: by column."""
+    """Chooses the rows in which each column of `where` has its text."""
 
     def __init__(self, where: Mapping[str, str]) -> None:
         self.where = where
         self._seen: dict[str, dict[str, int]] = {name: {} for name in where}
 
-    def takes(self, cell_of: Callable[[str], Any]) -> bool:
-        """Whether a row is chosen; `cell_of`: what it has, by column."""
+    def chooses(self, cell_of: Callable[[str], Any]) -> bool:
+        """Whether a row is chosen; `cell_of` gives its cell by column."""
         for name, wanted in self.where.items():
             cell = cell_of(name)
-            if not _is(cell, wanted):
+            if not _is_same(cell, wanted):
                 seen = self._seen[name]
                 shown = _cell_text(cell)
                 if shown in seen or len(seen) <= SHOWN:
@@ -362,8 +356,8 @@ class RowChoice:
         return " and ".join(f"{k} = {v}" for k, v in self.where.items())
 
     @property
-    def helps(self) -> list[str]:
-        """The values, in words, that left rows out, for each column that did."""
+    def seen_values(self) -> list[str]:
+        """Says which values kept rows from being chosen, for each column that did."""
         texts = []
         for name, seen in self._seen.items():
             values = [f"{value} ({n:,} times)" for value, n in [*seen.items()][:SHOWN]]
@@ -376,7 +370,7 @@ class RowChoice:
         return texts
 
 
-def _is(cell: object, wanted: str) -> bool:
+def _is_same(cell: object, wanted: str) -> bool:
     """Whether a cell is the same text, truth (`true`, `True`) or number (`1`, `1.0`) as wanted."""
     text, wanted = "" if cell is None else str(cell).strip(), wanted.strip()
     if text == wanted:
@@ -421,8 +415,8 @@ BY_MAGIC = (
 )
 
 
-def remedies(path: Path) -> tuple[str, ...]:
-    """Helps: what a file seems to be, where that is known, and which files are read."""
+def remedies_for_file(path: Path) -> tuple[str, ...]:
+    """Says what a file seems to be, where that is known, and which files are read."""
     try:
         with opened(path, pipes=False) as file:
             head = file.read(64)
@@ -447,19 +441,19 @@ class Writers:
         self._changes: Counter[str] = Counter()
         self._offered: dict[str, int] = {}
 
-    def note(self, channel: str, writer: str) -> None:
-        """Count a message; `writer`: a node, or what else tells its writers apart."""
+    def note_message(self, channel: str, writer: str) -> None:
+        """Counts a message; `writer`: its node, or what else tells the writers apart."""
         self._messages.setdefault(channel, Counter())[writer] += 1
         self._changes[channel] += self._last.setdefault(channel, writer) != writer
         self._last[channel] = writer
 
-    def offer(self, channel: str, publishers: int) -> None:
-        """Note how many publishers a bag of ROS 2 lists for a channel; it does not name them."""
+    def note_publishers(self, channel: str, publishers: int) -> None:
+        """Notes how many publishers a bag of ROS 2 lists for a channel, without their names."""
         self._offered[channel] = max(publishers, self._offered.get(channel, 0))
 
     @property
     def notes(self) -> list[str]:
-        """Notes on channels with several writers."""
+        """Notes for people on channels with several writers."""
         texts = []
         for channel, messages in self._messages.items():
             if len(messages) < 2:

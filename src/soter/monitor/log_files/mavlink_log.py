@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 TIME_BYTES = 8
 NEW = 0xFD
 AROUND = {0xFE: 8, NEW: 12}
-"""Bytes of a frame around its payload, by the one that it begins with."""
+"""By the first byte of a frame: its bytes around the payload."""
 SIGNED, SIGNATURE_BYTES = 1, 13
 RAW = "an `.rlog` is a raw stream, in which nothing says when", "give the `.tlog` beside it"
 OLD = 0x55
@@ -34,10 +34,7 @@ OLD = 0x55
 
 
 def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Time of arrival, name and content of each message; None for that of one nobody wants.
-
-    `facts` counts the messages of every name. SoterError D016, D007.
-    """
+    """Gives time, name and content (None: unwanted) of messages; counts all; D016, D007."""
     if path.suffix.lower() == ".rlog":
         raise unusable(path, *RAW)
     require_mavlink_package()
@@ -46,8 +43,8 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
     decoder, writers, odd = dialect.MAVLink(None), Writers(), _OddFrames(path, facts)
     facts.unchecked = True
     with opened_log(path) as file:
-        facts.size_of(file)
-        for time_us, frame in _frames(path, file, facts):
+        facts.note_size(file)
+        for time_us, frame in _read_frames(path, file, facts):
             try:
                 message = decoder.decode(frame)
                 name = message.get_type()
@@ -56,18 +53,18 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
                 known = dialect.mavlink_map.get(number)
                 name = getattr(known, "msgname", f"message {number}")
                 asked = name in wanted and not wanted[name].unnamed
-                odd.note(name, frame, str(error), asked)
+                odd.note_wrong(name, frame, str(error), asked)
                 continue
             if isinstance(message, dialect.MAVLink_unknown):
                 name = f"message {message.get_msgId()}"
-                odd.note(name, frame, "its checksum is none of its dialect's", asked=False)
+                odd.note_wrong(name, frame, "its checksum is none of its dialect's", asked=False)
             else:
                 odd.count_right(name)
             facts.there[name] = facts.there.get(name, 0) + 1
             content = None
             if name in wanted:
                 system, component = message.get_srcSystem(), message.get_srcComponent()
-                writers.note(name, f"{system}/{component}")
+                writers.note_message(name, f"{system}/{component}")
                 head = {"srcSystem": system, "srcComponent": component}
                 content = {**message.to_dict(), "header": head}
             yield time_us * 1000, None, name, content
@@ -75,10 +72,10 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
 
 class _OddFrames:
-    """Frames that no dialect knows, or whose checksum is another than its dialect says.
+    """Counts frames that no dialect knows, or whose checksum is not that of the dialect read.
 
-    Messages of which all have the checksum of one other dialect are of that; else they are damaged,
-    as is one that the mapping asks for.
+    If all messages of a name have the checksum of one other dialect, they are of that dialect. Else
+    they are damaged, as is one that the mapping asks for.
     """
 
     def __init__(self, path: Path, facts: FileFacts) -> None:
@@ -88,14 +85,14 @@ class _OddFrames:
         self._counts: Counter[str] = Counter()
 
     def count_right(self, name: str) -> None:
-        """Count a message whose checksum is right."""
+        """Counts a message whose checksum is right."""
         if name in self._seeds:
             text = f"of the messages of `{name}` before byte {self.facts.at_byte:,} each is damaged"
             raise damaged_log(self.path, text)
         self._right.add(name)
 
-    def note(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
-        """Count another one; DamagedLogError where it is asked for, or of no one dialect."""
+    def note_wrong(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
+        """Counts a message with a wrong checksum; DamagedLogError if asked for or damaged."""
         seeds = range(256) if name not in self._seeds else (self._seeds[name],)
         seed = next((s for s in seeds if _has_checksum(frame, s)), None)
         if asked or name in self._right or seed is None:
@@ -106,7 +103,7 @@ class _OddFrames:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on such frames, which were stepped over."""
+        """Notes for people on such frames, which were stepped over."""
         return [
             f"{n:,} messages have the number of `{name}` and the checksum of another dialect: they "
             "were stepped over"
@@ -115,7 +112,7 @@ class _OddFrames:
 
 
 def _has_checksum(frame: bytearray, seed: int) -> bool:
-    """Whether the checksum of a frame is that of a dialect which chose `seed` for the message."""
+    """Whether a frame has the checksum of a dialect that chose `seed` for the message."""
     from pymavlink.generator.mavcrc import x25crc  # noqa: PLC0415 - an extra
 
     end = len(frame) - 2 - (SIGNATURE_BYTES if frame[0] == NEW and frame[2] & SIGNED else 0)
@@ -123,8 +120,8 @@ def _has_checksum(frame: bytearray, seed: int) -> bool:
     return bool(whole.crc == int.from_bytes(frame[end : end + 2], "little"))
 
 
-def _frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int, bytearray]]:
-    """Time and bytes of each frame; D016 where one is cut, or where none stands."""
+def _read_frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int, bytearray]]:
+    """Gives time and bytes of each frame; D016 where one is cut, or no frame stands."""
     while stamp := file.read(TIME_BYTES):
         at = facts.at_byte = file.tell() - len(stamp)
         head = file.read(3)

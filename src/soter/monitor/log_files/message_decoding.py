@@ -1,12 +1,12 @@
-"""Decodes messages of logs: those of ROS 1 and 2 by their definitions, and all messages of an MCAP.
+"""Decodes messages of logs: of ROS 1 and 2 by their definitions, and all messages of an MCAP.
 
-Purpose: `decoder` makes a function of bytes of a ROS definition, whose text is as untrusted as the
-rest of a log. `rosbags` makes Python code of definitions: only names that are names get there, and
-no definition whose messages could be larger than the bytes that they are made of. `is_plain`
-refuses, in one pass over the tokens of IDL, what definitions of messages do not have: parentheses
-in parentheses, for which the parser of `rosbags` takes exponential time, and calculated constants.
-`mcap_messages` reads the messages of an MCAP in the order in which they stand there, and decodes
-JSON, ROS (cdr, ros1) and protobuf.
+Purpose: `message_decoder` makes a function of bytes of a ROS definition, whose text is as untrusted
+as the rest of a log. `rosbags` makes Python code of definitions: only names that are names get
+there, and no definition whose messages could be larger than the bytes that they are made of.
+`is_plain_idl` refuses, in one pass over the tokens of IDL, what definitions of messages do not
+have: parentheses in parentheses, for which the parser of `rosbags` takes exponential time, and
+calculated constants. `mcap_messages` reads the messages of an MCAP in the order in which they stand
+there, and decodes JSON, ROS (cdr, ros1) and protobuf.
 Non-goals: whether a text is IDL at all, the records of an MCAP and whether they are whole
 (`report/mcap_reading.py`), the order of times (`read_columns.py`).
 """
@@ -33,11 +33,11 @@ from soter.mapping.message_types import (
     MessageTypes,
     require_ros_package,
 )
-from soter.monitor.log_files.log_columns import Writers, damaged_log, no_file_of, unusable
+from soter.monitor.log_files.log_columns import Writers, damaged_log, unusable, wrong_format
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
-from soter.report.mcap_reading import damaged as words_of_damage
+from soter.report.mcap_reading import damage_text as words_of_damage
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ OPERATORS = set('*/%^|&~"')
 """Operators of calculated constants, and a quotation mark that nothing closes."""
 
 
-def is_plain(text: str) -> bool:
+def is_plain_idl(text: str) -> bool:
     """Whether nothing in a text of IDL is nested deeply or calculated."""
     parentheses = angles = values = 0
     before = ""
@@ -100,13 +100,13 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 class UndecodableError(ValueError):
-    """A definition, or a message, that cannot be read; the text says why."""
+    """A definition or a message cannot be read; the text says why."""
 
 
-def decoder_made(
+def made_decoder(
     make: Callable[[], Callable[[bytes], Any]], wanted: Wanted, facts: FileFacts
 ) -> Callable[[bytes], Any]:
-    """A decoder; of a channel that nobody names one that gives None for what it cannot read."""
+    """Makes a decoder; on a channel that nobody names it gives None for what is unreadable."""
     if not wanted.unnamed:
         return make()
     made: list[Callable[[bytes], Any]] = []
@@ -124,25 +124,25 @@ def decoder_made(
 
 
 def ros1_name(name: str) -> str:
-    """`nav_msgs/msg/Odometry` as ROS 1 writes it."""
+    """A type's name as ROS 1 writes it: `nav_msgs/Odometry` for `nav_msgs/msg/Odometry`."""
     return name.replace("/msg/", "/")
 
 
 def ros2_name(name: str) -> str:
-    """`nav_msgs/Odometry` as ROS 2 writes it."""
+    """A type's name as ROS 2 writes it: `nav_msgs/msg/Odometry` for `nav_msgs/Odometry`."""
     package, _, rest = name.partition("/")
     return name if "/" in rest else f"{package}/msg/{rest}"
 
 
 def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
-    """UndecodableError where messages are of another type than the mapping says."""
+    """Raises UndecodableError where messages are of another type than the mapping says."""
     if wanted is not None and ros1_name(name) != wanted.ros1:
         shown = f"messages of `{channel}` are `{ros1_name(name)[:80]}`"
         raise UndecodableError(f"{shown}, and the mapping says `{wanted.ros1}`")
 
 
 def find_definitions(text: str, name: str, form: Format) -> Definitions:
-    """The definitions, in a log, of a type and of those in it; raises UndecodableError."""
+    """Finds in a log the definitions of a type and of those in it; raises UndecodableError."""
     require_ros_package()
     from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 - an extra
 
@@ -150,7 +150,7 @@ def find_definitions(text: str, name: str, form: Format) -> Definitions:
         raise UndecodableError(f"the definition of `{name[:80]}` is too long")
     if not TYPE_NAME.fullmatch(name):
         raise UndecodableError(f"`{name[:80]}` is no name of a type")
-    if form == "idl" and not is_plain("\n".join(_idl_files(text))):
+    if form == "idl" and not is_plain_idl("\n".join(_idl_files(text))):
         raise UndecodableError(f"the definition of `{name[:80]}` is none that ROS writes")
     try:
         if form == "msg":
@@ -163,7 +163,7 @@ def find_definitions(text: str, name: str, form: Format) -> Definitions:
 
 
 def _idl_files(text: str) -> list[str]:
-    """The files of which a definition is made, without their heads and what they include."""
+    """The files of which a definition is made, without their heads and `#include` lines."""
     files = [text]
     if text.startswith(IDL_SEPARATOR):
         files = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]]
@@ -171,14 +171,14 @@ def _idl_files(text: str) -> list[str]:
 
 
 def known_definitions(wanted: MessageType | None, ros: int) -> Definitions:
-    """The definitions for a log that has none: those of the mapping, or the standard ones."""
+    """The definitions for a log without any: those of the mapping, or the standard ones."""
     return wanted.definitions[ros] if wanted is not None else MessageTypes().definitions[ros]
 
 
-def decoder(
+def message_decoder(
     name: str, definitions: Definitions, encoding: Literal["cdr", "ros1"]
 ) -> Callable[[bytes], Any]:
-    """A function from the bytes of a message to the message; both raise UndecodableError."""
+    """Gives the function from bytes to a message; both raise UndecodableError."""
     from rosbags.typesys.store import Typestore  # noqa: PLC0415 - an extra
 
     full = ros2_name(name)
@@ -201,24 +201,18 @@ def decoder(
 
 
 def _needed_types(full: str, definitions: Definitions) -> Definitions:
-    """The types that a message is made of, without constants, once they are found harmless.
-
-    Raises UndecodableError where they are not.
-    """
+    """The types that a message is made of, without constants; UndecodableError if harmful."""
     sizes: dict[str, tuple[int, int]] = {}
-    _measure(full, definitions, sizes, ())
+    _measure_type(full, definitions, sizes, ())
     if sum(len(definitions[name][1]) for name in sizes) > FIELDS_MAX:
         raise UndecodableError(f"messages of `{full[:80]}` have too many parts")
     return {name: ([], definitions[name][1]) for name in sizes}
 
 
-def _measure(
+def _measure_type(
     name: str, definitions: Definitions, sizes: dict[str, tuple[int, int]], inside: tuple[str, ...]
 ) -> tuple[int, int]:
-    """Primitives and messages of a type, and the least bytes of a message of it.
-
-    Raises UndecodableError where it has no end, or a list that takes no bytes.
-    """
+    """Counts a type's primitives and messages, and its least bytes; raises UndecodableError."""
     if name in sizes:
         return sizes[name]
     if name not in definitions or not TYPE_NAME.fullmatch(name):
@@ -252,7 +246,7 @@ def _measure_member(
         inner, count = kind[1][0], int(kind[1][1]) if kind[0] == ARRAY else 1
     of_one = (1, 1)
     if inner[0] == NAMED:
-        of_one = _measure(inner[1], definitions, sizes, (*inside, name))
+        of_one = _measure_type(inner[1], definitions, sizes, (*inside, name))
         if not of_one[1] and kind[0] in (ARRAY, SEQUENCE):
             raise UndecodableError(f"`{name}` has a list of messages that are empty")
     elif inner[0] == BASE and inner[1][0] not in ("string", "wstring"):
@@ -271,10 +265,7 @@ READ = "json, cdr, ros1 and protobuf are read"
 
 
 def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Log time, channel and content of each message; None for that of a channel nobody wants.
-
-    `facts` counts the messages of every channel. SoterError D016, D007.
-    """
+    """Gives log time, channel, content (None: unwanted); counts all; SoterError D016, D007."""
     require_log_package()
     try:
         with opened(path) as file:
@@ -293,9 +284,9 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
 
 
 def _require_mcap(path: Path, file: BinaryIO) -> None:
-    """SoterError D016 where it does not begin as an MCAP does."""
+    """Raises SoterError D016 where a file does not begin as an MCAP does."""
     if file.read(len(MAGIC)) != MAGIC:
-        raise no_file_of(path, "MCAP")
+        raise wrong_format(path, "MCAP")
     file.seek(0)
 
 
@@ -308,7 +299,7 @@ class _Reading:
         self.writers = Writers()
 
     def messages(self, records: McapRecords) -> Iterator[Arrived]:
-        """Log time, channel and content."""
+        """Gives log time, channel and content of each message."""
         self.facts.size = records.size
         for channel, schema, message in records.messages():
             self.facts.at_byte = records.file.tell()
@@ -317,13 +308,13 @@ class _Reading:
             if channel.topic in self.wanted:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
-                    make = partial(self._made_decoder, channel, schema)
-                    decode = decoder_made(make, self.wanted[channel.topic], self.facts)
+                    make = partial(self._channel_decoder, channel, schema)
+                    decode = made_decoder(make, self.wanted[channel.topic], self.facts)
                     self.decoders[channel.id] = decode
                     offered = channel.metadata.get("offered_qos_profiles", "")
-                    self.writers.offer(channel.topic, len(PROFILE.findall(offered)))
+                    self.writers.note_publishers(channel.topic, len(PROFILE.findall(offered)))
                 node = channel.metadata.get("callerid") or f"channel {channel.id}"
-                self.writers.note(channel.topic, node)
+                self.writers.note_message(channel.topic, node)
                 content = decode(message.data)
             yield message.log_time, message.publish_time, channel.topic, content
         self.facts.notes += self.writers.notes
@@ -332,7 +323,7 @@ class _Reading:
             text = f"{records.private:,} records of kinds that only its writer knows"
             self.facts.notes.append(f"{text} were stepped over")
 
-    def _made_decoder(self, channel: Any, schema: Any) -> Callable[[bytes], Any]:  # noqa: ANN401 - records
+    def _channel_decoder(self, channel: Any, schema: Any) -> Callable[[bytes], Any]:  # noqa: ANN401 - records
         encoding = channel.message_encoding
         wanted = self.wanted[channel.topic].message
         if encoding == "json":
@@ -354,7 +345,7 @@ class _Reading:
             name, form = schema.name, ROS_SCHEMAS[schema.encoding][0]
             require_type(channel.topic, name, wanted)
             definitions = find_definitions(schema.data.decode("utf-8"), name, form)
-        return decoder(name, definitions, encoding)
+        return message_decoder(name, definitions, encoding)
 
 
 def _protobuf_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:  # noqa: ANN401 - records

@@ -26,7 +26,7 @@ from soter.monitor.log_files.log_columns import (
     FileFacts,
     RowChoice,
     add_row,
-    moment,
+    parsed_time_ns,
     seconds_text,
     unusable,
     wanted_columns,
@@ -61,7 +61,7 @@ class NoTimeError(Exception):
 
 
 def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
-    """The part of a message at a path, None where protobuf has it unset; raises NoPartError."""
+    """The part of a message at a path; None where protobuf has it unset. Raises NoPartError."""
     current, is_set = message, True
     for part in name.split("."):
         is_set = is_set and _is_set(current, part)
@@ -77,7 +77,7 @@ def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a messa
 
 
 def read_time_ns(stamp: Any) -> int:  # noqa: ANN401 - the same
-    """A time of seconds and nanoseconds, in ns; raises NoTimeError."""
+    """Joins the seconds and nanoseconds of a time, in ns; raises NoTimeError."""
     for names in SECONDS:
         try:
             seconds, rest = (message_part(stamp, n) for n in names)
@@ -115,13 +115,13 @@ def _attribute(current: Any, part: str, known: list[str]) -> Any:  # noqa: ANN40
 
 
 def _is_set(current: Any, part: str) -> bool:  # noqa: ANN401 - the same
-    """False for a field of protobuf that has no value: it would be read as its default."""
+    """Whether a field has a value; protobuf would give its default for an unset one."""
     fields = current.DESCRIPTOR.fields_by_name if hasattr(current, "DESCRIPTOR") else {}
     return part not in fields or not fields[part].has_presence or current.HasField(part)
 
 
 def _protobuf_field(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
-    """A field of a protobuf message; of an enum the name of its member."""
+    """The value of a field of a protobuf message; of an enum the name of its member."""
     fields = current.DESCRIPTOR.fields_by_name
     if part not in fields:
         raise NoPartError(part, fields)
@@ -152,39 +152,47 @@ UNSORTED = (
 def read_messages(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """Read each wanted channel; `partial`: of a damaged file up to there. SoterError D016."""
+    """Reads each wanted channel; `partial`: of a damaged file up to the damage. SoterError D016."""
     by_channel = _wanted_channels(path, mapping, wanted)
-    columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
+    columns_by_channel: dict[str | None, Columns] = {
+        k: w.empty_columns() for k, w in wanted.items()
+    }
     facts, order = FileFacts(), _Order()
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
     orders: dict[str, list[str]] = {}
-    for arrived in facts.readable(path, channel_messages(path, by_channel, facts), partial=partial):
+    for arrived in facts.readable_rows(
+        path, channel_messages(path, by_channel, facts), partial=partial
+    ):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
             if mapping.counts(log_ns):
                 others.append((log_ns, channel))
             continue
         where = f"message {facts.there[channel]} of `{channel}`"
-        if not mapping.counts(log_ns) or not choices[channel].takes(
-            lambda name: _part(path, message, name, where)  # noqa: B023 - called before the next
+        if not mapping.counts(log_ns) or not choices[channel].chooses(
+            lambda name: _field_of_message(path, message, name, where)  # noqa: B023 - called before the next
         ):
             continue
-        now = _time(path, mapping, arrived, where)
+        now = _message_time_ns(path, mapping, arrived, where)
         asked, into = by_channel[channel], columns_by_channel[channel]
-        cells = {n: _part(path, message, n, where, n in asked.optional) for n in asked.names}
-        stamps = {source: _stamp(path, message, source, where) for source in asked.stamps}
+        cells = {
+            n: _field_of_message(path, message, n, where, n in asked.optional) for n in asked.names
+        }
+        stamps = {source: _stamp_ns(path, message, source, where) for source in asked.stamps}
         helps = (CLOCK_SET, UNSORTED)
         add_row(path, into, now, cells, stamps, where=where, remedies=helps)
         _note_order(message, asked, channel, orders)
-        order.note(now, where)
+        order.note_time(now, where)
         counted.append((log_ns, now))
     for name, choice in choices.items():
         if not columns_by_channel[name].times_ns:
-            hints = choice.helps if name in facts.there else [nearest_or_all(name, facts.there)]
+            hints = (
+                choice.seen_values if name in facts.there else [nearest_or_all(name, facts.there)]
+            )
             raise unusable(path, f"no message that counts stands on `{name}`", *hints)
-    ends, beyond_ns, notes = _ends_of_log(mapping, counted, others)
+    ends, beyond_ns, notes = _ends_and_notes(mapping, counted, others)
     for columns in columns_by_channel.values():
         columns.ends_ns, columns.beyond_ns = ends, beyond_ns
         columns.unchecked, columns.damage = facts.unchecked, facts.damage
@@ -198,7 +206,7 @@ TWO_ORDERS = "{} has two orders, {} and {}, and joints are taken by number: `whe
 
 
 def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, list[str]]) -> None:  # noqa: ANN401 - what a message has
-    """Note the first two orders of the names of joints, unless the mapping asks for one."""
+    """Notes the first two orders of joint names, unless the mapping chooses one."""
     for path in {f"{m[1]}name" for name in asked.names if (m := ELEMENT.fullmatch(name))}:
         with suppress(NoPartError, TypeError):
             seen = orders.setdefault(f"`{path}` of `{channel}`", [])
@@ -207,13 +215,13 @@ def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, lis
                 seen.append(names)
 
 
-def _ends_of_log(
+def _ends_and_notes(
     mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[tuple[int, int], int, list[str]]:
-    """Begin and end of the log; how long other channels go on after it; notes on these."""
-    near, notes = _near(counted, others)
-    whole = _ends(counted, near)
-    ends = _ends(counted, []) if mapping.where else whole
+    """The begin and end of the log; how long other channels go on after it; notes on these."""
+    near, notes = _near_times(counted, others)
+    whole = _begin_and_end(counted, near)
+    ends = _begin_and_end(counted, []) if mapping.where else whole
     beyond_ns = whole[1] - ends[1]
     if beyond_ns > 0:
         text = f"other channels go on for {seconds_text(beyond_ns)} s"
@@ -224,7 +232,7 @@ def _ends_of_log(
 def _wanted_channels(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
 ) -> dict[str, Wanted]:
-    """`wanted` by the channels' names; SoterError D016 where a topic names none."""
+    """Gives `wanted` by names of channels; SoterError D016 where a topic names none."""
     for t in mapping.topics:
         if None in wanted and t.names and t.channel is None:
             raise unusable(path, f"the mapping of `{t.topic.name}` names no `channel`")
@@ -232,14 +240,14 @@ def _wanted_channels(
 
 
 class _Order:
-    """Whether times go back from one channel to another, in the order of the file."""
+    """Notes where times go back from one channel to another, in the order of the file."""
 
     def __init__(self) -> None:
         self.latest_ns: int | None = None
         self.times, self.most_ns, self.place = 0, 0, ""
 
-    def note(self, now: int, where: str) -> None:
-        """Take note of a message that counts."""
+    def note_time(self, now: int, where: str) -> None:
+        """Takes note of the time of a message that counts."""
         back = 0 if self.latest_ns is None else self.latest_ns - now
         self.latest_ns = now if back <= 0 else self.latest_ns
         self.times += back > 0
@@ -248,7 +256,7 @@ class _Order:
 
     @property
     def notes(self) -> list[str]:
-        """A note that time goes back, if it does."""
+        """A note for people that time goes back, if it does."""
         if not self.times:
             return []
         most = f"by at most {seconds_text(self.most_ns)} s, at {self.place}"
@@ -257,13 +265,13 @@ class _Order:
         ]
 
 
-def _near(
+def _near_times(
     counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[list[int], list[str]]:
-    """Log times of other channels, and notes that name those whose clock cannot be the log's.
+    """The log times of other channels, and notes that name those of another clock.
 
-    These lie further from the rest than it is long, and than an hour: a sensor that fell silent
-    does not end the log.
+    A clock is another one where its times lie further from the log than the log is long, and than
+    an hour: a sensor that fell silent does not end the log.
     """
     first, last = min(counted)[0], max(counted)[0]
     near: list[int] = []
@@ -284,11 +292,11 @@ def _near(
     return near, notes
 
 
-def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
-    """Begin and end of the log, in the clock of the messages that count.
+def _begin_and_end(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
+    """The begin and end of the log, in the clock of the messages that count.
 
-    counted: log time and time of each; others: log times of what stands on other channels, in
-    whose clock a message that counts is as far off as the one next to the end is.
+    counted: log time and time of each; others: log times of messages on other channels, whose
+    clocks are taken to be as far off as that of the next message that counts.
     """
     times = [now for _, now in counted]
     (first, begin), (last, end) = min(counted), max(counted)
@@ -305,18 +313,18 @@ READERS = {
     ".tlog": mavlink_messages,
     ".rlog": mavlink_messages,
 }
-"""Ending of a file's name -> what reads its messages; any other file is a bag or an MCAP."""
+"""By the ending of a file's name: what reads its messages; other files are bags or MCAPs."""
 
 
 def channel_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Every message of the wanted channels; `facts` counts those of every channel."""
+    """Gives every message of the wanted channels; `facts` counts those of every channel."""
     if is_bag(path):
         return bag_messages(path, wanted, facts)
     require_no_split(path)
     return READERS.get(path.suffix.lower(), mcap_messages)(path, wanted, facts)
 
 
-def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
+def _message_time_ns(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
     """The time for which a message counts: its log time, or the one that the mapping names."""
     log_ns, publish_ns, _, message = arrived
     name = mapping.time
@@ -326,9 +334,9 @@ def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
         if publish_ns is None:
             raise unusable(path, f"`time` is `{name}`, which a bag has not: an MCAP has", OF_ALL)
         return publish_ns
-    stamp = _part(path, message, str(name), where, False, OF_ALL)
+    stamp = _field_of_message(path, message, str(name), where, False, OF_ALL)
     if isinstance(stamp, (int, float, str)):
-        return moment(path, stamp, mapping.time_ns, where)
+        return parsed_time_ns(path, stamp, mapping.time_ns, where)
     try:
         now = read_time_ns(stamp)
     except NoTimeError as error:
@@ -338,7 +346,7 @@ def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
     return now
 
 
-def _part(
+def _field_of_message(
     path: Path,
     message: Any,  # noqa: ANN401 - what a message has
     name: str,
@@ -346,7 +354,7 @@ def _part(
     optional: bool = False,
     *helps: str,
 ) -> Any:  # noqa: ANN401 - the same
-    """A field of a message: `position.x`, `q.0`; None where it is too far into a list."""
+    """A field of a message, as `position.x` or `q.0`; None where it is too far into a list."""
     try:
         return message_part(message, name)
     except NoPartError as error:
@@ -356,12 +364,12 @@ def _part(
         raise unusable(path, f"{where} has no `{name}`", help_, *helps) from error
 
 
-def _stamp(path: Path, message: Any, source: StampSource, where: str) -> int | None:  # noqa: ANN401 - the same
-    stamp = _part(path, message, source.path, where)
+def _stamp_ns(path: Path, message: Any, source: StampSource, where: str) -> int | None:  # noqa: ANN401 - the same
+    stamp = _field_of_message(path, message, source.path, where)
     if stamp is None:
         return None
     if source.kind == "number":
-        return moment(path, stamp, source.unit_ns, where)
+        return parsed_time_ns(path, stamp, source.unit_ns, where)
     try:
         return read_time_ns(stamp)
     except NoTimeError as error:
@@ -376,10 +384,10 @@ CLOCKS = "several CSVs are one log where their times are of one clock: `[time]` 
 def read_columns(
     log: Path | Sequence[Path], mapping: LogMap, *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """Read each channel of a mapping; a CSV is the channel None. SoterError D016, D007.
+    """Reads each channel of a mapping; a CSV is the channel None. SoterError D016, D007.
 
     Of several CSVs a channel is the name of one, as the mapping writes it. `partial`: of a damaged
-    file what stands before the damage.
+    file, what stands before the damage is read.
     """
     paths = [log] if isinstance(log, Path) else [*log]
     path = paths[0]
@@ -408,7 +416,7 @@ def read_columns(
 def _columns_of_files(
     paths: Sequence[Path], mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool
 ) -> dict[str | None, Columns]:
-    """The columns of each of several CSVs, by the name under which the mapping knows it."""
+    """The columns of each of several CSVs, by its name in the mapping."""
     other = next((p for p in paths if not is_table(p)), None)
     if other is not None:
         raise unusable(other, "of several files that are one log each is a CSV, and this is none")

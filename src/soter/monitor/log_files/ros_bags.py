@@ -18,7 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.log_files.log_columns import REINDEX, damaged_log, remedies, unusable
+from soter.monitor.log_files.log_columns import REINDEX, damaged_log, remedies_for_file, unusable
 from soter.monitor.log_files.message_decoding import UndecodableError, mcap_messages
 from soter.report.bounded_unpack import unpack_file
 
@@ -55,16 +55,19 @@ def is_bag(path: Path) -> bool:
     """Whether a log is a bag of ROS, by its name."""
     if path.suffix.lower() in (".bag", ".db3") or path.is_dir():
         return True
-    return any((each.parent / METADATA).is_file() and _says_mark(each) for each in _places(path))
+    return any(
+        (each.parent / METADATA).is_file() and _has_bag_metadata(each)
+        for each in _places_of_file(path)
+    )
 
 
-def _places(path: Path) -> Iterator[Path]:
-    """A file as it is called, and where it is if that is a link; of a circle a place within."""
+def _places_of_file(path: Path) -> Iterator[Path]:
+    """A file by its own path, and by its target's if it is a link."""
     yield from dict.fromkeys((path, Path(os.path.realpath(path))))
 
 
-def _says_mark(path: Path) -> bool:
-    """Whether the metadata beside a file are those of a bag, and not of something else."""
+def _has_bag_metadata(path: Path) -> bool:
+    """Whether the metadata beside a file are those of a bag."""
     try:
         return MARK.encode() in read_bytes(path.parent / METADATA, METADATA_MAX)
     except OSError:
@@ -72,10 +75,9 @@ def _says_mark(path: Path) -> bool:
 
 
 def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Time of arrival, channel and content of each message of the wanted channels.
+    """Gives time of arrival, channel and content of each message; None for unwanted content.
 
-    Of other channels the times, without content. `facts` counts the messages of the wanted
-    channels, and knows the others. SoterError D016, D007.
+    `facts` counts the messages of the wanted channels, and names the others. SoterError D016, D007.
     """
     require_ros_package()
     from soter.monitor.log_files.bag_files import (  # noqa: PLC0415 - an extra
@@ -89,9 +91,9 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
             _require_ros1(path)
             yield from ros1_messages(path, wanted, facts)
         elif path.is_dir():
-            yield from _folder_messages(_bag2(path), wanted, facts)
+            yield from _folder_messages(_bag_by_metadata(path), wanted, facts)
         else:
-            yield from _folder_messages(_alone(path), wanted, facts)
+            yield from _folder_messages(_bag_of_file(path), wanted, facts)
     except SoterError:
         raise
     except ContradictionError as error:
@@ -101,39 +103,41 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
-        message = str(error)[:200] if _says_why(error) else ""
+        message = str(error)[:200] if _is_for_people(error) else ""
         help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
         raise damaged_log(path, message or "it is no bag of ROS, or damaged", help_) from error
 
 
-def _alone(path: Path) -> _Bag2:
-    """A file of a bag, given alone: its counts are known where metadata name it beside it.
+def _bag_of_file(path: Path) -> _Bag2:
+    """The bag of a file given alone; its counts are known where metadata beside it name it.
 
-    SoterError D016 where they name other files: it is a part, or none of theirs.
+    SoterError D016 where they name other files: the file is a part, or of another bag.
     """
     require_no_split(path)
     storage = "mcap" if path.suffix.lower() == ".mcap" else "sqlite3"
-    for each in _places(path):
+    for each in _places_of_file(path):
         if not (each.parent / METADATA).is_file():
             continue
-        bag = _bag2(each.parent)
+        bag = _bag_by_metadata(each.parent)
         if [file.name for file in bag.files] == [each.name]:
             return bag
         if bag.storage == storage:
             others = [file.name for file in bag.files if file.name != each.name]
             more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""
-            raise unusable(path, f"its `{METADATA}` names `{others[0]}`{more}, too", _whole(each))
+            raise unusable(
+                path, f"its `{METADATA}` names `{others[0]}`{more}, too", _folder_advice(each)
+            )
     return _Bag2((path,), storage)
 
 
-def _whole(part: Path) -> str:
+def _folder_advice(part: Path) -> str:
     """Advice, in words, for someone who gives a part of a bag alone."""
     return f"give the folder, `{part.parent}` ({REINDEX}), or move the part to one of its own"
 
 
 def require_no_split(path: Path) -> None:
-    """SoterError D016 where other files of the same bag lie beside one that is given alone."""
-    for each in _places(path):
+    """Raises SoterError D016 where other parts of its bag lie beside a file given alone."""
+    for each in _places_of_file(path):
         split = SPLIT.fullmatch(each.name)
         if split is None:
             continue
@@ -151,17 +155,17 @@ def require_no_split(path: Path) -> None:
         if others:
             more = f" and {len(others) - 1} more" if len(others) > 1 else ""
             why = f"it is a part of a bag: `{others[0]}`{more} beside it is another"
-            raise unusable(path, why, _whole(each))
+            raise unusable(path, why, _folder_advice(each))
 
 
 def _require_ros1(path: Path) -> None:
-    """SoterError D016 where it does not begin as a bag of ROS 1 does."""
+    """Raises SoterError D016 where a file does not begin as a bag of ROS 1 does."""
     with opened(path, pipes=False) as file:
         if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
-            raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies(path))
+            raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies_for_file(path))
 
 
-def _says_why(error: Exception) -> bool:
+def _is_for_people(error: Exception) -> bool:
     """Whether the text of an error is meant for people."""
     of_readers = type(error).__module__.startswith(("rosbags.", "soter."))
     return of_readers and not isinstance(error, KeyError)
@@ -191,8 +195,8 @@ def _folder_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) ->
     require_counts(bag.counts, facts.there)
 
 
-def _bag2(path: Path) -> _Bag2:
-    """The files that the metadata of a bag names; SoterError D016."""
+def _bag_by_metadata(path: Path) -> _Bag2:
+    """Gives the bag whose files the metadata of a folder name; SoterError D016."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
@@ -212,18 +216,18 @@ def _bag2(path: Path) -> _Bag2:
         counts = read_counts(information)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
-    packed = _packing(path, storage, mode, form)
+    packed = _packed_unit(path, storage, mode, form)
     if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
         raise unusable(path, f"its `{METADATA}` names no files")
-    if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
+    if not all(isinstance(n, str) and _is_file_name(PurePosixPath(n).name) for n in names):
         raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
     files = tuple(path / PurePosixPath(n).name for n in names)
     _require_named(path, files, STORAGES[storage])
     return _Bag2(files, storage, packed, counts)
 
 
-def _packing(path: Path, storage: object, mode: str, form: str) -> str:
-    """Whether a bag packs each "file", each "message", or neither (""); SoterError D016."""
+def _packed_unit(path: Path, storage: object, mode: str, form: str) -> str:
+    """What a bag packs: each "file", each "message", or nothing (""); SoterError D016."""
     if storage not in STORAGES:
         raise unusable(
             path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
@@ -238,7 +242,7 @@ def _packing(path: Path, storage: object, mode: str, form: str) -> str:
 
 
 def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
-    """SoterError D016 where the folder has files of messages that its metadata does not name."""
+    """Raises SoterError D016 where a folder has files of messages that its metadata do not name."""
     named = {file.name for file in files}
     if not all(file.exists() for file in files):
         return  # which is told when they are read
@@ -249,6 +253,6 @@ def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
             raise unusable(path, why, f"{REINDEX}; or move the file away")
 
 
-def _is_plain(name: str) -> bool:
+def _is_file_name(name: str) -> bool:
     """Whether a name is one of a file, and no address with settings of SQLite."""
     return name not in ("", "..") and not set(name) & set("?#%\0\\")

@@ -14,7 +14,13 @@ import struct
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.monitor.log_files.log_columns import NO_END, Writers, damaged_log, no_file_of, opened_log
+from soter.monitor.log_files.log_columns import (
+    NO_END,
+    Writers,
+    damaged_log,
+    opened_log,
+    wrong_format,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,15 +39,15 @@ TYPES = {
 }  # fmt: skip
 FIELD = re.compile(r"([\w/-]{1,99})(?:\[(\d{1,5})\])? (\w{1,99})", re.ASCII)
 FORMAT_MAX, DEPTH_MAX = 1 << 16, 8
-"""Bytes of a message, as their count has two bytes; formats in formats."""
+"""The most bytes of a message, whose count has two bytes; how deep formats may be nested."""
 KEY = re.compile(rb"(\w{1,9})(?:\[(\d{1,5})\])? [!-~]{1,255}")
 CONTROLS = {*range(32)} - {*b"\t\n\r\x1b"}
 """Bytes that no text has."""
 SYNC = bytes.fromhex("2f731320250cbb12")
 
 
-def _is_other(kind: int, body: bytes) -> bool:
-    """Whether a body is one of a kind that holds no values of a topic."""
+def _is_other_message(kind: int, body: bytes) -> bool:
+    """Whether a body fits its kind, which is one that holds no values of a topic."""
     if kind in b"LC":
         begin = 9 if kind == ord("L") else 11
         return len(body) >= begin and body[0] in b"01234567" and not {*body[begin:]} & CONTROLS
@@ -58,7 +64,7 @@ def _is_other(kind: int, body: bytes) -> bool:
 
 @dataclass(frozen=True)
 class _Field:
-    """A field: `count` 0 is no array; `inner`: of another format, None: a number or a text."""
+    """A field; `count` 0: no array; `inner`: the fields of its format, None: number or text."""
 
     name: str
     code: str
@@ -67,13 +73,13 @@ class _Field:
     inner: tuple[_Field, ...] | None = None
 
     @property
-    def codes(self) -> str:
+    def struct_codes(self) -> str:
         """The codes of `struct` for the field."""
         if self.inner is not None:
-            return "".join(f.codes for f in self.inner) * max(1, self.count)
+            return "".join(f.struct_codes for f in self.inner) * max(1, self.count)
         return f"{self.count or 1}s" if self.code == "s" else self.code * max(1, self.count)
 
-    def read(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - a number, text, list or table
+    def read_value(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - a number, text, list or table
         """The value of the field, taken from the numbers that follow."""
         if self.code == "s":
             return next(values).partition(b"\0")[0].decode("utf-8", "replace")
@@ -82,12 +88,12 @@ class _Field:
         return self._read_one(values)
 
     def _read_one(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - the same
-        return next(values) if self.inner is None else _content(self.inner, values)
+        return next(values) if self.inner is None else _content_by_name(self.inner, values)
 
 
-def _content(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[str, Any]:
-    """The fields of a message by name, without those that only fill room."""
-    read = {f.name: f.read(values) for f in fields}
+def _content_by_name(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[str, Any]:
+    """The fields of a message by name, without padding."""
+    read = {f.name: f.read_value(values) for f in fields}
     return {name: value for name, value in read.items() if not name.startswith("_padding")}
 
 
@@ -102,32 +108,29 @@ class _Topic:
     time_at: int
 
     @classmethod
-    def of(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
+    def of_fields(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
         """The topic of these fields; ValueError where no `timestamp` is among them."""
         longest = sum(f.size for f in fields)
         while fields and fields[-1].name.startswith("_padding"):
             fields = fields[:-1]
         before = [f.name for f in fields].index("timestamp")
-        if fields[before].codes != "Q":
+        if fields[before].struct_codes != "Q":
             raise ValueError
         time_at = sum(f.size for f in fields[:before])
-        layout = struct.Struct("<" + "".join(f.codes for f in fields))
+        layout = struct.Struct("<" + "".join(f.struct_codes for f in fields))
         return cls(name, fields, layout, longest, time_at)
 
     def is_as_long(self, length: int) -> bool:
-        """Whether a message of it, with its id of two bytes, may have so many bytes."""
+        """Whether a message of the topic, with the two bytes of its id, may have `length` bytes."""
         return self.layout.size <= length - 2 <= self.longest
 
 
 def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Time, topic and content of each message; None for that of a topic nobody wants.
-
-    `facts` counts the messages of every topic. SoterError D016.
-    """
+    """Gives time, topic and content (None: unwanted) of messages; counts all; SoterError D016."""
     facts.unchecked = True
     with opened_log(path) as file:
         if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
-            raise no_file_of(path, "ULog")
+            raise wrong_format(path, "ULog")
         yield from _UlogReading(path, file, wanted, facts).messages()
 
 
@@ -138,7 +141,7 @@ class _UlogReading:
         self, path: Path, file: BinaryIO, wanted: dict[str, Wanted], facts: FileFacts
     ) -> None:
         self.path, self.file, self.wanted, self.facts = path, file, wanted, facts
-        self.size = facts.size_of(file)
+        self.size = facts.note_size(file)
         self.formats: dict[str, str] = {}
         self.known: dict[str, _Topic] = {}
         self.topics: dict[int, _Topic] = {}
@@ -150,13 +153,13 @@ class _UlogReading:
     def messages(self) -> Iterator[Arrived]:
         if len(self.file.read(HEADER_BYTES)) < HEADER_BYTES:
             raise damaged_log(self.path, f"its head has no end: {NO_END}")
-        while (found := self._next()) is not None:
+        while (found := self._next_message()) is not None:
             kind, body = found
             try:
                 if kind == ord("D"):
-                    yield from self._data(body)
+                    yield from self._data_messages(body)
                 else:
-                    self._note_other(kind, body)
+                    self._note_definition(kind, body)
             except (ValueError, KeyError, IndexError, struct.error) as error:
                 shown = f"the message of kind `{chr(kind)}` at byte {self.facts.at_byte:,}"
                 raise damaged_log(self.path, f"{shown} is none that its formats allow") from error
@@ -165,8 +168,8 @@ class _UlogReading:
             self.facts.notes.append(f"{text} in all: messages are missing there")
         self.facts.notes += self.writers.notes
 
-    def _next(self) -> tuple[int, bytes] | None:
-        """Kind and body of the next message, None at the end; D016 where it is cut."""
+    def _next_message(self) -> tuple[int, bytes] | None:
+        """Gives kind and body of the next message, None at the end; D016 where it is cut."""
         at = self.facts.at_byte = self.file.tell()
         head = self.file.read(HEAD.size)
         if not head:
@@ -174,12 +177,14 @@ class _UlogReading:
         length, kind = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
         if self.appended and at + HEAD.size + length > self.appended[0]:
             begun = self.file.read(max(0, self.appended[0] - at - HEAD.size))
-            if at + HEAD.size < self.appended[0] and not self._may_begin(length, kind, begun):
+            if at + HEAD.size < self.appended[0] and not self._may_begin_message(
+                length, kind, begun
+            ):
                 raise damaged_log(self.path, f"at byte {at:,} stands no message")
             note = f"it was cut at byte {at:,} by a crash, and what was written after it is read"
             self.facts.notes.append(note)
             self.file.seek(self.appended.pop(0))
-            return self._next()
+            return self._next_message()
         body = self.file.read(length)
         if len(head) < HEAD.size or len(body) < length:
             raise damaged_log(self.path, f"its last message, at byte {at:,}, has no end: {NO_END}")
@@ -187,11 +192,8 @@ class _UlogReading:
             raise damaged_log(self.path, f"at byte {at:,} stands no message")
         return kind, body
 
-    def _data(self, body: bytes) -> Iterator[Arrived]:
-        """A message of a wanted topic; of any other its time alone, if that is later than before.
-
-        Some say 0 all the time, or once a time of long ago or long after.
-        """
+    def _data_messages(self, body: bytes) -> Iterator[Arrived]:
+        """Gives a wanted topic's message; of another its time, if that is later than before."""
         number = int.from_bytes(body[:2], "little")
         topic = self.topics[number]
         if not topic.is_as_long(len(body)):
@@ -201,21 +203,21 @@ class _UlogReading:
         before = self.times_us.get(topic.name, time_us)
         self.times_us[topic.name] = time_us
         if topic.name in self.wanted:
-            self.writers.note(topic.name, f"id {number}")
-            content = _content(topic.fields, iter(topic.layout.unpack_from(body, 2)))
+            self.writers.note_message(topic.name, f"id {number}")
+            content = _content_by_name(topic.fields, iter(topic.layout.unpack_from(body, 2)))
             yield time_us * 1000, None, topic.name, content
         elif time_us > before:
             yield time_us * 1000, None, topic.name, None
 
-    def _may_begin(self, length: int, kind: int, begun: bytes) -> bool:
-        """Whether a message of a length and a kind may begin so: what a crash cut is none else."""
+    def _may_begin_message(self, length: int, kind: int, begun: bytes) -> bool:
+        """Whether a message of this kind and length may begin so: a crash may have cut it."""
         if kind != ord("D") or len(begun) < 2:
             return kind in b"DFAROIMPQLCS"
         topic = self.topics.get(int.from_bytes(begun[:2], "little"))
         return topic is not None and topic.is_as_long(length)
 
-    def _note_other(self, kind: int, body: bytes) -> None:
-        """Take note of what is no data; ValueError and the like where it is none of its kind."""
+    def _note_definition(self, kind: int, body: bytes) -> None:
+        """Takes note of a message without data; ValueError and the like where it is malformed."""
         if kind == ord("F"):
             name, _, fields = body.decode("ascii").partition(":")
             declarations = (f"{name} _", *fields.rstrip(";").split(";"))
@@ -224,50 +226,50 @@ class _UlogReading:
             if self.formats.setdefault(name, fields) != fields:
                 raise ValueError
         elif kind == ord("A"):
-            self._subscribe(body)
+            self._note_topic_id(body)
         elif kind == ord("R"):
             del self.topics[struct.unpack("<H", body)[0]]
         elif kind == ord("B") and self.facts.at_byte == HEADER_BYTES:
             self._note_flags(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
-        elif not _is_other(kind, body):
+        elif not _is_other_message(kind, body):
             raise ValueError
 
-    def _subscribe(self, body: bytes) -> None:
-        """Note which topic an id stands for; ValueError where it stands for another already."""
+    def _note_topic_id(self, body: bytes) -> None:
+        """Notes which topic an id stands for; ValueError where it stands for another already."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("ascii")
         channel = f"{name}#{instance}" if instance else name
-        topic = replace(self._topic(name), name=channel)
+        topic = replace(self._topic_of_format(name), name=channel)
         if self.topics.setdefault(number, topic) != topic:
             raise ValueError
         self.facts.there.setdefault(channel, 0)
 
     def _note_flags(self, body: bytes) -> None:
-        """Take note of where data were appended; SoterError for a newer kind of ULog."""
+        """Takes note of where data were appended; SoterError for a newer kind of ULog."""
         ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
         if ahead[0] & ~1 or any(ahead[1:]):
-            raise no_file_of(self.path, "ULog of a kind that this version knows, but a newer one")
+            raise wrong_format(self.path, "ULog of a kind that this version knows, but a newer one")
         self.appended = [n for n in offsets if n] if ahead[0] else []
         if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
             raise ValueError
 
-    def _topic(self, name: str) -> _Topic:
+    def _topic_of_format(self, name: str) -> _Topic:
         """The topic of a format, made once; its instances share it."""
         if name not in self.known:
-            self.known[name] = _Topic.of(name, self._fields(name, DEPTH_MAX))
+            self.known[name] = _Topic.of_fields(name, self._fields_of_format(name, DEPTH_MAX))
         return self.known[name]
 
-    def _fields(self, name: str, depth: int) -> tuple[_Field, ...]:
-        """The fields of a format; ValueError where it is longer than a message, or in itself."""
+    def _fields_of_format(self, name: str, depth: int) -> tuple[_Field, ...]:
+        """The fields of a format; ValueError if longer than a message, or in itself."""
         made: list[_Field] = []
         for text in filter(None, self.formats[name].split(";")):
             match = FIELD.fullmatch(text)
             if match is None or not depth:
                 raise ValueError
             code, count = TYPES.get(match[1], ""), int(match[2] or 0)
-            inner = None if code else self._fields(match[1], depth - 1)
+            inner = None if code else self._fields_of_format(match[1], depth - 1)
             one = struct.calcsize(f"<{code}") if inner is None else sum(f.size for f in inner)
             made.append(_Field(match[3], code, count, max(1, count) * one, inner))
             if not 0 < sum(f.size for f in made) <= FORMAT_MAX:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from soter.report.run.record import Chart, Decision, ModeBand, Picture, ReportPage, Violation
-from soter.report.run.signals import SERIES_MAX, recorded, value_series
+from soter.report.run.signals import SERIES_MAX, record_array, value_series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -61,14 +61,14 @@ def counterexample_page(
     violated_s: float | None,
     decisions: tuple[Decision, ...] = (),
 ) -> ReportPage:
-    """The page; `violated_s`: when it is violated, None where the run does not get there."""
-    chart = _chart(system, words, instants, violated_s, decisions) if instants else None
+    """Makes the page; `violated_s`: when it is violated, None where the run ends before."""
+    chart = _chart_of_run(system, words, instants, violated_s, decisions) if instants else None
     return ReportPage(
         words.title,
         subtitle=words.subtitle,
         headline=words.headline,
         charts=() if chart is None else (chart,),
-        notes=(*words.notes, *_zoomed(instants)),
+        notes=(*words.notes, *_zoom_note(instants)),
         assumptions=words.assumptions,
         provenance=words.provenance,
         picture=Picture(words.svg),
@@ -76,7 +76,7 @@ def counterexample_page(
     )
 
 
-def _chart(
+def _chart_of_run(
     system: System,
     words: Told,
     instants: Sequence[Instant],
@@ -84,11 +84,13 @@ def _chart(
     decisions: tuple[Decision, ...],
 ) -> Chart:
     plants = {
-        x.name: recorded(x.plant.truth, [i.truth[x.name] for i in instants])
+        x.name: record_array(x.plant.truth, [i.truth[x.name] for i in instants])
         for x in system.components
         if x.plant is not None
     }
-    topics = {t.name: recorded(t.type, [i.topics[t.name] for i in instants]) for t in system.topics}
+    topics = {
+        t.name: record_array(t.type, [i.topics[t.name] for i in instants]) for t in system.topics
+    }
     failed = () if violated_s is None else (Violation(violated_s, words.violated),)
     name = f"System {system.name}"
     return Chart(
@@ -104,12 +106,12 @@ def _chart(
         violations=failed,
         summary={"violations": len(failed)},
         properties=(words.violated,),
-        opens=_opens([i.time_s for i in instants]),
+        opens=_opened_times([i.time_s for i in instants]),
     )
 
 
-def _zoomed(instants: Sequence[Instant]) -> tuple[str, ...]:
-    """A note where time lines open at a part of the run."""
+def _zoom_note(instants: Sequence[Instant]) -> tuple[str, ...]:
+    """A note that time lines show a part of the run at first, if they do."""
     several = len({i.time_s for i in instants}) > SHOWN
     text = (
         f"Time lines open at the last {SHOWN} instants; a double-click on one shows the whole run."
@@ -117,8 +119,8 @@ def _zoomed(instants: Sequence[Instant]) -> tuple[str, ...]:
     return (text,) if several else ()
 
 
-def _opens(time_s: Sequence[float]) -> tuple[float, float]:
-    """The part of the time at which the time lines open, in s."""
+def _opened_times(time_s: Sequence[float]) -> tuple[float, float]:
+    """The times, in s, from and to which time lines are shown at first."""
     different = sorted(set(time_s))[-SHOWN:]
     length = different[-1] - different[0]
     return different[0], different[-1] + (EDGE * length or AT_ONCE_S)

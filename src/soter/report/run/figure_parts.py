@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.templates import numbers
+from soter.report.templates import rounded_numbers
 from soter.report.wording import prose
 
 if TYPE_CHECKING:
@@ -62,21 +62,18 @@ def legend(entries: Iterable[tuple[str, str]]) -> str:
     return f'<ul class="key">{items}</ul>'
 
 
-def line(colour: str, width: float = 2.0, dash: str = "solid") -> Json:
+def line_style(colour: str, width: float = 2.0, dash: str = "solid") -> Json:
     """Return the style of a line."""
     return {"color": colour, "width": width, "dash": dash}
 
 
-def crowded(count: int, size: float) -> float:
-    """Return a smaller size for dots that would cover each other."""
+def dot_size(count: int, size: float) -> float:
+    """Return the size of dots, smaller where many would cover each other."""
     return size if count <= 24 else max(size * 0.7, 4.0) if count <= 80 else size * 0.45
 
 
 def takeover_dot(size: float = 10.0) -> Json:
-    """Return the red dot: the DM took over, AC→SC.
-
-    It is filled, the other one a ring: for readers who do not tell red from green.
-    """
+    """Return the dot where the DM took over, AC→SC: red, and filled where the other is a ring."""
     line = {"color": "@paper", "width": 1.5}
     return {"symbol": "circle", "size": size, "color": "@takeover", "line": line}
 
@@ -97,7 +94,7 @@ def violation_cross(size: float = 11.0) -> Json:
     }
 
 
-def axis(title: str = "", **more: object) -> Json:
+def axis_style(title: str = "", **more: object) -> Json:
     """Return a quiet axis: thin grid, outside ticks, no zero line."""
     return {
         "title": {"text": title, "font": {"size": 12}, "standoff": 8},
@@ -113,7 +110,7 @@ def axis(title: str = "", **more: object) -> Json:
     }
 
 
-def layout(**more: object) -> Json:
+def shared_layout(**more: object) -> Json:
     """Return what all figures share: transparent ground, the page's font and hover boxes."""
     return {
         "paper_bgcolor": "rgba(0,0,0,0)",
@@ -165,20 +162,20 @@ def decision_hover(decision: Decision) -> str:
         escape(f"t = {decision.time_s:.2f} s · {decision.module}"),
     ]
     if decision.reason:
-        lines.append(_hover(decision.reason))
+        lines.append(_hover_text(decision.reason))
     lines += [escape(text) for text in decision.why]
     lines += [escape(text) for text in predicates_text(decision.predicates)]
     return "<br>".join(lines)
 
 
-def _hover(text: str) -> str:
+def _hover_text(text: str) -> str:
     """Drop the code marks of a text: hover boxes know few tags."""
     return prose(text.replace("`", ""))
 
 
 def violation_hover(violation: Violation) -> str:
     """Return the hover text of a violation."""
-    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{_hover(violation.text)}"
+    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{_hover_text(violation.text)}"
 
 
 DENSE_STEPS = 300
@@ -187,7 +184,7 @@ POINTS_MAX = 2500
 """Points of one trajectory on the page; four screens' worth of pixels."""
 
 
-def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
+def mode_stretches(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     """Split (N,) modes into stretches `(first, last, is_ac)` of equal mode.
 
     A mode holds until the next sample, so `last` is the first sample of the next stretch (N-1
@@ -201,30 +198,30 @@ def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     ]
 
 
-def dense(series: Series) -> bool:
+def is_dense(series: Series) -> bool:
     """Whether the steps of a series are so many that they would cover their panel."""
     return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
 
 
 def unit_of(series: Series, others: Iterable[Series]) -> str:
-    """The unit of a series, or of those that share its panel: what measures it may have one."""
+    """The unit of a series, or of another on its panel, as what measures it may have one."""
     sharing = [x for x in others if (x.panel or x.name) == (series.panel or series.name)]
     return next((x.unit for x in (series, *sharing) if x.unit), "")
 
 
-def by_controller(
+def rows_of_controller(
     rows: NDArray[np.float64], in_control: NDArray[np.bool_], *, ac: bool
 ) -> NDArray[np.float64]:
-    """Return those of the rows (N, k) that AC (or SC) flew, with a NaN row between stretches."""
+    """Return the rows (N, k) that AC (or SC) flew, with a NaN row between stretches."""
     gap = np.full((1, rows.shape[1]), np.nan)
     parts: list[NDArray[np.float64]] = []
-    for first, last, is_ac in runs(in_control):
+    for first, last, is_ac in mode_stretches(in_control):
         if is_ac is ac and last > first:
             parts += [rows[first : last + 1], gap]
     return np.concatenate(parts[:-1]) if parts else np.empty((0, rows.shape[1]))
 
 
-def thin(
+def thinned_indices(
     count: int,
     keep: Iterable[int],
     dips: NDArray[np.float64] | None = None,
@@ -262,15 +259,12 @@ def mode_edges(in_control: NDArray[np.bool_]) -> list[int]:
 
 
 def nearest_indices(time_s: NDArray[np.float64], at_s: Iterable[float]) -> list[int]:
-    """Return, for each time, the index of the last of the samples (N,) not after it.
-
-    It is 0 before the first; all times are in s.
-    """
+    """Return, for each time in s, the index of the last of samples (N,) not after it, or 0."""
     indices = np.searchsorted(time_s, np.asarray(list(at_s), dtype=np.float64), side="right") - 1
     return [int(index) for index in np.clip(indices, 0, len(time_s) - 1)]
 
 
-def lowest(values: NDArray[np.float64]) -> int | None:
+def lowest_index(values: NDArray[np.float64]) -> int | None:
     """Return the index of the least finite value of (N,), None where there is none."""
     known = np.where(np.isfinite(values), values, np.inf)
     index = int(np.argmin(known))
@@ -282,10 +276,10 @@ def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.i
     events = [decision.time_s for decision in flight.decisions]
     events += [violation.time_s for violation in flight.violations]
     keep = mode_edges(flight.in_control) + nearest_indices(flight.time_s, events)
-    return thin(len(flight.time_s), keep, flight.clearance_m, points_max)
+    return thinned_indices(len(flight.time_s), keep, flight.clearance_m, points_max)
 
 
-def place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
+def event_place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
     """Return where an event took place, in m: `position`, else that of the flight at `time_s`."""
     if position is not None:
         return position
@@ -307,14 +301,11 @@ BAR_WIDTH = 1000
 
 
 def mode_bar(time_s: NDArray[np.float64], in_control: NDArray[np.bool_], end_s: float) -> str:
-    """Return an SVG bar of who is in control; its full width is `end_s` seconds.
-
-    Times and modes are (N,).
-    """
+    """Return an SVG bar, `end_s` seconds wide, of who is in control; times and modes are (N,)."""
     scale = BAR_WIDTH / end_s if end_s > 0 else 0.0
     view = f'viewBox="0 0 {BAR_WIDTH} 10" preserveAspectRatio="none"'
     parts = [f'<svg class="bar" {view} role="img" aria-label="who is in control over time">']
-    for first, last, is_ac in runs(in_control):
+    for first, last, is_ac in mode_stretches(in_control):
         left = (time_s[first] - time_s[0]) * scale
         width = (time_s[last] - time_s[first]) * scale
         controller = "ac" if is_ac else "sc"
@@ -434,7 +425,7 @@ def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> 
     )
     return {
         "type": "bar",
-        "x": numbers((edges[:-1] + edges[1:]) / 2, 4),
+        "x": rounded_numbers((edges[:-1] + edges[1:]) / 2, 4),
         "y": over,
         "width": round(float(edges[1]), 4),
         "yaxis": axis,

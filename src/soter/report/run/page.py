@@ -16,9 +16,9 @@ import numpy as np
 
 from soter.report.run.figure_parts import (
     change_text,
+    event_place,
     figure_place,
     mode_bar,
-    place,
     predicates_text,
 )
 from soter.report.run.path_figure import path_figure
@@ -64,8 +64,8 @@ def violation_count(arm: Flight | Chart) -> int:
     return int(count) if isinstance(count, (int, float)) else len(arm.violations)
 
 
-def headline(page: ReportPage) -> list[str]:
-    """Return the result in a sentence or two: the protected arm first, then those that failed."""
+def page_headline(page: ReportPage) -> list[str]:
+    """Return the result in a sentence or two: the protected arm first, then failed ones."""
     if page.headline:
         return [page.headline]
     arms: list[Flight | Chart] = [*page.flights, *page.charts]
@@ -74,14 +74,14 @@ def headline(page: ReportPage) -> list[str]:
     protected = [arm for arm in arms if _is_mixed(arm.summary)]
     subject = protected[0] if protected else arms[0]
     rest = [arm for arm in arms if arm is not subject and violation_count(arm) > 0]
-    return [_sentence(arm) for arm in (subject, *rest)]
+    return [_arm_sentence(arm) for arm in (subject, *rest)]
 
 
-def figures(summary: Summary) -> list[tuple[str, str]]:
+def figure_texts(summary: Summary) -> list[tuple[str, str]]:
     """Return caption and value of every figure except lap and violations, known ones first."""
     known = [key for key in KNOWN if key in summary and key not in ("lap_s", "violations")]
     others = [key for key in summary if key not in KNOWN]
-    return [(_caption(key), value_text(key, summary[key])) for key in (*known, *others)]
+    return [(_figure_caption(key), value_text(key, summary[key])) for key in (*known, *others)]
 
 
 def value_text(key: str, value: float | str) -> str:
@@ -103,7 +103,7 @@ def value_text(key: str, value: float | str) -> str:
     return f"{number} {unit}".rstrip().replace("-", "\N{MINUS SIGN}")
 
 
-def _caption(key: str) -> str:
+def _figure_caption(key: str) -> str:
     """Name a figure: known ones in words, others by their key without the unit."""
     unit = next((suffix for suffix in UNITS if key.endswith(suffix)), "")
     return CAPTIONS.get(key) or key.removesuffix(unit).replace("_", " ")
@@ -115,7 +115,7 @@ def _is_mixed(summary: Summary) -> bool:
     return isinstance(share, (int, float)) and 0 < share < 1
 
 
-def _sentence(arm: Flight | Chart) -> str:
+def _arm_sentence(arm: Flight | Chart) -> str:
     """Say one arm's lap and violations."""
     violations = count_text(violation_count(arm), "violation")
     lap = arm.summary.get("lap_s")
@@ -138,21 +138,21 @@ def _program_section(picture: Picture | None) -> str:
     )
 
 
-def body(page: ReportPage) -> tuple[str, list[Figure]]:
+def page_body(page: ReportPage) -> tuple[str, list[Figure]]:
     """Return the inside of `<main>` and the figures it has places for."""
     arms: list[Flight | Chart] = [*page.flights, *page.charts]
     scene, drawn = ("", []) if page.scene is None else page.scene.sections(page.flights)
-    flown = _flown(page.flights)
+    flown = _flight_figures(page.flights)
     end_s = longest_s(page.charts)
-    charted = [_charted(c, f"chart-{i}", end_s) for i, c in enumerate(page.charts)]
+    charted = [_chart_figures(c, f"chart-{i}", end_s) for i, c in enumerate(page.charts)]
     paths = [path_figure(c, f"path-{i}") for i, c in enumerate(page.charts)]
     drawn = [*drawn, *flown, *(p for p in paths if p), *chain(*charted)]
     main = filled(
         "report/run/page.html.j2",
         page=page,
         arms=arms,
-        headline=headline(page),
-        cards=_cards(page, longest_s(arms)),
+        headline=page_headline(page),
+        cards=_arm_cards(page, longest_s(arms)),
         scene=scene,
         flown=[(f.title, None, False, [x]) for f, x in zip(page.flights, flown, strict=True)],
         charted=[
@@ -160,11 +160,11 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
             for c, path, figures in zip(page.charts, paths, charted, strict=True)
         ],
         program=_program_section(page.picture),
-        where_text=_where,
+        where_text=_place_text,
         change_text=change_text,
         count_text=count_text,
         figure_place=figure_place,
-        figures=figures,
+        figures=figure_texts,
         predicates_text=predicates_text,
         value_text=value_text,
         violation_count=violation_count,
@@ -172,7 +172,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
     return main.rstrip(), drawn
 
 
-def _cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str, list[Bar]]]:
+def _arm_cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str, list[Bar]]]:
     """Each arm with its map and, by module, a bar of who was in control."""
     cards: list[tuple[Flight | Chart, str, list[Bar]]] = []
     if page.scene is not None:
@@ -186,8 +186,8 @@ def _cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str, li
     return cards
 
 
-def _charted(chart: Chart, key: str, end_s: float) -> list[Figure]:
-    """The chart of the first panels, and of the others, which the page folds."""
+def _chart_figures(chart: Chart, key: str, end_s: float) -> list[Figure]:
+    """The figures of a chart: of the first panels, and of the others, which the page folds."""
     panels = list(dict.fromkeys(s.panel or s.name for s in chart.series))
     parts = [part for part in (panels[:PANELS], panels[PANELS:]) if part]
     series = [tuple(s for s in chart.series if (s.panel or s.name) in part) for part in parts]
@@ -197,7 +197,7 @@ def _charted(chart: Chart, key: str, end_s: float) -> list[Figure]:
     ]
 
 
-def _flown(flights: Sequence[Flight]) -> list[Figure]:
+def _flight_figures(flights: Sequence[Flight]) -> list[Figure]:
     """Clearance and speed of each flight on equal axes."""
     if not flights:
         return []
@@ -211,7 +211,7 @@ def _flown(flights: Sequence[Flight]) -> list[Figure]:
     ]
 
 
-def _where(flight: Flight, event: Decision | Violation) -> str:
-    """The place of an event, negative numbers with a minus sign."""
-    x, y, z = place(flight, event.time_s, event.position)
+def _place_text(flight: Flight, event: Decision | Violation) -> str:
+    """The place of an event as text, negative numbers with a minus sign."""
+    x, y, z = event_place(flight, event.time_s, event.position)
     return f"{x:.1f}, {y:.1f}, {z:.1f}".replace("-", "\N{MINUS SIGN}")

@@ -15,25 +15,25 @@ import numpy as np
 from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
-    axis,
-    by_controller,
-    crowded,
+    axis_style,
     decision_hover,
+    dot_size,
     giveback_dot,
     givebacks,
-    layout,
-    line,
+    line_style,
     mode_edges,
     nearest_indices,
+    rows_of_controller,
+    shared_layout,
     takeover_dot,
     takeovers,
-    thin,
+    thinned_indices,
     unit_of,
     violation_cross,
     violation_hover,
 )
 from soter.report.run.record import Figure
-from soter.report.templates import numbers
+from soter.report.templates import rounded_numbers
 from soter.report.wording import quantity
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ SHARES_MIN = (1.25, 0.3)
 
 
 def path_figure(chart: Chart, key: str) -> Figure | None:
-    """The path of a chart, which is None where no two signals are called x and y in one place."""
+    """Draws the path of a chart; None where no two signals are x and y of one place."""
     if (found := _x_and_y(chart.series)) is None:
         return None
     rows = np.column_stack([s.values for s in found])
@@ -58,13 +58,17 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
     in_control = np.broadcast_to(all_ac, chart.time_s.shape)
     at_s = [d.time_s for d in chart.decisions] + [v.time_s for v in chart.violations]
     keep = mode_edges(in_control) + nearest_indices(chart.time_s, at_s)
-    drawn = thin(len(rows), keep)
+    drawn = thinned_indices(len(rows), keep)
     data: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = by_controller(rows[drawn], in_control[drawn], ac=ac)
+        part = rows_of_controller(rows[drawn], in_control[drawn], ac=ac)
         if len(part):
-            data.append(_trace(part, "lines", line=line(colour, 2.2), hovertemplate=_hover(who)))
-    size = crowded(len(chart.decisions), 9)
+            data.append(
+                _path_trace(
+                    part, "lines", line=line_style(colour, 2.2), hovertemplate=_hover_template(who)
+                )
+            )
+    size = dot_size(len(chart.decisions), 9)
     events = [
         (giveback_dot(size), [(d.time_s, decision_hover(d)) for d in givebacks(chart.decisions)]),
         (takeover_dot(size), [(d.time_s, decision_hover(d)) for d in takeovers(chart.decisions)]),
@@ -74,20 +78,20 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
     for marker, texts in events:
         at = rows[nearest_indices(chart.time_s, [t for t, _ in texts])]
         text, template = [t for _, t in texts], "%{text}<extra></extra>"
-        data.append(_trace(at, "markers", marker=marker, text=text, hovertemplate=template))
+        data.append(_path_trace(at, "markers", marker=marker, text=text, hovertemplate=template))
     low, high = np.nanmin(rows, axis=0), np.nanmax(rows, axis=0)
     half = np.maximum(high - low, np.max(high - low) * np.array(SHARES_MIN)) * 0.55 + 1e-3
     ends = np.transpose([(low + high) / 2 - half, (low + high) / 2 + half]).round(4).tolist()
     x, y = (
-        axis(quantity(s.name, unit_of(s, chart.series)), range=shown, constrain="domain")
+        axis_style(quantity(s.name, unit_of(s, chart.series)), range=shown, constrain="domain")
         for s, shown in zip(found, ends, strict=True)
     )
     label = f"{chart.title}: the path in {found[0].name} and {found[1].name}"
-    return Figure(key, label, tuple(data), layout(xaxis=x, yaxis={**y, "scaleanchor": "x"}))
+    return Figure(key, label, tuple(data), shared_layout(xaxis=x, yaxis={**y, "scaleanchor": "x"}))
 
 
 def _x_and_y(series: Sequence[Series]) -> tuple[Series, Series] | None:
-    """Finds the first two coordinates; a quaternion has a w, too."""
+    """Finds the first two coordinates x and y of one place, which is no quaternion."""
     by_name = {s.name: s for s in series}
     for name, x in by_name.items():
         place, _, last = name.rpartition(".")
@@ -98,10 +102,10 @@ def _x_and_y(series: Sequence[Series]) -> tuple[Series, Series] | None:
     return None
 
 
-def _trace(rows: NDArray[np.float64], mode: str, **more: object) -> Json:
-    x, y = (numbers(column, 4) for column in rows.T)
+def _path_trace(rows: NDArray[np.float64], mode: str, **more: object) -> Json:
+    x, y = (rounded_numbers(column, 4) for column in rows.T)
     return {"type": "scatter", "mode": mode, "x": x, "y": y, **more}
 
 
-def _hover(who: str) -> str:
+def _hover_template(who: str) -> str:
     return f"%{{x:.2f}}, %{{y:.2f}}, {who}<extra></extra>"

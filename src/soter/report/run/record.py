@@ -48,10 +48,7 @@ class Decision:
 
 
 class Violation(NamedTuple):
-    """A system property that the true states violated: when, which, and where (m) if anywhere.
-
-    `times`: how often it began to fail, the first time at `time_s`.
-    """
+    """A system property that true states violated, at `time_s` first, and so many `times`."""
 
     time_s: float
     text: str
@@ -117,10 +114,7 @@ class Figure:
     layout: Json
 
     def to_json(self) -> Json:
-        """Return what the page's script hands to the drawing library.
-
-        Where traces have the same x, the later ones give the number of the first.
-        """
+        """Return the JSON for the drawing library; an x that two traces share stands once."""
         first: dict[tuple[object, ...], int] = {}
         data: list[Json] = []
         for i, trace in enumerate(self.data):
@@ -167,10 +161,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class ModeBand:
-    """Who is in control of `module`: `in_control` (N,) bool, true where it is AC.
-
-    `told`: the run's figures of the module, in words.
-    """
+    """Whether AC controls `module`: `in_control` (N,) bool; `told`: its figures in words."""
 
     module: str
     in_control: NDArray[np.bool_]

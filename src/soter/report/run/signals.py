@@ -2,7 +2,7 @@
 
 Purpose: `value_series` makes the series of whatever was held, for a run and for a counterexample:
 numbers and truth values, each with the limits that properties state of it; the true state that a
-topic measures shares its panel. `recorded` makes an array of values that are JSON.
+topic measures shares its panel. `record_array` makes an array of values that are JSON.
 Non-goals: reading traces (`simulate/run_report.py`) or replays (`counterexample_page.py`); drawing.
 """
 
@@ -44,9 +44,9 @@ SIGNAL_SHARE_MIN = 20
 AXES = {"w", "x", "y", "z"}
 
 
-def recorded(t: Type, values: Sequence[Any]) -> npt.NDArray[Any]:
-    """JSON values of a type as an array of records, (n,): numbers, NaN for what is none."""
-    return np.array([_row(t, value) for value in values], dtype=_dtype(t))
+def record_array(t: Type, values: Sequence[Any]) -> npt.NDArray[Any]:
+    """Makes of JSON values of a type an array of records, (n,); NaN for what is no number."""
+    return np.array([_row_values(t, value) for value in values], dtype=_dtype(t))
 
 
 def _dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
@@ -57,21 +57,18 @@ def _dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
     return np.dtype(np.float64)
 
 
-def _row(t: Type, value: Any) -> Any:  # noqa: ANN401 - JSON
+def _row_values(t: Type, value: Any) -> Any:  # noqa: ANN401 - JSON
     if isinstance(t, RecordType):
-        return tuple([_row(field, value[name]) for name, field in t.fields])
+        return tuple([_row_values(field, value[name]) for name, field in t.fields])
     if isinstance(t, ArrayType):
-        return [_row(t.element, each) for each in value]
+        return [_row_values(t.element, each) for each in value]
     return float(value) if isinstance(t, (FloatType, IntType, BoolType)) else np.nan
 
 
 def value_series(
     system: System, plants: Mapping[str, Any], topics: Mapping[str, Any]
 ) -> Iterator[Series]:
-    """All signals; `plants`: the true states by name of a plant, first, as properties are of them.
-
-    Both have arrays of records, one for each sample.
-    """
+    """All signals, (N,) each: first `plants`, the true states by name of a plant, then topics."""
     demanded = _limits_by_signal(system)
     measured = _measured_states(system)
     compared = frozenset(measured.values())
@@ -79,7 +76,9 @@ def value_series(
     states_of = {x.name: x.plant.states for x in system.components if x.plant is not None}
     for name, states in plants.items():
         for state in states_of[name]:
-            for each in _signals(f"{name}.{state.name}", state.type, states[state.name], ()):
+            for each in _signals_of_value(
+                f"{name}.{state.name}", state.type, states[state.name], ()
+            ):
                 shared = each.panel == each.name.rpartition(".")[0]  # of a record
                 alone |= {each.name} & compared if not shared else set()
                 shown = replace(each, panel=each.name) if each.name in alone else each
@@ -95,13 +94,13 @@ def value_series(
                 Threshold("least declared", levels.low),
                 Threshold("greatest declared", levels.high),
             )
-        for each in _signals(topic.name, topic.type, topics[topic.name], marks):
+        for each in _signals_of_value(topic.name, topic.type, topics[topic.name], marks):
             truth = measured.get(each.name, "")
             held = replace(each, held=True, panel=truth if truth in alone else each.panel)
             yield _with_limits(held, demanded)
 
 
-def by_interest(system: System, series: Sequence[Series]) -> tuple[Series, ...]:
+def sorted_by_interest(system: System, series: Sequence[Series]) -> tuple[Series, ...]:
     """The signals, first those of panels with a limit, a margin or a state of a property."""
     text = " ".join(p.text for p in system.properties)
 
@@ -165,7 +164,7 @@ def _equal_states(
 def _visible_levels(
     numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
 ) -> tuple[Threshold, ...]:
-    """The levels to draw; none where with them the signal would look like a flat line."""
+    """The levels to draw; none where the signal would look like a flat line beside them."""
     levels = [m.value for m in marks]
     if not marks or not numbers.size:
         return ()
@@ -174,7 +173,7 @@ def _visible_levels(
     return () if 0 < high - low < whole / SIGNAL_SHARE_MIN else marks
 
 
-def _signals(
+def _signals_of_value(
     name: str, t: Type, values: npt.NDArray[np.void], marks: tuple[Threshold, ...]
 ) -> Iterator[Series]:
     """The signals of a value: its numbers and bools (0, 1); coordinates share a panel."""
@@ -187,9 +186,9 @@ def _signals(
         units = {getattr(field_type, "unit", "") for _, field_type in t.fields}
         together = {name_ for name_, _ in t.fields} <= AXES or (len(units) == 1 and units != {""})
         for name_, field_type in t.fields:
-            for series in _signals(f"{name}.{name_}", field_type, values[name_], ()):
+            for series in _signals_of_value(f"{name}.{name_}", field_type, values[name_], ()):
                 yield replace(series, panel=name) if together else series
     elif isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
         for index in range(t.size):
-            for series in _signals(f"{name}[{index}]", t.element, values[:, index], ()):
+            for series in _signals_of_value(f"{name}[{index}]", t.element, values[:, index], ()):
                 yield replace(series, panel=series.panel.replace(f"[{index}]", "", 1))

@@ -17,36 +17,36 @@ from soter.report.run.figure_parts import (
     POINTS_MAX,
     SC_COLOUR,
     Curves,
-    axis,
-    by_controller,
-    crowded,
+    axis_style,
     decision_hover,
-    dense,
     density_title,
     digits_of,
+    dot_size,
     flight_indices,
     giveback_dot,
     givebacks,
-    layout,
+    is_dense,
     level_names,
     levels_of,
     levels_range,
-    line,
-    lowest,
+    line_style,
+    lowest_index,
     mode_edges,
+    mode_stretches,
     nearest_indices,
-    runs,
+    rows_of_controller,
+    shared_layout,
     takeover_density,
     takeover_dot,
     takeovers,
-    thin,
+    thinned_indices,
     unit_of,
     violation_cross,
     violation_hover,
     violations_title,
 )
 from soter.report.run.record import Chart, Decision, Figure, Flight, Json, Series, Violation
-from soter.report.templates import numbers
+from soter.report.templates import rounded_numbers
 from soter.report.wording import quantity
 
 if TYPE_CHECKING:
@@ -82,16 +82,16 @@ class _Stack:
             for top, height in zip(tops, heights_px, strict=True)
         ]
         self.axes: Json = {
-            "xaxis": axis(
+            "xaxis": axis_style(
                 "time / s",
                 range=list(shown_s),
-                anchor=self.name(len(heights_px) - 1),
+                anchor=self.axis_name(len(heights_px) - 1),
                 showgrid=False,
             )
         }
 
     @staticmethod
-    def name(row: int) -> str:
+    def axis_name(row: int) -> str:
         """Return the name of a row's y axis as traces and shapes refer to it."""
         return "y" if row == 0 else f"y{row + 1}"
 
@@ -99,50 +99,49 @@ class _Stack:
         """Place a row's y axis."""
         low, high = self.domains[row]
         key = "yaxis" if row == 0 else f"yaxis{row + 1}"
-        self.axes[key] = {**axis(domain=[low, high], anchor="x"), **more}
+        self.axes[key] = {**axis_style(domain=[low, high], anchor="x"), **more}
 
 
 def flight_timeline(
     flight: Flight, key: str, *, end_s: float, clearance_range_m: tuple[float, float]
 ) -> Figure:
-    """Draw mode, clearance and speed of one flight over `end_s` seconds.
-
-    `clearance_range_m`: least and greatest clearance of all arms, so that they can be compared.
-    """
+    """Draw mode, clearance (in the range of all arms) and speed of a flight over `end_s` s."""
     dense = [DENSITY_PX] if len(flight.decisions) > MARKS_MAX else []
     stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3, *dense], (0, end_s))
     data: list[Json] = []
-    shapes = _band(stack, 0, flight.time_s, flight.in_control)
+    shapes = _band_shapes(stack, 0, flight.time_s, flight.in_control)
     stack.add_axis(0, visible=False, range=[0, 1], fixedrange=True)
     chosen = flight_indices(flight)
     time_s, modes = flight.time_s[chosen], flight.in_control[chosen]
-    data += _two_tone(stack, 1, time_s, flight.clearance_m[chosen], modes, "m")
-    data += _two_tone(stack, 2, time_s, flight.speed[chosen], modes, "m/s")
+    data += _two_tone_traces(stack, 1, time_s, flight.clearance_m[chosen], modes, "m")
+    data += _two_tone_traces(stack, 2, time_s, flight.speed[chosen], modes, "m/s")
     least, greatest = clearance_range_m
     room = 0.22 * (greatest - min(least, 0.0))
     stack.add_axis(1, range=[min(least, 0.0) - room, greatest + 0.3 * room], nticks=5)
     stack.add_axis(2, rangemode="tozero", nticks=4)
     notes = [_panel_name(stack, 1, "clearance / m"), _panel_name(stack, 2, "speed / (m/s)")]
-    shapes.append(_level(stack, 1, 0.0))
-    if (index := lowest(flight.clearance_m)) is not None:
+    shapes.append(_level_line(stack, 1, 0.0))
+    if (index := lowest_index(flight.clearance_m)) is not None:
         mark, note = _lowest_mark(stack, flight, index)
         data.append(mark)
         notes.append(note)
     if dense:
-        data.append(takeover_density(flight.decisions, stack.name(3), end_s))
+        data.append(takeover_density(flight.decisions, stack.axis_name(3), end_s))
         stack.add_axis(3, nticks=3, rangemode="tozero", fixedrange=True)
         notes.append(_panel_name(stack, 3, density_title(flight.decisions, end_s)))
     else:
         data += _decision_marks(stack, 0, flight.decisions)
     if flight.violations:
         at = nearest_indices(flight.time_s, [violation.time_s for violation in flight.violations])
-        y = numbers(flight.clearance_m[at], 4)
-        data.append({**_crosses(stack, 1, flight.violations), "y": y})
+        y = rounded_numbers(flight.clearance_m[at], 4)
+        data.append({**_violation_crosses(stack, 1, flight.violations), "y": y})
     return Figure(
         key,
         f"{flight.title}: mode, clearance and speed over time",
         tuple(data),
-        layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
+        shared_layout(
+            height=stack.height_px, shapes=shapes, annotations=notes, **_frame_layout(stack)
+        ),
     )
 
 
@@ -163,21 +162,21 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     shapes: list[Json] = []
     notes: list[Json] = []
     for row, band in enumerate(chart.modes):
-        shapes += _band(stack, row, chart.time_s, band.in_control)
+        shapes += _band_shapes(stack, row, chart.time_s, band.in_control)
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         if row not in dense:
             data += _decision_marks(stack, row, mine[row])
         if bands > 1:
             notes.append(_panel_name(stack, row, band.module))
     for row, k in enumerate(dense, bands):
-        data.append(takeover_density(mine[k], stack.name(row), end_s))
+        data.append(takeover_density(mine[k], stack.axis_name(row), end_s))
         stack.add_axis(row, nticks=3, rangemode="tozero", fixedrange=True)
         notes.append(_panel_name(stack, row, density_title(mine[k], end_s, chart.modes[k].module)))
     if chart.violations:
         row = first - 1
-        data.append(_crosses(stack, row, chart.violations))
+        data.append(_violation_crosses(stack, row, chart.violations))
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
-        shapes += [_instant(violation.time_s) for violation in chart.violations]
+        shapes += [_instant_line(violation.time_s) for violation in chart.violations]
         first_s = chart.violations[0].time_s
         title = (
             f"violated at {first_s:.6g} s" if chart.opens else violations_title(chart.violations)
@@ -185,28 +184,30 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         notes.append(_panel_name(stack, row, title))
     for row, (title, series) in enumerate(panels, first):
         if bands == 1:
-            shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
-        data += _panel(stack, row, chart, series, chosen)
+            shapes += _shade_shapes(stack, row, chart.time_s, chart.modes[0].in_control)
+        data += _panel_traces(stack, row, chart, series, chosen)
         span, levels = levels_range(series), levels_of(series)
-        ticks: Json = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
+        ticks: Json = {"dtick": 1} if _has_few_values(series) else {"nticks": 5}
         notes.append(_panel_name(stack, row, title))
         if chart.opens and chart.violations:
             data.append(_violated_values(stack, row, chart, series))
-        shapes += [_level(stack, row, value) for value in levels]
+        shapes += [_level_line(stack, row, value) for value in levels]
         if span:
             ticks["range"] = list(span)
             curves = Curves(chart.time_s, series, end_s, span)
-            notes += level_names(stack.name(row), levels, curves)
+            notes += level_names(stack.axis_name(row), levels, curves)
         stack.add_axis(row, **ticks)
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",
         tuple(data),
-        layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
+        shared_layout(
+            height=stack.height_px, shapes=shapes, annotations=notes, **_frame_layout(stack)
+        ),
     )
 
 
-def _frame(stack: _Stack) -> Json:
+def _frame_layout(stack: _Stack) -> Json:
     """Return the axes and margins that all stacks share."""
     return {
         **stack.axes,
@@ -225,7 +226,7 @@ def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 def _panel_title(name: str, members: Sequence[Series]) -> str:
     """Write a panel's name and unit, and what the lines drawn over the first one are."""
     title = quantity(name, unit_of(members[0], members))
-    title += ", steps too dense to tell apart" if dense(members[0]) else ""
+    title += ", steps too dense to tell apart" if is_dense(members[0]) else ""
     overlays = [
         f"{DASH_NAMES[dash]}: {each.name}"
         for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
@@ -233,7 +234,7 @@ def _panel_title(name: str, members: Sequence[Series]) -> str:
     return f"{title}  ({', '.join(overlays)})" if overlays else title
 
 
-def _few_whole(series: Sequence[Series]) -> bool:
+def _has_few_values(series: Sequence[Series]) -> bool:
     """Whether a panel shows only a few whole numbers, such as modes and booleans."""
     return all(
         each.held
@@ -254,17 +255,17 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
     for band in chart.modes:
         keep += mode_edges(band.in_control)
     for series in chart.series:
-        extremes = (lowest(series.values), lowest(-series.values))
+        extremes = (lowest_index(series.values), lowest_index(-series.values))
         keep += [index for index in extremes if index is not None]
     points_max = min(POINTS_MAX, max(NUMBERS_MAX // max(len(chart.series), 1), POINTS_MIN))
     for series in chart.series:
         changes = np.flatnonzero(np.diff(series.values)) + 1
         if series.held and len(changes) <= points_max * STEPS_SHARE:
             keep += changes.tolist()
-    return thin(len(chart.time_s), keep, points_max=points_max)
+    return thinned_indices(len(chart.time_s), keep, points_max=points_max)
 
 
-def _panel(
+def _panel_traces(
     stack: _Stack, row: int, chart: Chart, series: Sequence[Series], chosen: NDArray[np.intp]
 ) -> list[Json]:
     """Draw the series of one panel: the first in ink, the others dashed and named at the end."""
@@ -276,12 +277,12 @@ def _panel(
                 "type": "scatter",
                 "mode": "lines",
                 "name": each.name,
-                "x": numbers(chart.time_s[chosen], 4),
-                "y": numbers(each.values[chosen], digits_of(each.values)),
-                "yaxis": stack.name(row),
-                "opacity": BAND_OPACITY if dense(each) else 1.0,
+                "x": rounded_numbers(chart.time_s[chosen], 4),
+                "y": rounded_numbers(each.values[chosen], digits_of(each.values)),
+                "yaxis": stack.axis_name(row),
+                "opacity": BAND_OPACITY if is_dense(each) else 1.0,
                 "line": {
-                    **line(colour, 1.8 if dash == "solid" else 1.3, dash),
+                    **line_style(colour, 1.8 if dash == "solid" else 1.3, dash),
                     "shape": "hv" if each.held else "linear",
                 },
                 "hovertemplate": f"{escape(each.name)} = %{{y:.4g}}{escape(unit)}"
@@ -291,7 +292,7 @@ def _panel(
     return traces
 
 
-def _two_tone(
+def _two_tone_traces(
     stack: _Stack,
     row: int,
     time_s: NDArray[np.float64],
@@ -303,40 +304,40 @@ def _two_tone(
     traces: list[Json] = []
     rows = np.column_stack([time_s, values])
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = by_controller(rows, in_control, ac=ac)
+        part = rows_of_controller(rows, in_control, ac=ac)
         if len(part):
             traces.append(
                 {
                     "type": "scatter",
                     "mode": "lines",
-                    "x": numbers(part[:, 0]),
-                    "y": numbers(part[:, 1]),
-                    "yaxis": stack.name(row),
-                    "line": line(colour, 1.8),
+                    "x": rounded_numbers(part[:, 0]),
+                    "y": rounded_numbers(part[:, 1]),
+                    "yaxis": stack.axis_name(row),
+                    "line": line_style(colour, 1.8),
                     "hovertemplate": f"%{{y:.2f}} {unit} at %{{x:.2f}} s, {who}<extra></extra>",
                 }
             )
     return traces
 
 
-def _band(
+def _band_shapes(
     stack: _Stack, row: int, time_s: NDArray[np.float64], in_control: NDArray[np.bool_]
 ) -> list[Json]:
     """Fill the mode band."""
     return [
         _rectangle(stack, row, time_s, (first, last), AC_COLOUR if is_ac else SC_COLOUR)
-        for first, last, is_ac in runs(in_control)
+        for first, last, is_ac in mode_stretches(in_control)
         if last > first
     ]
 
 
-def _shade(
+def _shade_shapes(
     stack: _Stack, row: int, time_s: NDArray[np.float64], in_control: NDArray[np.bool_]
 ) -> list[Json]:
     """Tint a panel while SC is in control."""
     return [
         _rectangle(stack, row, time_s, (first, last), "@sc-shade")
-        for first, last, is_ac in runs(in_control)
+        for first, last, is_ac in mode_stretches(in_control)
         if last > first and not is_ac
     ]
 
@@ -360,12 +361,12 @@ def _rectangle(
     }
 
 
-def _level(stack: _Stack, row: int, value: float) -> Json:
+def _level_line(stack: _Stack, row: int, value: float) -> Json:
     """Return a horizontal line across a row."""
     return {
         "type": "line",
         "xref": "paper",
-        "yref": stack.name(row),
+        "yref": stack.axis_name(row),
         "x0": 0,
         "x1": 1,
         "y0": value,
@@ -398,7 +399,7 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
         "mode": "markers",
         "x": [time_s],
         "y": [round(value, 3)],
-        "yaxis": stack.name(1),
+        "yaxis": stack.axis_name(1),
         "marker": {"symbol": "circle", "size": 5, "color": "@ink"},
         "hovertemplate": "closest approach: %{y:.3f} m at %{x:.2f} s<extra></extra>",
     }
@@ -406,7 +407,7 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
         "text": f"{value:.2f} m".replace("-", MINUS),
         "x": time_s,
         "y": round(value, 3),
-        "yref": stack.name(1),
+        "yref": stack.axis_name(1),
         "yanchor": "top",
         "yshift": -5,
         "borderpad": 0,
@@ -419,16 +420,16 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
 
 def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
     """Put the decisions on the mode band; a takeover stands above the return that follows soon."""
-    size = crowded(len(decisions), 9)
+    size = dot_size(len(decisions), 9)
     kinds = ((givebacks(decisions), giveback_dot(size)), (takeovers(decisions), takeover_dot(size)))
     return [
-        _markers(stack, row, marker, [(d.time_s, decision_hover(d)) for d in chosen])
+        _marker_trace(stack, row, marker, [(d.time_s, decision_hover(d)) for d in chosen])
         for chosen, marker in kinds
         if chosen
     ]
 
 
-def _instant(time_s: float) -> Json:
+def _instant_line(time_s: float) -> Json:
     """Return a vertical line through all rows."""
     return {
         "type": "line",
@@ -442,10 +443,10 @@ def _instant(time_s: float) -> Json:
     }
 
 
-def _crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
-    """Cross out violations in a row of their own: a property is of no one signal."""
+def _violation_crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
+    """Draw violations as crosses in a row of their own: a property is of no one signal."""
     marks = [(violation.time_s, violation_hover(violation)) for violation in violations]
-    return _markers(stack, row, violation_cross(10), marks)
+    return _marker_trace(stack, row, violation_cross(10), marks)
 
 
 def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Series]) -> Json:
@@ -457,18 +458,20 @@ def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Ser
         f"{violation_hover(chart.violations[0])}<br>{escape(each.name)} = {value:.4g}"
         for each, value in zip(series, values, strict=True)
     ]
-    marks = _markers(stack, row, violation_cross(9), [(at_s, text) for text in texts])
-    return {**marks, "y": numbers(np.array(values), digits_of(np.array(values)))}
+    marks = _marker_trace(stack, row, violation_cross(9), [(at_s, text) for text in texts])
+    return {**marks, "y": rounded_numbers(np.array(values), digits_of(np.array(values)))}
 
 
-def _markers(stack: _Stack, row: int, marker: Json, marks: Sequence[tuple[float, str]]) -> Json:
-    """Marks on the middle of a row, `marks`: times in s, and texts for whoever points at them."""
+def _marker_trace(
+    stack: _Stack, row: int, marker: Json, marks: Sequence[tuple[float, str]]
+) -> Json:
+    """Put marks on the middle of a row; `marks`: times in s, and their hover texts."""
     return {
         "type": "scatter",
         "mode": "markers",
         "x": [round(time_s, 4) for time_s, _ in marks],
         "y": [0.5] * len(marks),
-        "yaxis": stack.name(row),
+        "yaxis": stack.axis_name(row),
         "text": [text for _, text in marks],
         "hovertemplate": "%{text}<extra></extra>",
         "marker": marker,

@@ -59,15 +59,19 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
         "units": list(picture.units),
         "scale": scale.tolist(),
         "looks": [
-            {"t": round(look.time_s, 4), "told": look.told, "boxes": _whole(look.boxes, scale)}
+            {
+                "t": round(look.time_s, 4),
+                "told": look.told,
+                "boxes": _rounded_outwards(look.boxes, scale),
+            }
             for look in picture.looks
         ],
     }
 
 
-def _whole(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[int]]:
+def _rounded_outwards(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[int]]:
     """Round boxes outwards to whole numbers."""
-    joined = _joined(boxes)
+    joined = _joined_boxes(boxes)
     rounded = joined.copy()
     rounded[:, 1] = np.floor(joined[:, 1] * 1e3)
     rounded[:, 2] = np.ceil(joined[:, 2] * 1e3)
@@ -76,7 +80,7 @@ def _whole(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[
     return [[int(x) for x in row] for row in np.clip(rounded, -1e15, 1e15)]
 
 
-def _joined(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joined_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Replaces neighbouring boxes of SC by their hull if there are many."""
     ours = boxes[:, 0] == BY_SC
     many = -(-int(ours.sum()) // BOXES_MAX) if ours.any() else 1

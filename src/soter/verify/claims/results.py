@@ -457,7 +457,7 @@ class VerifyReport:
         return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
 
     def _repr_html_(self) -> str:
-        from soter.report.tables import framed, notebook_table  # noqa: PLC0415 - in notebooks only
+        from soter.report.tables import framed_document, notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (m.name, name, f.verdict, f.text)
@@ -467,7 +467,7 @@ class VerifyReport:
         count = sum(len(m.assumptions) for m in self.modules)
         head = f"{self.path} {self.system}: {self.verdict} under {count} assumptions"
         table = notebook_table(head, ("module", "property", "verdict", "how"), rows)
-        return table if self.page is None else table + framed(self.page(self))
+        return table if self.page is None else table + framed_document(self.page(self))
 
     @property
     def said(self) -> dict[str, str]:

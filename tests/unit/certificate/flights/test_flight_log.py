@@ -367,7 +367,7 @@ def test_a_log_of_a_run_without_an_end_says_so(
     for part in (0.4, 0.6):
         log.write_bytes(data[: int(len(data) * part)])
         cut = report_of(train, log)
-        assert mcap_log.mended(log)
+        assert mcap_log.mend_log(log)
         mended = report_of(train, log)
         assert (mended.verdict, mended.doubts, mended.cut) == (ACCEPTED, [], "the process died")
         assert (mended.verdicts, mended.to_ns) == (cut.verdicts, cut.to_ns)

@@ -19,7 +19,7 @@ from soter.certificate.report import (
 )
 from soter.certificate.tubes.check_rest import recheck_plans, recheck_rest
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC, LogChannel, LogHeader, McapLog
-from soter.report.mcap_reading import messages, metadata
+from soter.report.mcap_reading import log_messages, log_metadata
 from unit.certificate import small_proofs
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.verify.tubes.test_plans import NEAR, changed
@@ -145,14 +145,14 @@ def test_an_sc_that_does_not_do_what_its_plans_do_is_not_rechecked() -> None:
 def rewritten(log: Path, other: Path, change: Callable[[list[dict[str, Any]]], None]) -> Path:
     """The log with other decisions."""
     channels: dict[str, list[tuple[int, Any]]] = {}
-    for time_ns, channel, m in messages(log):
+    for time_ns, channel, m in log_messages(log):
         channels.setdefault(channel, []).append((time_ns, m))
     steps = deepcopy([m for _, m in channels[DECISIONS_TOPIC]])
     change(steps)
     times = [t for t, _ in channels[DECISIONS_TOPIC]]
     channels[DECISIONS_TOPIC] = list(zip(times, steps, strict=True))
     assert MODES_TOPIC in channels
-    said = metadata(log)
+    said = log_metadata(log)
     head = LogHeader(said["program_sha256"], said["system"], int(said["seed"]), "test")
     schema: dict[str, Any] = {"type": "object", "properties": {}}
     file = McapLog(other, [(name, schema) for name in channels], head)
@@ -180,7 +180,7 @@ def test_a_flight_is_asked_of_the_plan_of_each_verdict(tmp_path: Path) -> None:
     assert recheck(tmp_path / "cert", workers=1).verdict == "accepted"
     program.simulate(until="500ms", log=log)
     assert kinds(tmp_path / "cert", log) == set()
-    told = [m for _, channel, m in messages(log) if channel == DECISIONS_TOPIC]
+    told = [m for _, channel, m in log_messages(log) if channel == DECISIONS_TOPIC]
     assert {m["plan"] for m in told} == {"Up"}
     good = next(k for k, m in enumerate(told) if m["mode_after"] == "AC")
     lost = next(k for k, m in enumerate(told) if k > good and m["mode_after"] == "SC")

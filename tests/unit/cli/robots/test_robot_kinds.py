@@ -11,7 +11,7 @@ from bench.verify.robot_kinds import PROGRAM, RANGES, answer, drawn, made
 from generators.autopilot_logs import flight, tlog, written
 from processes import run
 from soter.api import load
-from soter.cli.tool.robot_kinds import FIGURE, kinds
+from soter.cli.tool.robot_kinds import FIGURE, robot_kinds
 from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
 
 if TYPE_CHECKING:
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
     Soter = Callable[..., Any]
 
-KINDS = sorted(kinds())
+KINDS = sorted(robot_kinds())
 
 
 def test_each_kind_has_a_line_and_ranges_of_its_figures() -> None:
     assert len(KINDS) == 12
-    assert all(10 < len(line) < 90 for line in kinds().values())
+    assert all(10 < len(line) < 90 for line in robot_kinds().values())
     for kind in KINDS:
         figures = {m[1]: m for m in FIGURE.finditer(made(kind, {})[PROGRAM])}
         assert set(RANGES[kind]) == set(figures)

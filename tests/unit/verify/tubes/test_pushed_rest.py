@@ -14,7 +14,7 @@ import pytest
 
 from soter.api import Program
 from soter.cli.terminal.console import Console
-from soter.cli.terminal.run_summary import summary
+from soter.cli.terminal.run_summary import run_summary
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
@@ -197,7 +197,7 @@ def test_a_run_says_in_its_first_lines_that_a_rest_is_not_shown(tmp_path: Path) 
         run = program.simulate(until="1s")
         assert run.modules["Keep"].ac_share > 0.0
         with Console(json=False) as console:
-            lines = summary(run, "boat.soter", console)
+            lines = run_summary(run, "boat.soter", console)
         assert ("NOT SHOWN" in lines.split("\n\n")[0]) is not shown
         page = report_page(run, "boat", {})
         assert ("is not shown" in page.headline) is not shown

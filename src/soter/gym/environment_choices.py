@@ -1,8 +1,7 @@
-"""The module, plant and topics of an environment, and where their numbers lie in memory.
+"""Finds the parts of a system that the caller of an environment names, or the only ones.
 
-Purpose: `chosen_module` and `chosen_plant` find what a caller names, or the only one;
-`observed_parts` what an agent observes; `places` the leaves of a value, as `soter_leaf` of
-`c/soter_gym.h`; `known_keys` the keys of `info` that a caller chooses. Wrong choices are U001.
+Purpose: `chosen_module` and `chosen_plant` find a module and a plant, `observed_parts` what an
+agent observes, `ordered_info_keys` the keys of `info`. Wrong choices are U001.
 Non-goals: the system that is left (`language/elaborate/derived_systems.py`); stepping
 (`session.py`); spaces (`array_mapping.py`), what the keys say (`guard.py`).
 """
@@ -10,91 +9,58 @@ Non-goals: the system that is left (`language/elaborate/derived_systems.py`); st
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
-from soter.core.layout import placed_leaves, scalar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import with_components
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType, has_list
+from soter.language.model.types import has_list
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
 
 
-FLOAT, BOOL = 0, 1
-KINDS = {"b": 2, "B": 3, "h": 4, "H": 5, "i": 6, "I": 7, "q": 8}
-
-
-class MemoryLeaf(NamedTuple):
-    """A number: its offset, `soter_leaf_kind`, and what an int or enum may be."""
-
-    offset: int
-    kind: int
-    low: int = 0
-    high: int = 0
+INFO_KEYS = (
+    *("mode", "ttf", "safer", "margin", "stale", "switched", "violations", "taken_by"),
+    *("action_requested", "action_taken", "gate_fault", "intervened", "cause", "cost"),
+    *("off_model", "action_mask", "not_finite"),
+)
+"""All keys of `info` that say something of the module."""
 
 
 def is_flat(types: Iterable[Type]) -> bool:
-    """Whether values of these types have a fixed number of numbers: no lists."""
+    """Whether values of these types have a fixed number of numbers, which a list has not."""
     return not any(has_list(t) for t in types)
-
-
-def places(t: Type, offset: int) -> Iterator[MemoryLeaf]:
-    """The leaves of a value that lies at `offset`, in declared order."""
-    return (_leaf(leaf, at) for _, leaf, at in placed_leaves(t, offset))
-
-
-def _leaf(t: Type, offset: int) -> MemoryLeaf:
-    if isinstance(t, FloatType):
-        return MemoryLeaf(offset, FLOAT)
-    if isinstance(t, BoolType):
-        return MemoryLeaf(offset, BOOL)
-    storage = scalar(t)
-    assert storage is not None, t
-    if isinstance(t, EnumType):
-        return MemoryLeaf(offset, KINDS[storage.format], 0, len(t.members) - 1)
-    assert isinstance(t, IntType)
-    return MemoryLeaf(offset, KINDS[storage.format], t.low, t.high)
 
 
 @dataclass(frozen=True)
 class ObservedPart:
-    """A part of an observation: a topic, or the true states of a plant (index)."""
+    """A part of an observation: the topic of this index, or the true states of this plant."""
 
     index: int
     truth: bool = False
 
 
-class LeafBuffer:
-    """`soter_leaves` in C, and the memory that they lie in."""
-
-    def __init__(self, ffi: Any, leaves: Sequence[MemoryLeaf], size: int = 0) -> None:  # noqa: ANN401 - cffi
-        self.count = len(leaves)
-        self.memory = ffi.new("soter_leaf[]", [tuple(leaf) for leaf in leaves] or 1)
-        self.fields = {"at": self.memory, "count": len(leaves), "size": size}
-
-
 def wrong_choice(message: str, *helps: str) -> SoterError:
-    """U001: an argument that names nothing, or not one thing."""
+    """Gives a SoterError U001 for an argument that names nothing, or not one thing."""
     return SoterError((Diagnostic("U001", message, helps=tuple(h for h in helps if h)),))
 
 
 def chosen_module(system: System, name: str | None) -> Module:
-    """The module of that name, or the only one; SoterError U001."""
+    """Gives the module of that name, by default the only one; raises SoterError U001."""
     names = [m.name for m in system.modules]
-    return system.modules[_index("module", names, name, system.name)]
+    return system.modules[_chosen_index("module", names, name, system.name)]
 
 
 def chosen_plant(system: System, name: str | None) -> Component:
-    """The plant of that name, or the only one; SoterError U001."""
+    """Gives the plant of that name, by default the only one; raises SoterError U001."""
     plants = [c for c in system.components if c.plant is not None]
-    return plants[_index("plant", [c.name for c in plants], name, system.name)]
+    return plants[_chosen_index("plant", [c.name for c in plants], name, system.name)]
 
 
-def _index(kind: str, names: list[str], wanted: str | None, system: str) -> int:
+def _chosen_index(kind: str, names: list[str], wanted: str | None, system: str) -> int:
     shown = ", ".join(f"`{n}`" for n in names) or "none"
     if wanted is None:
         if len(names) == 1:
@@ -109,44 +75,41 @@ def _index(kind: str, names: list[str], wanted: str | None, system: str) -> int:
 def observed_parts(
     system: System, agent: Component, names: Sequence[str] | None
 ) -> list[ObservedPart]:
-    """What an agent observes: topics and truths by name, by default the topics that it reads.
-
-    Where it reads none, the truths of all plants. SoterError U001.
-    """
+    """The named topics and true states; by default the agent's topics, or all true states."""
     plants = [c for c in system.components if c.plant is not None]
     if names is None:
         assert agent.node is not None
         topics = [ObservedPart(agent.scope.topics[s.topic]) for s in agent.node.subscribes]
         defaults = topics or [ObservedPart(c.index, truth=True) for c in plants]
-        names = [_topic_names(system, x) for x in defaults]
+        names = [_observed_name(system, x) for x in defaults]
     if not names:
         raise wrong_choice("an observation of nothing", "observe=[...] names topics and truths")
-    known = _observable(system, plants)
+    known = _observable_parts(system, plants)
     for name in names:
         if name not in known:
             known_names = ", ".join(f"`{n}`" for n in known)
             raise wrong_choice(
                 f"there is nothing to observe called `{name}`", f"there are {known_names}"
             )
-        if not is_flat(_types(system, known[name])):
+        if not is_flat(_observed_types(system, known[name])):
             message = f"`{name}` has no fixed number of numbers"
             raise wrong_choice(message, "observe=[...] names topics and truths without lists")
     return [known[name] for name in names]
 
 
-def _observable(system: System, plants: Sequence[Component]) -> dict[str, ObservedPart]:
-    """Name -> topic that nodes publish, or truth of a plant."""
+def _observable_parts(system: System, plants: Sequence[Component]) -> dict[str, ObservedPart]:
+    """What may be observed, by name: each topic that nodes publish, each plant's true states."""
     topics = [t for t in system.topics if t.queue_of is None and not t.held]
     truths = {f"{c.name}.truth": ObservedPart(c.index, truth=True) for c in plants}
     return {t.name: ObservedPart(t.index) for t in topics} | truths
 
 
-def _topic_names(system: System, seen: ObservedPart) -> str:
-    place = system.components if seen.truth else system.topics
-    return f"{place[seen.index].name}{'.truth' if seen.truth else ''}"
+def _observed_name(system: System, seen: ObservedPart) -> str:
+    parts = system.components if seen.truth else system.topics
+    return f"{parts[seen.index].name}{'.truth' if seen.truth else ''}"
 
 
-def _types(system: System, seen: ObservedPart) -> list[Type]:
+def _observed_types(system: System, seen: ObservedPart) -> list[Type]:
     if not seen.truth:
         return [system.topics[seen.index].type]
     plant = system.components[seen.index].plant
@@ -155,7 +118,7 @@ def _types(system: System, seen: ObservedPart) -> list[Type]:
 
 
 def require_compiled(system: System, agent: int) -> None:
-    """SoterError U003 where something but the agent is extern: it would be one for all worlds."""
+    """Raises SoterError U003 for an extern, not the agent's, which all worlds would share."""
     for c in system.components:
         if c.extern and c.index != agent:
             kind = "node" if c.node is not None else "plant"
@@ -174,9 +137,9 @@ def require_compiled(system: System, agent: int) -> None:
 
 
 def system_with_errors(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
-    """The system with the program's measurement errors on these topics that a plant drives, or all.
+    """Keeps a plant's measurement errors on the topics in `errors` alone (True: on all).
 
-    An environment has sensors of its own; SoterError U001 for a topic that has no such errors.
+    An environment has sensors of its own. SoterError U001 for a topic without such errors.
     """
     if errors is True:
         return system
@@ -191,16 +154,8 @@ def system_with_errors(system: System, plant: Component, errors: bool | Sequence
     return with_components(system, (replace(plant, measured=kept),))
 
 
-INFO_KEYS = (
-    *("mode", "ttf", "safer", "margin", "stale", "switched", "violations", "taken_by"),
-    *("action_requested", "action_taken", "gate_fault", "intervened", "cause", "cost"),
-    *("off_model", "action_mask", "not_finite"),
-)
-"""All keys that `info` may have on the module."""
-
-
-def known_keys(keys: Collection[str]) -> tuple[str, ...]:
-    """`keys` in the order of `INFO_KEYS`; SoterError U001 for others."""
+def ordered_info_keys(keys: Collection[str]) -> tuple[str, ...]:
+    """Gives `keys` in the order of `INFO_KEYS`; raises SoterError U001 for an unknown one."""
     wanted = {keys} if isinstance(keys, str) else set(keys)
     if unknown := sorted(map(str, wanted.difference(INFO_KEYS))):
         names = ", ".join(f"`{name}`" for name in unknown)
