@@ -75,14 +75,14 @@ def test_what_the_whole_violates_is_found_one_module_at_a_time(chunk: int) -> No
 
 
 def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = stand_ins._each
+    whole = stand_ins._choice_of_all
 
     def fewer(*about: object) -> tuple[typed.TypedExpr, int]:
         value, count = whole(*about)  # type: ignore[arg-type]
         assert isinstance(value, typed.TypedChoose)
         return replace(value, count=value.count - 1), count
 
-    monkeypatch.setattr(stand_ins, "_each", fewer)
+    monkeypatch.setattr(stand_ins, "_choice_of_all", fewer)
     assert all(hidden(seed)[0] for seed in WRONG)
 
 

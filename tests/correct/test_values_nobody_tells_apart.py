@@ -15,7 +15,7 @@ from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
 from long_tests import examples, seeds
-from soter.language.elaborate import distinguished
+from soter.language.elaborate import distinguishable_values
 from soter.language.elaborate.passes import stand_ins
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
@@ -43,7 +43,7 @@ def _step_of_few(
     yield from STEP(published, by)
 
 
-STEP = stand_ins._step
+STEP = stand_ins._step_of
 
 
 def both(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Found, Found] | None:
@@ -54,7 +54,7 @@ def both(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Found, Found] | No
     except TooLargeError:
         return None
     with monkeypatch.context() as patched:
-        patched.setattr(stand_ins, "_step", _step_of_few)
+        patched.setattr(stand_ins, "_step_of", _step_of_few)
         few = enumerated(seed, program.text(stated=False), MOST).found
     return every, few
 
@@ -95,7 +95,7 @@ def _overlooks(is_one: Callable[[object], bool]) -> Patch:
     def fewer(node: object) -> list[object]:
         return [] if is_one(node) else whole(node)
 
-    return lambda m: m.setattr(distinguished, "children", fewer)
+    return lambda m: m.setattr(distinguishable_values, "children", fewer)
 
 
 def _arithmetic(node: object) -> bool:
@@ -112,46 +112,46 @@ def _between_topics(node: object) -> bool:
 
 def _forgets(op: str) -> Patch:
     """Comparisons by one operator count as none, unless nothing else is left."""
-    whole = distinguished.representatives
+    whole = distinguishable_values.representative_numbers
 
     def fewer(asked: set[tuple[str, float]], *about: Any) -> list[float]:
         return whole({(o, c) for o, c in asked if o != op} or asked, *about)
 
-    return lambda m: m.setattr(stand_ins, "representatives", fewer)
+    return lambda m: m.setattr(stand_ins, "representative_numbers", fewer)
 
 
 def _not_between(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguished, "_between", lambda *ends: ends[0])
+    m.setattr(distinguishable_values, "_between", lambda *ends: ends[0])
 
 
 def _not_turned(m: pytest.MonkeyPatch) -> None:
     m.setattr(
-        distinguished,
+        distinguishable_values,
         "_TURNED",
-        {o: o for o in distinguished._TURNED},
+        {o: o for o in distinguishable_values._TURNED},
     )
 
 
 def _no_modules(m: pytest.MonkeyPatch) -> None:
-    def heard(readers: distinguished.Readers, module: Module) -> None:
+    def heard(readers: distinguishable_values.Readers, module: Module) -> None:
         readers.heard |= set(module.reads)
 
-    m.setattr(distinguished.Readers, "_add_reads_of_module", heard)
+    m.setattr(distinguishable_values.Readers, "_add_reads_of_module", heard)
 
 
 def _no_contracts(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguished.Readers, "_add_reads_of_contracts", lambda *_: None)
+    m.setattr(distinguishable_values.Readers, "_add_reads_of_contracts", lambda *_: None)
 
 
 def _first_field(m: pytest.MonkeyPatch) -> None:
-    place = distinguished.Readers._place
+    place = distinguishable_values.Readers._place_that_is_read
 
-    def first(readers: distinguished.Readers, e: object, scope: Scope) -> object:
+    def first(readers: distinguishable_values.Readers, e: object, scope: Scope) -> object:
         found = place(readers, e, scope)
         record = isinstance(e, typed.TopicRead) and isinstance(e.type, RecordType)
         return (found[0], (0,)) if found is not None and record else found
 
-    m.setattr(distinguished.Readers, "_place", first)
+    m.setattr(distinguishable_values.Readers, "_place_that_is_read", first)
 
 
 MISTAKES: dict[str, Patch] = {

@@ -16,7 +16,7 @@ import numpy as np
 from cffi import FFI
 
 from generators.engine_comparison import first_difference
-from soter.semantics.draws import AnsweredDraws, fnv
+from soter.semantics.draws import AnsweredDraws, fnv1a_64
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import environment_input
 from soter.simulate.run import state_bytes
@@ -126,7 +126,7 @@ class Replay:
             self.left.setdefault(stream, deque()).append((count, pick))
 
     def __call__(self, stream: str, count: int) -> int:
-        queue = self.left.get(fnv(stream))
+        queue = self.left.get(fnv1a_64(stream))
         if not queue:
             return 0
         expected, pick = queue.popleft()

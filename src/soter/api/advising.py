@@ -236,7 +236,7 @@ class _Asked:
         states = self.problem.quantities.states
         changed = [self._undisturbed(c, x, v) for c in self.flat.components if c.plant is not None]
         system = derived_systems.with_components(self.flat, changed)
-        system = derived_systems.forced(system, self.module.index, "sc")
+        system = derived_systems.with_forced_mode(system, self.module.index, "sc")
         leaf = states[self.position]
         name = self.problem.system.components[leaf.owner].name
         run = NativeProgram(system).run(UNTIL_NS, 1, keep_trace=(f"{name}.truth",))

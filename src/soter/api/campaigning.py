@@ -23,7 +23,7 @@ from soter.campaign.page import write_page
 from soter.campaign.result import ORDER, Campaign, FlownArm, attributions, count_faults, make_result
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
-from soter.language.evaluate.topic_ranges import always_by_parts
+from soter.language.evaluate.topic_ranges import truth_by_parts
 from soter.native.bindings import bound_alike
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
@@ -137,7 +137,7 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
         yield _no_property(flat, Severity.WARNING)
     for p in flat.properties:
         wanted = {"always": True, "never": False}.get(p.kind)
-        if wanted is not None and always_by_parts(p.condition, flat, p.scope) is wanted:
+        if wanted is not None and truth_by_parts(p.condition, flat, p.scope) is wanted:
             message = f"no flight can violate `{p.kind} {p.text}`, whatever values it reads"
             yield Diagnostic("C006", message, severity=Severity.WARNING)
     if r.distinct < r.flights:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from soter.campaign.store import measured_lateness
 from soter.campaign.tables import quoted_names
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.elaborate.derived_systems import forced, with_faults
+from soter.language.elaborate.derived_systems import with_faults, with_forced_mode
 from soter.language.load.named_files import read_bytes
 from soter.language.model.system import Fault
 from soter.language.model.types import show_ns
@@ -98,7 +98,7 @@ def system_of_arm(system: System, name: str, folder: Path) -> System:
 
 def _alone(system: System) -> System:
     for m in system.modules:
-        system = forced(system, m.index, "ac")
+        system = with_forced_mode(system, m.index, "ac")
     return system
 
 

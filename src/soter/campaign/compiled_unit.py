@@ -21,7 +21,7 @@ from soter.codegen.state_access import S
 from soter.codegen.unit import UnitBuilder
 from soter.codegen.value_locations import MADE
 from soter.core.core import Call, Fact
-from soter.core.core_walks import operations_of, walk
+from soter.core.core_walks import operations_by_name, walk
 from soter.core.layout import size_of, state_dtype
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -241,7 +241,7 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
         for x in walk(predicate.body)
         if isinstance(x, Call)
     }
-    known = operations_of(core.functions)
+    known = operations_by_name(core.functions)
     words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in asked}
     return frozenset(
         n for n in asked if functions[n].source is None and words[n] and known[n] > DEAR * words[n]

@@ -19,10 +19,10 @@ import numpy as np
 from soter.campaign.batch_flights import EPISODE_NS
 from soter.campaign.statistics import FLIGHTS, RateInterval, rate_interval, share_interval
 from soter.campaign.store import campaign_digest
-from soter.language.elaborate.derived_systems import only_inside, without_faults
+from soter.language.elaborate.derived_systems import without_faults, without_outside_faults
 from soter.language.model.types import FloatType, IntType
-from soter.semantics.draws import GOLDEN, fnv
-from soter.semantics.faults import begins
+from soter.semantics.draws import GOLDEN, fnv1a_64
+from soter.semantics.faults import begin_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -70,7 +70,7 @@ def attributions(
     def clean(other: System, numbers: Sequence[int]) -> set[int]:
         return {f.number for f in again(other, numbers) if not f.violations} if numbers else set()
 
-    excused = clean(only_inside(system), [n for n, texts in met.items() if texts])
+    excused = clean(without_outside_faults(system), [n for n, texts in met.items() if texts])
     needed: dict[int, list[str]] = {n: list(met[n]) for n in excused if len(met[n]) == 1}
     several = excused - needed.keys()
     for text in sorted({t for n in several for t in met[n]}):
@@ -99,7 +99,7 @@ def outside(system: System, seed: int, until_ns: int) -> list[str]:
 
 def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
     always = f.kind == "late" and f.slot_ns == 0
-    return always or bool(begins(f, system.components[f.component], seed, until_ns))
+    return always or bool(begin_times(f, system.components[f.component], seed, until_ns))
 
 
 # ---------------------------------------------------------------- how often
@@ -163,13 +163,13 @@ def _bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Wo
     """`draw_bits` of each index (flights, n), under the seed of its row."""
     golden = np.uint64(GOLDEN)
     keys = _mix_arrays(
-        _mix_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv(stream))
+        _mix_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv1a_64(stream))
     )
     return _mix_arrays((index + 1).astype(np.uint64) * golden + keys[:, None])
 
 
 def _mix_arrays(z: Words) -> Words:
-    """`mix` of each, any shape."""
+    """`splitmix64` of each, any shape."""
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
     words: Words = z ^ (z >> np.uint64(31))

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from soter.language.model.assumption_words import numbered
+from soter.language.model.assumption_words import numbered_assumptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -218,7 +218,7 @@ class Report:
     @property
     def assumption_numbers(self) -> dict[str, str]:
         """The number of each text: the prover's in its order, then what is derived beyond them."""
-        return numbered((a.text for a in self.stated), self.assumptions)
+        return numbered_assumptions((a.text for a in self.stated), self.assumptions)
 
     @property
     def safe(self) -> bool:

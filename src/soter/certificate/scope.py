@@ -27,7 +27,7 @@ from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.system import holder_of
 from soter.language.model.typed import FunSymbol
 from soter.language.model.types import DurationType, FloatType, leaf_name, leaves, show_ns
@@ -199,7 +199,7 @@ def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list
 def identified_numbers(facts: Covered) -> Said:
     """The assumption that numbers which were fitted to logs hold, and how often they do not."""
     for name, held_out in facts.flying.program.identified.items():
-        yield f"identified {name}", words("identified", name, held_out, held_out + 1)
+        yield f"identified {name}", in_words("identified", name, held_out, held_out + 1)
 
 
 def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssumption]:
@@ -220,11 +220,11 @@ def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssum
 def _plant_behaviour(facts: Facts) -> Said:
     if not facts.symbol.verify.abstracts:
         names = ", ".join(c.name for c in facts.plants)
-        yield f"world {names}", words("world", names)
+        yield f"world {names}", in_words("world", names)
     if facts.kind == "flow":
-        yield "scheme", words("every solution" if facts.at_rest else "scheme")
+        yield "scheme", in_words("every solution" if facts.at_rest else "scheme")
     for p in facts.parameters:
-        yield f"changes {p.name}", words("changes", p.name)
+        yield f"changes {p.name}", in_words("changes", p.name)
 
 
 def _range_text(x: Input) -> str:
@@ -237,10 +237,10 @@ def _unit(x: Input) -> str:
 
 def _input_bounds(facts: Facts) -> Said:
     for d in facts.disturbances:
-        text = words("others" if d.of_others else "disturbance", f"{_range_text(d)}{_unit(d)}")
+        text = in_words("others" if d.of_others else "disturbance", f"{_range_text(d)}{_unit(d)}")
         yield f"disturbance {_range_text(d)}", text
     for e in facts.errors:
-        text = words("error", f"{e.name} within {e.high:g}{_unit(e)}")
+        text = in_words("error", f"{e.name} within {e.high:g}{_unit(e)}")
         yield f"error {e.name} {e.high:g}", text
     measured = {(e.owner, e.leaf) for e in facts.errors}
     by_dm, by_sc = topics_read(facts)
@@ -249,11 +249,11 @@ def _input_bounds(facts: Facts) -> Said:
         for k, (path, of) in enumerate(leaves(topic.type)):
             name = leaf_name(topic.name, path)
             if isinstance(of, FloatType) and (index, k) not in measured:
-                yield f"exact {name}", words("exact", name)
+                yield f"exact {name}", in_words("exact", name)
     for name in dict.fromkeys(_unproved_sets(facts)):
-        yield f"set {name}", words("set", name)
+        yield f"set {name}", in_words("set", name)
     for name in dict.fromkeys(o.name for o in facts.others):
-        yield f"other {name}", words("other", name)
+        yield f"other {name}", in_words("other", name)
 
 
 def _unproved_sets(facts: Facts) -> Iterator[str]:
@@ -281,37 +281,37 @@ def _declared_delays(facts: Facts) -> Said:
             time = show_ns(facts.times[key])
             if key == "L_ns" and verify.acts_least is not None:
                 time = f"{show_ns(number_of(facts, verify.acts_least))} to {time}"
-            yield f"declared {delay} {time}", words("declared", f"{delay} {time}")
+            yield f"declared {delay} {time}", in_words("declared", f"{delay} {time}")
         elif facts.kind == "flow":
-            yield f"undeclared {delay}", words("undeclared", delay)
+            yield f"undeclared {delay}", in_words("undeclared", delay)
 
 
 def _timing_assumptions(facts: Facts) -> Said:
     for name in facts.ways.undeclared:
-        yield f"undeclared {name}", words("undeclared", f"lateness or response of {name}")
+        yield f"undeclared {name}", in_words("undeclared", f"lateness or response of {name}")
     if facts.kind == "map":
-        yield "one instant", words("one instant")
+        yield "one instant", in_words("one instant")
         if facts.symbol.shield is not None:
-            yield "one instant of AC", words("one instant of AC")
+            yield "one instant of AC", in_words("one instant of AC")
     # a chain lets each command begin by itself, and what rests is shown by chains alone
     if facts.jitter_ns and len(facts.controls) > 1 and facts.symbol.rest is None:
         names = ", ".join(c.name for c in facts.controls)
-        yield f"together {names}", words("together", names)
+        yield f"together {names}", in_words("together", names)
     yield from _declared_delays(facts)
     if facts.thread:
         yield f"thread {facts.thread}", facts.thread
     if facts.kind == "flow":
-        yield "sensors on time", words("sensors on time")
-    yield from ((key, words(key)) for key in ("wait", "order"))
+        yield "sensors on time", in_words("sensors on time")
+    yield from ((key, in_words(key)) for key in ("wait", "order"))
     if facts.setting.silent:
         silent = show_ns(facts.setting.silent)
         text = f"sensors are silent for {silent} longer than their periods at most"
         yield f"dropout {silent}", text
     else:  # nothing declared, or `dropout 0ms`
-        yield "no dropout", words("no dropout")
+        yield "no dropout", in_words("no dropout")
     if facts.symbol.failsafe:
-        yield "lease", words("lease", show_ns(facts.times["L_ns"]))
-    yield "fresh", words("fresh")
+        yield "lease", in_words("lease", show_ns(facts.times["L_ns"]))
+    yield "fresh", in_words("fresh")
     yield from acknowledgement_assumption(facts.symbol)
 
 
@@ -319,7 +319,7 @@ def acknowledgement_assumption(symbol: typed.ModuleSymbol) -> Said:
     """The assumption about a DM that gives control back only after a press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name
-        yield f"acknowledged {name}", words("acknowledged", name)
+        yield f"acknowledged {name}", in_words("acknowledged", name)
 
 
 def _machine_assumptions(facts: Facts) -> Said:
@@ -330,4 +330,4 @@ def _machine_assumptions(facts: Facts) -> Said:
     functions = {f for f in parts_of(code) if isinstance(f, FunSymbol) and f.prelude}
     for name in sorted({f.name for f in functions} & BOUNDS.keys() - {*WITHOUT_ERROR}):
         yield f"bound of {name}", f"the error bound of {name}: tested, not proved"
-    yield "binary64", words("binary64")
+    yield "binary64", in_words("binary64")

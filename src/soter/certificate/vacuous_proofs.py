@@ -20,7 +20,7 @@ from soter.certificate.report import KEEPS, NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.language.elaborate.passes.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
+from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_parts
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import leaves
@@ -74,7 +74,7 @@ def why_safe_says_nothing(facts: Facts) -> str:
     safe, scope = facts.symbol.safe, facts.module.scope
     if not topic_reads(safe):
         return READS_NOTHING
-    return HOLDS_ANYWAY if always_by_parts(safe, facts.system, scope) else ""
+    return HOLDS_ANYWAY if truth_by_parts(safe, facts.system, scope) else ""
 
 
 def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
@@ -111,8 +111,8 @@ def _taken_by_age(facts: Facts) -> bool:
         slack = sum(off) + 2.0**-50 * (abs(low) + abs(high) + sum(off))
         within[topic, leaf] = (low - slack, high + slack)
     ages = fresh_ages_ns(facts.system, facts.module, facts.times["A_ns"])
-    read = narrowed(facts.system, ages, within)
-    return always_by_parts(ttf, facts.system, facts.module.scope, read) is True
+    read = reader_with_limits(facts.system, ages, within)
+    return truth_by_parts(ttf, facts.system, facts.module.scope, read) is True
 
 
 def _vacuous_conditions(

@@ -42,7 +42,7 @@ from soter.cli.terminal.stored_outcome import (
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 from soter.diagnostics.command_records import seconds as time_in_seconds
 from soter.diagnostics.diagnostic import mistake
-from soter.language.model.assumption_words import numbered
+from soter.language.model.assumption_words import numbered_assumptions
 
 if TYPE_CHECKING:
     import argparse
@@ -215,7 +215,7 @@ def _ci_findings(report: VerifyReport) -> Iterator[CiFinding]:
 
 def _printout(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
-    numbers = numbered(a.text for m in report.modules for a in m.assumptions)
+    numbers = numbered_assumptions(a.text for m in report.modules for a in m.assumptions)
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for search in report.searches:
         print_search(search, report.command, printed)

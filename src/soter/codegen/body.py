@@ -27,7 +27,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.semantics.draws import fnv
+from soter.semantics.draws import fnv1a_64
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,7 +76,7 @@ class BranchChoices:
 
 def stream_key(stream: str) -> c.CExpr:
     """The FNV-1a of a stream's name."""
-    return c.Number(f"UINT64_C(0x{fnv(stream):016x})")
+    return c.Number(f"UINT64_C(0x{fnv1a_64(stream):016x})")
 
 
 class Body(Places):

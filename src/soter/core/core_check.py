@@ -62,8 +62,10 @@ ZERO = core.Const(INT, 0)
 FACTS = {"time": FLOAT, "age": FLOAT, "in_control": BOOL, "published": BOOL, "mode": MODE}
 
 
-def broken(system: System, functions: Mapping[str, core.Function], part: Part) -> list[str]:
-    """A sentence for every promise that a part breaks; `functions`: those that it may call."""
+def broken_promises(
+    system: System, functions: Mapping[str, core.Function], part: Part
+) -> list[str]:
+    """Gives a sentence for each promise that a part breaks; `functions`: those it may call."""
     body = _Body(system, functions)
     if isinstance(part, core.Function):
         body.check_function(part)
@@ -78,14 +80,14 @@ def broken(system: System, functions: Mapping[str, core.Function], part: Part) -
     return body.found
 
 
-def fits(have: Type, want: Type | None) -> bool:
+def fits_into(have: Type, want: Type | None) -> bool:
     """Whether every value of one type is one of the other; of ints by their ranges."""
     if isinstance(have, IntType) and isinstance(want, IntType):
         return want.low <= have.low and have.high <= want.high
     return have == want
 
 
-def parts_of(t: Type, count: int = 0) -> list[Type]:
+def part_types(t: Type, count: int = 0) -> list[Type]:
     """The types of the parts of a value; of a list of `count`, those for which it has room."""
     if isinstance(t, RecordType):
         return [f for _, f in t.fields]
@@ -116,7 +118,7 @@ class _Body:
     """Whether it sees its parameters alone, as functions do."""
 
     def require(self, holds: bool, message: str) -> None:
-        """Notes the message unless the condition holds."""
+        """Adds the message to those of broken promises unless the condition holds."""
         if not holds:
             where = f"{self.span.source.name}:{self.span.line}: " if self.span else ""
             self.found.append(where + message)
@@ -124,7 +126,7 @@ class _Body:
     # ------------------------------------------------------------ functions, steps, predicates
 
     def check_function(self, f: core.Function) -> None:
-        """A function: it sees its parameters alone, and has one exit."""
+        """Checks a function, which sees its parameters alone and has one exit."""
         self.pure, self.span = True, f.span
         for p in f.parameters:
             self.define(p.name, p.type)
@@ -137,10 +139,10 @@ class _Body:
         fault = fault or any(g is not None and g.can_fault for g in called)
         self.require(f.can_fault or not fault, "it may fault and does not say so")
         if f.leave is not None:
-            self.leaves(f.body, f.leave, left=False)
+            self.may_have_left(f.body, f.leave, left=False)
 
     def check_node(self, step: core.NodeStep) -> None:
-        """The step of a node: takeover block, body, shield."""
+        """Checks the step of a node: its takeover block, body and shield."""
         self.outputs, self.span = step.outputs, step.span
         self.define_copies(step.locals, (*step.takeover, *step.body))
         self.check_inner_block(step.takeover)
@@ -151,7 +153,7 @@ class _Body:
             self.block(step.shield.body)
 
     def check_plant(self, step: core.PlantStep) -> None:
-        """One release of a plant."""
+        """Checks one release of a plant."""
         self.outputs, self.span = step.outputs, step.span
         self.define_copies(step.states, step.integrate)
         for name, t, _ in step.disturbances:
@@ -163,7 +165,7 @@ class _Body:
     def define_copies(
         self, copies: tuple[core.LocalCopy, ...], code: tuple[core.Stmt, ...]
     ) -> None:
-        """Cells that are temporaries of a step: those that the code changes are stored."""
+        """Defines the temporaries that copy cells; those that the code changes must be stored."""
         changed = written_names(code)
         for c in copies:
             self.define(c.name, c.type, mutable=True)
@@ -172,7 +174,6 @@ class _Body:
     # ------------------------------------------------------------ statements
 
     def define(self, name: str, t: Type, *, mutable: bool = False) -> None:
-        """A new temporary."""
         self.require(name not in self.taken, f"`{name}` is defined twice")
         self.taken.add(name)
         self.scope[name] = t
@@ -180,9 +181,9 @@ class _Body:
             self.mutable.add(name)
 
     def block(self, statements: tuple[core.Stmt, ...]) -> None:
-        """Statements one after the other."""
+        """Checks statements one after the other."""
         for s in statements:
-            rule = getattr(self, f"_{type(s).__name__.lower()}", None)
+            rule = getattr(self, f"_check_{type(s).__name__.lower()}", None)
             if isinstance(s, core.Stmt) and rule is not None:
                 self.span = s.span
                 rule(s)
@@ -190,31 +191,30 @@ class _Body:
                 self.require(False, f"{type(s).__name__} is no statement")
 
     def check_inner_block(self, statements: tuple[core.Stmt, ...], *facts: core.Expr) -> None:
-        """A block whose temporaries end with it, and where some facts hold."""
+        """Checks a block whose temporaries end with it, and in which some facts hold."""
         scope, before = dict(self.scope), set(self.facts)
         self.facts |= set(facts)
         self.block(statements)
         self.scope, self.facts = scope, before
-        self.forget(written_names(statements))
+        self.forget_facts(written_names(statements))
 
-    def forget(self, names: set[str]) -> None:
-        """Drops the facts about temporaries that change."""
+    def forget_facts(self, names: set[str]) -> None:
         self.facts = {
             fact
             for fact in self.facts
             if not any(isinstance(e, core.Var) and e.name in names for e in walk(fact))
         }
 
-    def _let(self, s: core.Let) -> None:
+    def _check_let(self, s: core.Let) -> None:
         self.check_expr(s.value)
         self.define(s.name, s.value.type, mutable=s.mutable)
 
-    def _checked(self, s: core.Checked) -> None:
+    def _check_checked(self, s: core.Checked) -> None:
         operands, result = CHECKED.get(s.op, ((), None))
         self.require(len(operands) == len(s.operands), f"`{s.op}` of {len(s.operands)} operands")
         for e, t in zip(s.operands, operands, strict=False):
             self.check_value(e, t)
-        self.require(fits(s.type, result), f"`{s.op}` gives no {s.type}")
+        self.require(fits_into(s.type, result), f"`{s.op}` gives no {s.type}")
         self.require((s.op == "index") == (s.limit is not None), f"the limit of `{s.op}`")
         self.define(s.name, s.type)
         if s.limit is not None:
@@ -222,18 +222,18 @@ class _Body:
             index = core.Var(s.type, s.name)
             self.facts |= {_fact(index, "<", s.limit), _fact(index, ">=", ZERO)}
 
-    def _choose(self, s: core.Choose) -> None:
+    def _check_choose(self, s: core.Choose) -> None:
         known = isinstance(s.type, (BoolType, EnumType, IntType)) and s.count > 0
         self.require(known and not self.pure, f"a choice among {s.count} of {s.type}")
         if s.ages is not None:
             self.check_change(s.ages)
         self.define(s.name, s.type)
 
-    def _guard(self, s: core.Guard) -> None:
+    def _check_guard(self, s: core.Guard) -> None:
         self.check_value(s.condition, BOOL)
         self.facts.add(s.condition)
 
-    def _call(self, s: core.Call) -> None:
+    def _check_call(self, s: core.Call) -> None:
         f = self.functions.get(s.function)
         if f is None:
             self.require(False, f"`{s.function}` does not stand before its call")
@@ -245,27 +245,27 @@ class _Body:
             self.require(s.type == f.result_type, f"`{f.name}` gives no {s.type}")
         self.define(s.name, s.type)
 
-    def _set(self, s: core.Set) -> None:
+    def _check_set(self, s: core.Set) -> None:
         place = place_of(s)
         self.check_expr(place)
         self.check_value(s.value, place.type)
         self.check_change(s.name)
 
-    def _push(self, s: core.Push) -> None:
+    def _check_push(self, s: core.Push) -> None:
         place = place_of(s)
         self.check_expr(place)
         self.check_value(s.value, place.type.element if isinstance(place.type, ListType) else None)
         self.check_change(s.name)
 
-    def _if(self, s: core.If) -> None:
+    def _check_if(self, s: core.If) -> None:
         self.check_value(s.condition, BOOL)
         self.check_inner_block(s.then, s.condition)
         self.check_inner_block(s.otherwise)
 
-    def _loop(self, s: core.Loop) -> None:
+    def _check_loop(self, s: core.Loop) -> None:
         constant = type(s.low) is int and type(s.high) is int and s.low <= s.high
         self.require(constant, f"ends {s.low!r} and {s.high!r} of a loop")
-        self.forget(written_names(s.body))
+        self.forget_facts(written_names(s.body))
         scope = dict(self.scope)
         self.define(s.variable, INT)
         index = core.Var(INT, s.variable)
@@ -273,7 +273,7 @@ class _Body:
         self.check_inner_block(s.body, *(facts if constant and s.low >= 0 else ()))
         self.scope = scope
 
-    def _publish(self, s: core.Publish) -> None:
+    def _check_publish(self, s: core.Publish) -> None:
         known = not self.pure and 0 <= s.output < len(self.outputs)
         t = self.outputs[s.output].type if known else None
         if s.limit is not None and t is not None:
@@ -284,40 +284,41 @@ class _Body:
         self.check_value(s.value, t)
 
     def check_change(self, name: str) -> None:
-        """An assignment: of a variable; facts about it hold no longer."""
         known = name in self.scope and name in self.mutable
         self.require(known, f"`{name}` is changed, which is no variable here")
-        self.forget({name})
+        self.forget_facts({name})
 
     # ------------------------------------------------------------ expressions
 
     def check_value(self, e: core.Expr, t: Type | None) -> None:
-        """An expression whose value has to be one of a type; with None, of a type that is none."""
+        """Checks that an expression is a value of type `t`; with None, of a type that is none."""
         self.check_expr(e)
         if isinstance(e, core.Expr):
             ints = isinstance(e.type, IntType) and isinstance(t, IntType)
             self.require(ints or e.type == t, f"{type(e).__name__} is {e.type}, not {t}")
 
     def check_expr(self, e: core.Expr) -> None:
-        """An expression: of a kind that is pure, with parts and a value of the right types."""
-        rule = getattr(self, f"_{type(e).__name__.lower()}", None)
+        """Checks that an expression is of a pure kind, with parts and a value of right types."""
+        rule = getattr(self, f"_check_{type(e).__name__.lower()}", None)
         if not isinstance(e, core.Expr) or rule is None:
             self.require(False, f"{type(e).__name__} is no pure expression")
             return
         t, parts = rule(e)
-        self.require(t is not None and fits(t, e.type), f"{type(e).__name__} is {t}, not {e.type}")
+        self.require(
+            t is not None and fits_into(t, e.type), f"{type(e).__name__} is {t}, not {e.type}"
+        )
         for part, wanted in parts:
             self.check_value(part, wanted)
 
-    def _const(self, e: core.Const) -> Rule:
+    def _check_const(self, e: core.Const) -> Rule:
         table = isinstance(e.value, Table) and e.value.element == getattr(e.type, "element", None)
         return (e.type if table or is_value(e.type, e.value) else None), []
 
-    def _var(self, e: core.Var) -> Rule:
+    def _check_var(self, e: core.Var) -> Rule:
         self.require(e.name in self.scope, f"`{e.name}` is used before it is defined")
         return self.scope.get(e.name, e.type), []
 
-    def _get(self, e: core.Get) -> Rule:
+    def _check_get(self, e: core.Get) -> Rule:
         self.require(not self.pure, "a function reads a state cell")
         if e.cell.kind == "topic":
             topic = self.system.topics[e.cell.owner]
@@ -326,15 +327,15 @@ class _Body:
         states = () if plant is None or e.cell.kind != "state" else plant.states
         return next((v.type for v in states if v.name == e.cell.name), None), []
 
-    def _fact(self, e: core.Fact) -> Rule:
+    def _check_fact(self, e: core.Fact) -> Rule:
         self.require(not self.pure, f"a function reads `{e.fact}`")
         return FACTS.get(e.fact), []
 
-    def _unary(self, e: core.Unary) -> Rule:
+    def _check_unary(self, e: core.Unary) -> Rule:
         operand, result = UNARY.get(e.op, (None, None))
         return result, [(e.operand, operand)]
 
-    def _binary(self, e: core.Binary) -> Rule:
+    def _check_binary(self, e: core.Binary) -> Rule:
         t: Type | None = INT if isinstance(e.left.type, IntType) else e.left.type
         if e.op in ARITHMETIC:
             t = FLOAT
@@ -349,19 +350,19 @@ class _Body:
             self.require(guarded, "a divisor that was not guarded")
         return FLOAT if e.op in ARITHMETIC else BOOL, [(e.left, t), (e.right, t)]
 
-    def _extreme(self, e: core.Extreme) -> Rule:
+    def _check_extreme(self, e: core.Extreme) -> Rule:
         number = e.op in ("min", "max") and isinstance(e.type, (IntType, FloatType))
         return (e.type if number else None), [(e.left, e.type), (e.right, e.type)]
 
-    def _select(self, e: core.Select) -> Rule:
+    def _check_select(self, e: core.Select) -> Rule:
         return e.type, [(e.condition, BOOL), (e.then, e.type), (e.otherwise, e.type)]
 
-    def _field(self, e: core.Field) -> Rule:
+    def _check_field(self, e: core.Field) -> Rule:
         t = e.target.type
         known = isinstance(t, RecordType) and 0 <= e.index < len(t.fields)
-        return (parts_of(t)[e.index] if known else None), [(e.target, t)]
+        return (part_types(t)[e.index] if known else None), [(e.target, t)]
 
-    def _element(self, e: core.Element) -> Rule:
+    def _check_element(self, e: core.Element) -> Rule:
         t = e.target.type
         self.require(self.is_inside(e.index, e.target), "an index that may be outside")
         element = t.element if isinstance(t, (ArrayType, ListType)) else None
@@ -377,26 +378,26 @@ class _Body:
         below = any(_fact(index, "<", limit) in self.facts for limit in limits)
         return below and _fact(index, ">=", ZERO) in self.facts
 
-    def _length(self, e: core.Length) -> Rule:
+    def _check_length(self, e: core.Length) -> Rule:
         return (INT if isinstance(e.target.type, ListType) else None), [(e.target, e.target.type)]
 
-    def _make(self, e: core.Make) -> Rule:
-        types = parts_of(e.type, len(e.elements))
+    def _check_make(self, e: core.Make) -> Rule:
+        types = part_types(e.type, len(e.elements))
         known = len(types) == len(e.elements)
         return (e.type if known else None), list(zip(e.elements, types, strict=False))
 
     # ------------------------------------------------------------ one exit
 
-    def leaves(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
+    def may_have_left(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
         """Whether a function may have left after these statements; then none has an effect."""
         still_here = core.Unary(BOOL, "not", core.Var(BOOL, leave))
         for s in statements:
             if isinstance(s, core.If):
-                then = self.leaves(s.then, leave, left=left and s.condition != still_here)
-                left = self.leaves(s.otherwise, leave, left=left) or then or left
+                then = self.may_have_left(s.then, leave, left=left and s.condition != still_here)
+                left = self.may_have_left(s.otherwise, leave, left=left) or then or left
             elif isinstance(s, core.Loop):
                 left = left or leave in written_names(s.body)
-                self.leaves(s.body, leave, left=left)
+                self.may_have_left(s.body, leave, left=left)
             else:
                 harmless = isinstance(s, core.Let) and not s.mutable
                 self.require(harmless or not left, "a statement after `return` has an effect")

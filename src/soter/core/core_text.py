@@ -38,15 +38,16 @@ UNARY = {"neg": "-{}", "not": "!{}"}
 def core_text(system: System, lowered: core.CoreSystem) -> str:
     """The functions, steps and predicates of a system, in the order in which Core has them."""
     text = _Text(system)
-    parts = [text.function(f) for f in lowered.functions]
-    parts += [text.node(step) for step in lowered.nodes.values()]
-    parts += [text.plant(step) for step in lowered.plants.values()]
-    parts += [text.predicate(name, p) for name, p in _predicates(system, lowered)]
+    parts = [text.function_lines(f) for f in lowered.functions]
+    parts += [text.node_lines(step) for step in lowered.nodes.values()]
+    parts += [text.plant_lines(step) for step in lowered.plants.values()]
+    parts += [text.predicate_lines(name, p) for name, p in _named_predicates(system, lowered)]
     return "\n\n".join([f"system {system.name}", *map("\n".join, parts)]) + "\n"
 
 
-def _predicates(system: System, lowered: core.CoreSystem) -> Iterator[tuple[str, core.Predicate]]:
-    """Each predicate with what it is."""
+def _named_predicates(
+    system: System, lowered: core.CoreSystem
+) -> Iterator[tuple[str, core.Predicate]]:
     for d in lowered.decisions:
         symbol, name = system.modules[d.module].symbol, system.modules[d.module].name
         for word, p, known in (("ttf", d.ttf, symbol.ttf), ("safer", d.safer, symbol.safer)):
@@ -86,49 +87,48 @@ class _Text:
 
     # ------------------------------------------------------------ expressions
 
-    def expr(self, e: core.Expr) -> str:
+    def expr_text(self, e: core.Expr) -> str:
         """An expression, in parentheses where it would otherwise be read in another order."""
         if isinstance(e, core.Const):
-            value = _constant(e.type, e.value)
+            value = _constant_text(e.type, e.value)
             return value if e.name in (None, value) else f"{value}'{e.name}"
         if isinstance(e, core.Var):
             return e.name
         if isinstance(e, core.Get):
-            return self.cell(e.cell)
+            return self.cell_text(e.cell)
         if isinstance(e, core.Fact):
-            return self._fact(e)
+            return self._fact_text(e)
         if isinstance(e, core.Unary):
-            return UNARY.get(e.op, e.op + "({})").format(self.expr(e.operand))
+            return UNARY.get(e.op, e.op + "({})").format(self.expr_text(e.operand))
         if isinstance(e, core.Binary):
-            return f"({self.expr(e.left)} {e.op} {self.expr(e.right)})"
+            return f"({self.expr_text(e.left)} {e.op} {self.expr_text(e.right)})"
         if isinstance(e, core.Extreme):
-            return f"{e.op}({self.expr(e.left)}, {self.expr(e.right)})"
+            return f"{e.op}({self.expr_text(e.left)}, {self.expr_text(e.right)})"
         if isinstance(e, core.Select):
-            return f"({self.expr(e.condition)} ? {self.expr(e.then)} : {self.expr(e.otherwise)})"
+            return "({} ? {} : {})".format(*map(self.expr_text, (e.condition, e.then, e.otherwise)))
         return self._part_or_whole(e)
 
-    def whole(self, e: core.Expr) -> str:
-        """An expression that nothing else stands beside."""
-        text = self.expr(e)
+    def whole_text(self, e: core.Expr) -> str:
+        """Gives an expression that stands alone, without parentheses around it."""
+        text = self.expr_text(e)
         return text[1:-1] if isinstance(e, (core.Binary, core.Select)) else text
 
     def _part_or_whole(self, e: core.Expr) -> str:
         if isinstance(e, core.Field):
             assert isinstance(e.target.type, RecordType), e
-            return f"{self.expr(e.target)}.{e.target.type.fields[e.index][0]}"
+            return f"{self.expr_text(e.target)}.{e.target.type.fields[e.index][0]}"
         if isinstance(e, core.Element):
-            return f"{self.expr(e.target)}[{self.expr(e.index)}]"
+            return f"{self.expr_text(e.target)}[{self.expr_text(e.index)}]"
         if isinstance(e, core.Length):
-            return f"len({self.expr(e.target)})"
+            return f"len({self.expr_text(e.target)})"
         assert isinstance(e, core.Make), e
-        return _made(e.type, [self.expr(x) for x in e.elements])
+        return _made_text(e.type, [self.expr_text(x) for x in e.elements])
 
-    def cell(self, cell: core.Cell) -> str:
-        """A state cell with its owner's name."""
+    def cell_text(self, cell: core.Cell) -> str:
         owner = "" if cell.kind == "topic" else f"{self.system.components[cell.owner].name}."
         return f"{cell.kind}({owner}{cell.name})"
 
-    def _fact(self, e: core.Fact) -> str:
+    def _fact_text(self, e: core.Fact) -> str:
         if e.fact == "mode":
             return f"mode({self.system.modules[e.index].name})"
         if e.fact == "age":
@@ -137,143 +137,142 @@ class _Text:
 
     # ------------------------------------------------------------ statements
 
-    def block(self, statements: tuple[core.Stmt, ...]) -> Iterator[str]:
-        """The lines of a sequence."""
+    def block_lines(self, statements: tuple[core.Stmt, ...]) -> Iterator[str]:
         for s in statements:
-            yield from self.statement(s)
+            yield from self.statement_lines(s)
 
-    def statement(self, s: core.Stmt) -> Iterator[str]:
-        """The lines of a statement."""
+    def statement_lines(self, s: core.Stmt) -> Iterator[str]:
         if isinstance(s, core.If):
-            yield f"if {self.whole(s.condition)}"
-            yield from _indented(self.block(s.then))
+            yield f"if {self.whole_text(s.condition)}"
+            yield from _indented(self.block_lines(s.then))
             if s.otherwise:
                 yield "else"
-                yield from _indented(self.block(s.otherwise))
+                yield from _indented(self.block_lines(s.otherwise))
         elif isinstance(s, core.Loop):
             yield f"for {s.variable} in {s.low} .. {s.high}"
-            yield from _indented(self.block(s.body))
+            yield from _indented(self.block_lines(s.body))
         elif isinstance(s, core.Guard):
-            yield f"guard {s.kind.name} {self.whole(s.condition)}"
+            yield f"guard {s.kind.name} {self.whole_text(s.condition)}"
         elif isinstance(s, core.Publish):
             limit = "" if s.limit is None else f", {s.limit} at most"
-            yield f"publish {s.output} = {self.whole(s.value)}{limit}"
+            yield f"publish {s.output} = {self.whole_text(s.value)}{limit}"
         elif isinstance(s, core.Set):
-            yield f"set {self.expr(place_of(s))} = {self.whole(s.value)}"
+            yield f"set {self.expr_text(place_of(s))} = {self.whole_text(s.value)}"
         elif isinstance(s, core.Push):
-            yield f"push {self.expr(place_of(s))}, {self.whole(s.value)}"
+            yield f"push {self.expr_text(place_of(s))}, {self.whole_text(s.value)}"
         else:
             yield self._new_temporary(s)
 
     def _new_temporary(self, s: core.Stmt) -> str:
         if isinstance(s, core.Let):
             word = "var" if s.mutable else "let"
-            return f"{word} {s.name}: {s.value.type} = {self.whole(s.value)}"
+            return f"{word} {s.name}: {s.value.type} = {self.whole_text(s.value)}"
         if isinstance(s, core.Checked):
-            limit = "" if s.limit is None else f" < {self.expr(s.limit)}"
-            operands = ", ".join(map(self.expr, s.operands))
+            limit = "" if s.limit is None else f" < {self.expr_text(s.limit)}"
+            operands = ", ".join(map(self.expr_text, s.operands))
             return f"let {s.name}: {s.type} = checked {s.op}({operands}){limit}"
         if isinstance(s, core.Choose):
             ages = "" if s.ages is None else f", ages {s.ages}"
             return f"let {s.name}: {s.type} = choose {s.count} from {s.low}{ages}"
         assert isinstance(s, core.Call), s
-        arguments = ", ".join(map(self.expr, s.arguments))
+        arguments = ", ".join(map(self.expr_text, s.arguments))
         return f"let {s.name}: {s.type} = call {s.function}({arguments})"
 
     # ------------------------------------------------------------ functions, steps, predicates
 
-    def function(self, f: core.Function) -> Iterator[str]:
-        """A function."""
+    def function_lines(self, f: core.Function) -> Iterator[str]:
         parameters = ", ".join(f"{p.name}: {p.type}" for p in f.parameters)
         kind = f"{', extern' * (f.result is None)}{', may fault' * f.can_fault}"
         yield f"function {f.name}({parameters}): {f.result_type}{kind}"
         if f.result is not None:
-            yield from _indented(self.block(f.body))
-            yield f"  result {self.whole(f.result)}"
+            yield from _indented(self.block_lines(f.body))
+            yield f"  result {self.whole_text(f.result)}"
 
-    def node(self, step: core.NodeStep) -> Iterator[str]:
-        """The step of a node."""
+    def node_lines(self, step: core.NodeStep) -> Iterator[str]:
         yield f"node {self.system.components[step.component].name}"
-        yield from self._copies(step.locals)
-        yield from self._outputs(step.outputs)
-        yield from self._section("takeover", step.takeover)
-        yield from self._section("step", step.body)
+        yield from self._copy_lines(step.locals)
+        yield from self._output_lines(step.outputs)
+        yield from self._section_lines("takeover", step.takeover)
+        yield from self._section_lines("step", step.body)
         if step.shield is not None:
-            yield from self._section("shield", step.shield.body)
+            yield from self._section_lines("shield", step.shield.body)
             kept = [(step.shield.cell, step.shield.name)]
             kept += [] if step.shield.proposed is None else [step.shield.proposed[:2]]
-            yield from (f"    store {self.cell(cell)} = {name}" for cell, name in kept)
-        yield from self._footprint(step.footprint)
+            yield from (f"    store {self.cell_text(cell)} = {name}" for cell, name in kept)
+        yield from self._footprint_lines(step.footprint)
 
-    def plant(self, step: core.PlantStep) -> Iterator[str]:
-        """One release of a plant."""
+    def plant_lines(self, step: core.PlantStep) -> Iterator[str]:
         yield f"plant {self.system.components[step.component].name}{' extern' * step.extern}"
-        yield from self._copies(step.states)
+        yield from self._copy_lines(step.states)
         for name, t, draws in step.disturbances:
-            yield f"  disturbance {name}: {t} = {', '.join(map(_draw, draws))}"
-        yield from self._outputs(step.outputs)
+            yield f"  disturbance {name}: {t} = {', '.join(map(_draw_text, draws))}"
+        yield from self._output_lines(step.outputs)
         for output, leaf, draw in step.noise:
-            yield f"  error of output {output}, number {leaf} = {_draw(draw)}"
+            yield f"  error of output {output}, number {leaf} = {_draw_text(draw)}"
         for name in ("choose", "integrate", "publish"):
-            yield from self._section(name, getattr(step, name))
-        yield from self._footprint(step.footprint)
+            yield from self._section_lines(name, getattr(step, name))
+        yield from self._footprint_lines(step.footprint)
 
-    def predicate(self, name: str, p: core.Predicate) -> Iterator[str]:
-        """A predicate."""
+    def predicate_lines(self, name: str, p: core.Predicate) -> Iterator[str]:
         yield name
-        yield from _indented(self.block(p.body))
-        yield f"  value {self.whole(p.value)}"
-        yield from self._footprint(p.footprint)
+        yield from _indented(self.block_lines(p.body))
+        yield f"  value {self.whole_text(p.value)}"
+        yield from self._footprint_lines(p.footprint)
 
-    def _section(self, name: str, statements: tuple[core.Stmt, ...]) -> Iterator[str]:
+    def _section_lines(self, name: str, statements: tuple[core.Stmt, ...]) -> Iterator[str]:
         if statements:
             yield f"  {name}"
-            yield from _indented(_indented(self.block(statements)))
+            yield from _indented(_indented(self.block_lines(statements)))
 
-    def _copies(self, copies: tuple[core.LocalCopy, ...]) -> Iterator[str]:
+    def _copy_lines(self, copies: tuple[core.LocalCopy, ...]) -> Iterator[str]:
         for c in copies:
             stored = ", stored" if c.written else ""
-            yield f"  load {c.name}: {c.type} = {self.cell(c.cell)}{stored}"
+            yield f"  load {c.name}: {c.type} = {self.cell_text(c.cell)}{stored}"
 
-    def _outputs(self, outputs: tuple[core.Output, ...]) -> Iterator[str]:
+    def _output_lines(self, outputs: tuple[core.Output, ...]) -> Iterator[str]:
         for k, o in enumerate(outputs):
             ends = ["any" if b is None else f"[{b.low!r}, {b.high!r}]" for b in o.bounds]
             inside = f" in {', '.join(ends)}" if any(o.bounds) else ""
             topic = f"topic({self.system.topics[o.topic].name})"
             yield f"  output {k}: {o.type}{inside} to {topic}{', several' * o.burst}"
 
-    def _footprint(self, footprint: core.Footprint) -> Iterator[str]:
+    def _footprint_lines(self, footprint: core.Footprint) -> Iterator[str]:
         modules, topics = self.system.modules, self.system.topics
-        reads = sorted(map(self.cell, footprint.reads))
+        reads = sorted(map(self.cell_text, footprint.reads))
         reads += [f"mode({modules[m].name})" for m in sorted(footprint.modes)]
         reads += [f"stamp({topics[t].name})" for t in sorted(footprint.stamps)]
-        for name, cells in (("reads", reads), ("writes", sorted(map(self.cell, footprint.writes)))):
+        for name, cells in (
+            ("reads", reads),
+            ("writes", sorted(map(self.cell_text, footprint.writes))),
+        ):
             if cells:
                 yield f"  {name} {', '.join(cells)}"
 
 
-def _constant(t: Type, value: Value) -> str:
+def _constant_text(t: Type, value: Value) -> str:
     if isinstance(t, BoolType):
         return "true" if value else "false"
     if isinstance(t, EnumType):
         return f"{t.name}.{t.members[value]}"
     if isinstance(t, RecordType):
-        return _made(t, [_constant(f, v) for (_, f), v in zip(t.fields, value, strict=True)])
+        return _made_text(
+            t, [_constant_text(f, v) for (_, f), v in zip(t.fields, value, strict=True)]
+        )
     if isinstance(t, (ArrayType, ListType)):
-        first = [_constant(t.element, value[i]) for i in range(min(len(value), ELEMENTS_MAX))]
+        first = [_constant_text(t.element, value[i]) for i in range(min(len(value), ELEMENTS_MAX))]
         more = len(value) - len(first)
         kind = "table " if isinstance(value, Table) else ""
-        return kind + _made(t, [*first, f"{more} more"] if more else first)
+        return kind + _made_text(t, [*first, f"{more} more"] if more else first)
     return str(int(value)) if isinstance(t, IntType) else repr(value)
 
 
-def _made(t: Type, elements: list[str]) -> str:
+def _made_text(t: Type, elements: list[str]) -> str:
     if not isinstance(t, RecordType):
         return f"[{', '.join(elements)}]"
     fields = [f"{n}: {text}" for (n, _), text in zip(t.fields, elements, strict=True)]
     return f"{{ {', '.join(fields)} }}"
 
 
-def _draw(draw: core.Draw) -> str:
+def _draw_text(draw: core.Draw) -> str:
     held = f", held {write_ns(draw.hold_ns)}" if draw.hold_ns > 0 else ""
     return f"draw({draw.stream} in [{draw.low!r}, {draw.high!r}]{held})"

@@ -43,7 +43,7 @@ _NOT_WALKED = frozenset({"type", "span", "value"})
 
 
 @cache
-def _fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
+def _code_fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
     """The fields of a class of Core, the last one first, and what is code in each; else None."""
     if not issubclass(kind, (core.Expr, core.Stmt)):
         return None
@@ -62,7 +62,7 @@ def walk(root: object) -> Iterator[object]:
             stack.extend(reversed(node))
             continue
         kind: Any = type(node)
-        parts = _fields(kind)
+        parts = _code_fields(kind)
         if parts is None:
             continue
         yield node
@@ -73,7 +73,7 @@ def walk(root: object) -> Iterator[object]:
 
 
 def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:
-    """Cells, modes and stamps that some statements may read."""
+    """Gives the cells, modes and stamps that some statements may read."""
     result = core.Footprint()
     for node in walk(statements):
         if isinstance(node, core.Get):
@@ -87,7 +87,7 @@ def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:
 
 
 def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
-    """Names of temporaries that are assigned after their creation."""
+    """Gives the names of temporaries that are assigned after their creation."""
     names = set()
     for n in walk(statements):
         if isinstance(n, (core.Set, core.Push)):
@@ -104,7 +104,7 @@ def written_topics(system: System, topic: int) -> list[core.Cell]:
 
 
 def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
-    """The outputs that every way through a step publishes."""
+    """Gives the outputs that every way through a step publishes."""
     outputs: set[int] = set()
     for s in code:
         if isinstance(s, core.Publish):
@@ -114,7 +114,7 @@ def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
     return outputs
 
 
-def operations_of(functions: tuple[Function, ...]) -> dict[str, int]:
+def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
     """The operations of each function, by name; called functions come before their callers."""
     known: dict[str, int] = {}
     for f in functions:
@@ -123,7 +123,7 @@ def operations_of(functions: tuple[Function, ...]) -> dict[str, int]:
 
 
 def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
-    """About how many expressions a body evaluates at most; `known`: the same of functions."""
+    """Gives about how many expressions a body evaluates at most; `known`: those of functions."""
     count = 0
     for s in body:
         if isinstance(s, Loop):
@@ -171,13 +171,13 @@ class Execution(ABC, Generic[V]):
         self.frame: Frame[V] = Frame()
 
     def bind(self, name: str, t: Type, value: V) -> None:
-        """Give a temporary its value."""
+        """Gives a temporary its value."""
         self.frame.variables[name], self.frame.types[name] = value, t
 
     # ------------------------------------------------------------ statements
 
     def run(self, statements: tuple[core.Stmt, ...]) -> None:
-        """Execute them. `TooManyStatementsError`."""
+        """Executes statements; raises `TooManyStatementsError`."""
         for s in statements:
             self.left -= 1
             if self.left < 0:
@@ -214,7 +214,7 @@ class Execution(ABC, Generic[V]):
         self.frame.outputs[s.output] = (self.expr(YES), value, s.value.type)
 
     def call(self, f: core.Function, arguments: tuple[V, ...]) -> V:
-        """The result of a function of the program, which is inlined."""
+        """Gives the result of a function of the program by executing its body."""
         assert f.result is not None
         outer, self.frame = self.frame, Frame()
         for p, a in zip(f.parameters, arguments, strict=True):
@@ -314,11 +314,11 @@ class Execution(ABC, Generic[V]):
 
     @abstractmethod
     def _reached(self, where: Any, condition: V, truth: bool) -> Any:  # noqa: ANN401
-        """`where` inside one side of a branch."""
+        """Gives `where` inside one side of a branch."""
 
     @abstractmethod
     def _join(self, condition: V, *where: Any) -> Join[V]:  # noqa: ANN401
-        """The function that joins the values of both sides, each with its `where`."""
+        """Gives the function that joins the values of both sides, each with its `where`."""
 
     @abstractmethod
     def _checked(self, s: core.Checked, operands: list[V], limit: V | None) -> V: ...

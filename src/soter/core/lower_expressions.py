@@ -127,7 +127,7 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ names and blocks
 
     def fresh(self, base: str) -> str:
-        """A name that is not used yet."""
+        """Gives a name that is not used yet."""
         name, n = base, 2
         while name in self._taken:
             name = f"{base}_{n}"
@@ -136,13 +136,13 @@ class ExpressionBuilder:
         return name
 
     def bind(self, variable: typed.Variable, name: str | None = None) -> str:
-        """Give a variable its name."""
+        """Gives a variable its name."""
         chosen = self.fresh(name or variable.name.replace(" ", "_"))  # a hidden local's
         self.names[variable] = chosen
         return chosen
 
     def emit(self, stmt: core.Stmt) -> None:
-        """Append to the current block."""
+        """Appends a statement to the current block."""
         if isinstance(stmt, (core.Checked, core.Guard, core.Push)) or (
             isinstance(stmt, core.Call) and self.functions.by_name[stmt.function].can_fault
         ):
@@ -152,25 +152,25 @@ class ExpressionBuilder:
     def capture(
         self, action: Callable[[], core.Expr | None]
     ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
-        """Run `action`; return the statements that it emitted, and its expression."""
+        """Runs `action`; gives the statements that it emitted, and its expression."""
         self._blocks.append([])
         value = action()
         return tuple(self._blocks.pop()), value
 
     def finish(self) -> tuple[core.Stmt, ...]:
-        """Everything emitted at the outermost level so far."""
+        """Gives all that was emitted at the outermost level so far."""
         block = tuple(self._blocks[0])
         self._blocks[0] = []
         return block
 
     def let(self, span: Span, base: str, value: core.Expr, *, mutable: bool = False) -> core.Var:
-        """A new temporary holding `value`."""
+        """Emits a new temporary that holds `value`."""
         name = self.fresh(base)
         self.emit(core.Let(span, name, value, mutable))
         return core.Var(value.type, name)
 
     def atom(self, e: core.Expr, span: Span, base: str = "t") -> core.Expr:
-        """The same value in a form that costs nothing to repeat."""
+        """Gives the same value in a form that costs nothing to repeat."""
         probe = e
         while isinstance(probe, core.Field):
             probe = probe.target
@@ -181,19 +181,19 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: typed.TypedExpr) -> core.Expr:
-        """A pure Core expression; what may fault was emitted before."""
-        method = getattr(self, "_" + type(e).__name__.removeprefix("Typed").lower())
+        """Gives a pure Core expression; statements for what may fault were emitted before."""
+        method = getattr(self, "_lower_" + type(e).__name__.removeprefix("Typed").lower())
         result = method(e)
         assert isinstance(result, core.Expr)
         return result
 
-    def _literal(self, e: typed.Literal) -> core.Expr:
+    def _lower_literal(self, e: typed.Literal) -> core.Expr:
         return core.Const(core_type(e.type), e.value, e.name)
 
-    def _paramread(self, e: typed.ParamRead) -> core.Expr:
+    def _lower_paramread(self, e: typed.ParamRead) -> core.Expr:
         return core.Const(core_type(e.type), self.params[e.param], e.param.name)
 
-    def _varread(self, e: typed.VarRead) -> core.Expr:
+    def _lower_varread(self, e: typed.VarRead) -> core.Expr:
         return core.Var(e.type, self.names[e.variable])
 
     def topic_cell(self, topic: typed.TopicSymbol) -> core.Cell:
@@ -202,7 +202,7 @@ class ExpressionBuilder:
         index = self.scope.topics[topic]
         return core.Cell("topic", index, self.system.topics[index].name)
 
-    def _topicread(self, e: typed.TopicRead) -> core.Expr:
+    def _lower_topicread(self, e: typed.TopicRead) -> core.Expr:
         """The value of a topic; after a step's body, what the step publishes there, if it does."""
         old = core.Get(e.type, self.topic_cell(e.topic))
         new = self.published.get(e.topic)
@@ -211,7 +211,7 @@ class ExpressionBuilder:
         value = core.Var(e.type, new[1])
         return core.Select(e.type, core.Fact(BOOL, "published", new[0]), value, old)
 
-    def _truthread(self, e: typed.TruthRead) -> core.Expr:
+    def _lower_truthread(self, e: typed.TruthRead) -> core.Expr:
         assert self.scope is not None
         owner = self.scope.plants[e.instance]
         assert isinstance(e.type, RecordType)
@@ -219,11 +219,11 @@ class ExpressionBuilder:
             e.type, tuple(core.Get(t, core.Cell("state", owner, n)) for n, t in e.type.fields)
         )
 
-    def _moderead(self, e: typed.ModeRead) -> core.Expr:
+    def _lower_moderead(self, e: typed.ModeRead) -> core.Expr:
         assert self.scope is not None
         return core.Fact(e.type, "mode", self.scope.modules[e.module])
 
-    def _marginread(self, e: typed.MarginRead) -> core.Expr:
+    def _lower_marginread(self, e: typed.MarginRead) -> core.Expr:
         """(looks * period - late - age) / 1e9 in mode AC where that is positive, else 0.
 
         In whole ns, which floats hold exactly: a period is below 2^53 ns.
@@ -247,21 +247,21 @@ class ExpressionBuilder:
         some = core.Binary(BOOL, "&&", in_ac, op(">", left, 0.0))
         return core.Select(FLOAT, some, op("/", left, 1e9), core.Const(FLOAT, 0.0))
 
-    def _incontrol(self, e: typed.InControl) -> core.Expr:
+    def _lower_incontrol(self, e: typed.InControl) -> core.Expr:
         return core.Fact(e.type, "in_control")
 
-    def _timeread(self, e: typed.TimeRead) -> core.Expr:
+    def _lower_timeread(self, e: typed.TimeRead) -> core.Expr:
         return core.Fact(e.type, "time")
 
-    def _periodread(self, e: typed.PeriodRead) -> core.Expr:
+    def _lower_periodread(self, e: typed.PeriodRead) -> core.Expr:
         return core.Const(e.type, float(self.period_ns) / 1e9, "dt")
 
-    def _ageread(self, e: typed.AgeRead) -> core.Expr:
+    def _lower_ageread(self, e: typed.AgeRead) -> core.Expr:
         index = self.topic_cell(e.topic).owner
         source = self.system.topics[index].queue_of  # a queue is as old as its topic
         return core.Fact(e.type, "age", index if source is None else source)
 
-    def _unary(self, e: typed.TypedUnary) -> core.Expr:
+    def _lower_unary(self, e: typed.TypedUnary) -> core.Expr:
         operand = self.expr(e.operand)
         if e.op == "!":
             return core.Unary(BOOL, "not", operand)
@@ -284,7 +284,7 @@ class ExpressionBuilder:
         self.emit(core.Checked(span, name, t, op, operands, limit))
         return core.Var(t, name)
 
-    def _binary(self, e: typed.TypedBinary) -> core.Expr:
+    def _lower_binary(self, e: typed.TypedBinary) -> core.Expr:
         if e.op in {"&&", "||"}:
             return self._short_circuit(e)
         if e.type == BOOL:
@@ -331,7 +331,7 @@ class ExpressionBuilder:
         self.emit(core.If(e.span, condition, block, ()))
         return result
 
-    def _vector(self, e: typed.Vector) -> core.Expr:
+    def _lower_vector(self, e: typed.Vector) -> core.Expr:
         left = self.atom(self.expr(e.left), e.left.span, "a")
         right_value = self.expr(e.right)
         right_is_scalar = isinstance(e.right.type, FloatType)
@@ -348,7 +348,7 @@ class ExpressionBuilder:
 
         return rebuild(e.type, leaf)
 
-    def _conditional(self, e: typed.Conditional) -> core.Expr:
+    def _lower_conditional(self, e: typed.Conditional) -> core.Expr:
         condition = self.expr(e.condition)
         if isinstance(condition, core.Const):
             return self.expr(e.then if condition.value else e.otherwise)
@@ -365,14 +365,14 @@ class ExpressionBuilder:
         self.emit(core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else)))
         return result
 
-    def _call(self, e: typed.TypedCall) -> core.Expr:
+    def _lower_call(self, e: typed.TypedCall) -> core.Expr:
         arguments = tuple(self.expr(a) for a in e.arguments)
         function = self.functions.require(e.fun, self.params, self.maybe_nan)
         name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
         self.emit(core.Call(e.span, name, function.name, arguments, e.type))
         return core.Var(e.type, name)
 
-    def _builtin(self, e: typed.Builtin) -> core.Expr:
+    def _lower_builtin(self, e: typed.Builtin) -> core.Expr:
         if e.name == "seconds":
             return self._seconds(self.expr(e.arguments[0]))
         looked_at = e.name in {"min", "max", "saturate"}
@@ -426,28 +426,28 @@ class ExpressionBuilder:
         assert total is not None
         return total
 
-    def _field(self, e: typed.TypedField) -> core.Expr:
+    def _lower_field(self, e: typed.TypedField) -> core.Expr:
         target = self.expr(e.target)
         if isinstance(target, core.Make):
             return target.elements[e.index]
         return core.Field(e.type, target, e.index)
 
-    def _index(self, e: typed.Index) -> core.Expr:
+    def _lower_index(self, e: typed.Index) -> core.Expr:
         target = self.expr(e.target)
         if not isinstance(target, core.Const):
-            target = self._stable(target, e.target.span)
+            target = self._indexable(target, e.target.span)
         index = self.safe_index(target, self.expr(e.index), e.index.span)
         return core.Element(e.type, target, index)
 
-    def _stable(self, e: core.Expr, span: Span) -> core.Expr:
-        """An expression that can be indexed in place: a temporary, a cell, or a part of one."""
+    def _indexable(self, e: core.Expr, span: Span) -> core.Expr:
+        """Gives an expression that can be indexed in place: a temporary, a cell, or a part."""
         probe = e
         while isinstance(probe, (core.Field, core.Element)):
             probe = probe.target
         return e if isinstance(probe, (core.Var, core.Get, core.Const)) else self.let(span, "v", e)
 
     def safe_index(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
-        """An index that is inside, whatever happens; faults when the given one is not."""
+        """Gives an index that is inside, whatever happens; a fault if the given one is not."""
         t = target.type
         if isinstance(t, ArrayType):
             if isinstance(index, core.Const) and 0 <= index.value < t.size:
@@ -455,10 +455,10 @@ class ExpressionBuilder:
             return self._checked(span, "index", INT, (index,), core.Const(INT, t.size))
         return self._checked(span, "index", INT, (index,), core.Length(INT, target))
 
-    def _length(self, e: typed.TypedLength) -> core.Expr:
-        return core.Length(INT, self._stable(self.expr(e.target), e.span))
+    def _lower_length(self, e: typed.TypedLength) -> core.Expr:
+        return core.Length(INT, self._indexable(self.expr(e.target), e.span))
 
-    def _aggregate(self, e: typed.Aggregate) -> core.Expr:
+    def _lower_aggregate(self, e: typed.Aggregate) -> core.Expr:
         values = [self.expr(x) for x in e.elements]
         if e.order is not None:
             ordered = list(values)
@@ -467,7 +467,7 @@ class ExpressionBuilder:
             values = ordered
         return core.Make(e.type, tuple(values))
 
-    def _choose(self, e: typed.TypedChoose) -> core.Expr:
+    def _lower_choose(self, e: typed.TypedChoose) -> core.Expr:
         """The options first, left to right; then the choice, also where there is only one."""
         options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
         ages = None if e.ages is None else self.names[e.ages]
@@ -483,7 +483,7 @@ class ExpressionBuilder:
             value = core.Select(value.type, is_k, options[k], value)
         return self.let(e.span, "chosen", value)
 
-    def _narrow(self, e: typed.Narrow) -> core.Expr:
+    def _lower_narrow(self, e: typed.Narrow) -> core.Expr:
         operand = self.expr(e.operand)
         have, want = e.operand.type, e.type
         assert isinstance(have, IntType)

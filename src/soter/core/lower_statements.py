@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.core_check import broken
+from soter.core.core_check import broken_promises
 from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
@@ -94,12 +94,12 @@ class Builder(ExpressionBuilder):
             name = self.bind(s.variable)
             self.emit(core.Let(s.span, name, value, s.variable.kind == "var"))
         elif isinstance(s, typed.TypedAssign):
-            path = self._path(s.place)
+            path = self._lowered_path(s.place)
             value = self.expr(s.value)
             variable = s.place.variable
             self.emit(core.Set(s.span, self.names[variable], variable.type, path, value))
         elif isinstance(s, typed.TypedPush):
-            path = self._path(s.place)
+            path = self._lowered_path(s.place)
             value = self.expr(s.value)
             variable = s.place.variable
             self.emit(core.Push(s.span, self.names[variable], variable.type, path, value))
@@ -121,7 +121,7 @@ class Builder(ExpressionBuilder):
             assert isinstance(s, typed.ForEach)
             self._lower_for_each(s)
 
-    def _path(self, place: typed.Place) -> tuple[int | core.Expr, ...]:
+    def _lowered_path(self, place: typed.Place) -> tuple[int | core.Expr, ...]:
         path: list[int | core.Expr] = []
         prefix: core.Expr = core.Var(place.variable.type, self.names[place.variable])
         for step in place.path:
@@ -252,7 +252,7 @@ class FunctionTable:
         self._meanings: dict[object, str] = {}
         self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
 
-    def unique(self, base: str) -> str:
+    def unique_name(self, base: str) -> str:
         """A function name not taken yet."""
         name, n = base.replace(".", "_"), 2
         while name in self.by_name:
@@ -262,7 +262,7 @@ class FunctionTable:
 
     def add(self, function: core.Function) -> None:
         """Enter a function, which may call those that are entered."""
-        assert not (found := broken(self.system, self.by_name, function)), found
+        assert not (found := broken_promises(self.system, self.by_name, function)), found
         self.by_name[function.name] = function
 
     def require(
@@ -292,7 +292,7 @@ class FunctionTable:
         else:
             body, result = builder.function_body(fun.body, fun.result, fun.span)
             can_fault = builder.can_fault
-        name = self.unique(fun.name)
+        name = self.unique_name(fun.name)
         function = core.Function(
             name=name,
             source_name=fun.name,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def lower_plant(functions: FunctionTable, system: System, component: Component) -> core.PlantStep:
     """One release of a plant."""
-    return _Plant(functions, system, component).run()
+    return _Plant(functions, system, component).lower()
 
 
 class _Plant:
@@ -43,7 +43,7 @@ class _Plant:
         self.copies: list[core.LocalCopy] = []
         self.chosen = chosen_lets(component.plant)
 
-    def run(self) -> core.PlantStep:
+    def lower(self) -> core.PlantStep:
         b, plant = self.builder, self.plant
         for v in plant.states:
             name = b.bind(v)
@@ -56,7 +56,7 @@ class _Plant:
             draws = tuple(core.Draw(s, d.low, d.high, d.hold_ns) for s in d.streams)
             disturbances.append((name, d.variable.type, draws))
         for variable, value in first_lets(plant):
-            self._let(variable, value)
+            self._emit_let(variable, value)
         choose = b.finish()
         integrate: tuple[core.Stmt, ...] = ()
         if not plant.extern:
@@ -94,12 +94,11 @@ class _Plant:
         )
 
     def _emit_lets(self) -> None:
-        """All lets on the present states, except those that choose, in fresh temporaries."""
         for variable, value in self.plant.lets:
             if variable not in self.chosen:
-                self._let(variable, value)
+                self._emit_let(variable, value)
 
-    def _let(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+    def _emit_let(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         e = self.builder.expr(value)
         name = self.builder.bind(variable)
         self.builder.emit(core.Let(self.plant.span, name, e))
@@ -112,15 +111,15 @@ class _Plant:
             for v, e in plant.next.items():
                 new.append((v, b.let(span, f"next_{v.name}", b.expr(e))))
         if plant.der:
-            x = self._scheme()
+            x = self._integrated()
             for i, v in enumerate(plant.der):
                 t = v.type
                 new.append((v, core.Field(t, x, i)))
         for v, value in new:
             b.emit(core.Set(span, b.names[v], v.type, (), value))
 
-    def _scheme(self) -> core.Expr:
-        """Integrate all `der` states together; gives the record of their new values."""
+    def _integrated(self) -> core.Expr:
+        """Integrates all `der` states together; gives the record of their new values."""
         b, plant, span = self.builder, self.plant, self.plant.span
         step_of_scheme = STEPS[plant.method]
         record = RecordType(tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative")
@@ -146,16 +145,16 @@ class _Plant:
         return x
 
     def euler(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
-        """One step of Euler's scheme."""
+        """Gives the record after one step of Euler's scheme."""
         k = f(x, "k1")
-        return rebuild(record, lambda p: _add(select(x, p), _mul(h, select(k, p))))
+        return rebuild(record, lambda p: _sum(select(x, p), _scaled(h, select(k, p))))
 
     def rk4(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
-        """One step of the classical Runge-Kutta scheme."""
+        """Gives the record after one step of the classical Runge-Kutta scheme."""
         b, span = self.builder, self.plant.span
 
         def moved(name: str, scale: float, k: core.Var) -> core.Var:
-            value = rebuild(record, lambda p: _add(select(x, p), _mul(scale, select(k, p))))
+            value = rebuild(record, lambda p: _sum(select(x, p), _scaled(scale, select(k, p))))
             return b.let(span, name, value)
 
         k1 = f(x, "k1")
@@ -164,11 +163,11 @@ class _Plant:
         k4 = f(moved("x4", h, k3), "k4")
 
         def leaf(p: tuple[int, ...]) -> core.Expr:
-            total = _add(
-                _add(_add(select(k1, p), _mul(2.0, select(k2, p))), _mul(2.0, select(k3, p))),
+            total = _sum(
+                _sum(_sum(select(k1, p), _scaled(2.0, select(k2, p))), _scaled(2.0, select(k3, p))),
                 select(k4, p),
             )
-            return _add(select(x, p), _mul(h / 6.0, total))
+            return _sum(select(x, p), _scaled(h / 6.0, total))
 
         return rebuild(record, leaf)
 
@@ -205,7 +204,7 @@ class _Plant:
             parameters.append(core.Parameter(name, FLOAT))
             extra.append(core.Fact(FLOAT, "age", index))
         function = core.Function(
-            name=self.functions.unique(f"{self.component.name}_derivative"),
+            name=self.functions.unique_name(f"{self.component.name}_derivative"),
             source_name=f"{plant.name}: der",
             parameters=tuple(parameters),
             result_type=record,
@@ -233,13 +232,13 @@ class _RightHandSide(Builder):
         self.ages: dict[int, str] = {}
         """Topic index -> parameter with its age, for the ages that are read."""
 
-    def _topicread(self, e: typed.TopicRead) -> core.Expr:
+    def _lower_topicread(self, e: typed.TopicRead) -> core.Expr:
         return core.Var(e.type, self.topics[e.topic])
 
-    def _timeread(self, e: typed.TimeRead) -> core.Expr:
+    def _lower_timeread(self, e: typed.TimeRead) -> core.Expr:
         return core.Var(e.type, self.time)
 
-    def _ageread(self, e: typed.AgeRead) -> core.Expr:
+    def _lower_ageread(self, e: typed.AgeRead) -> core.Expr:
         index = self.topic_cell(e.topic).owner
         if index not in self.ages:
             short = e.topic.name.rsplit(".", 1)[-1]
@@ -247,9 +246,9 @@ class _RightHandSide(Builder):
         return core.Var(e.type, self.ages[index])
 
 
-def _add(a: core.Expr, b: core.Expr) -> core.Expr:
+def _sum(a: core.Expr, b: core.Expr) -> core.Expr:
     return core.Binary(FLOAT, "+", a, b)
 
 
-def _mul(scale: float, e: core.Expr) -> core.Expr:
+def _scaled(scale: float, e: core.Expr) -> core.Expr:
     return core.Binary(FLOAT, "*", core.Const(FLOAT, scale), e)

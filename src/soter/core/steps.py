@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.core_check import broken
+from soter.core.core_check import broken_promises
 from soter.core.core_walks import footprint_of, written_names, written_topics
 from soter.core.lower_expressions import index_components, select
 from soter.core.lower_statements import Builder, FunctionTable
@@ -47,7 +47,7 @@ def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
 
 
 def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
-    """The step of a node; an extern one has no body."""
+    """Gives the step of a node in Core; an extern node has no body."""
     node = component.node
     assert node is not None
     builder = Builder(functions, system, component.scope)
@@ -81,7 +81,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
         footprint.writes.update(written_topics(system, o.topic))
         footprint.stamps.add(o.topic)
     step = core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
-    step.shield = _shield(builder, component, outputs)
+    step.shield = _lower_shield(builder, component, outputs)
     if step.shield is not None:
         seen = footprint_of(step.shield.body)
         footprint.reads |= seen.reads
@@ -90,11 +90,11 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
         if step.shield.proposed is not None:
             footprint.stamps.add(step.shield.proposed[0].owner)
             footprint.writes.add(step.shield.proposed[0])
-    assert not (found := broken(system, functions.by_name, step)), found
+    assert not (found := broken_promises(system, functions.by_name, step)), found
     return step
 
 
-def _shield(
+def _lower_shield(
     builder: Builder, component: Component, outputs: tuple[core.Output, ...]
 ) -> core.ShieldStep | None:
     """The statements by which its module's shield judges what a controller publishes."""
@@ -107,11 +107,11 @@ def _shield(
     builder.scope = module.scope
     builder.params = module.scope.params
     judges = component.role == "ac" and module.forced is None
-    cell, name = _copied(builder, topic, "shield", span)
+    cell, name = _topic_copy(builder, topic, "shield", span)
     proposed = None
     if shield.proposed is not None:
         second = system.topics[shield.proposed]
-        proposed = (*_copied(builder, second, "proposed", span), second.type)
+        proposed = (*_topic_copy(builder, second, "proposed", span), second.type)
     held = builder.expr(shield.held)
     some: core.Expr = core.Fact(BOOL, "published", 0)
     for k in range(1, len(outputs)):
@@ -131,8 +131,8 @@ def _shield(
     return core.ShieldStep(builder.finish(), cell, name, topic.type, proposed)
 
 
-def _copied(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
-    """The cell of a hidden topic, and the temporary that has its value."""
+def _topic_copy(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
+    """Gives the cell of a hidden topic, and the temporary that has its value."""
     cell = core.Cell("topic", topic.index, topic.name)
     name = builder.fresh(base)
     builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
@@ -147,7 +147,7 @@ def _note_proposals(
     *,
     moves: bool,
 ) -> None:
-    """Note the numbers that a controller would publish as proposals; move them, if it `moves`."""
+    """Notes the numbers that a controller would publish as proposals; moves them if it `moves`."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -171,15 +171,15 @@ def _note_proposals(
     for at, (i, place) in enumerate(places):
         if i in number:
             value = select(moved, (at,))
-            _move(builder, span, (number[i], place), system.topics[i].type, value)
+            _move_output(builder, span, (number[i], place), system.topics[i].type, value)
     found = core.Binary(BOOL, "==", select(moved, (len(places),)), core.Const(FLOAT, 1.0))
     builder.emit(core.Guard(span, found, FaultKind.SHIELD))
 
 
-def _move(
+def _move_output(
     builder: Builder, span: Span, where: tuple[int, tuple[int, ...]], t: Type, value: core.Expr
 ) -> None:
-    """Replace a number of an output, if the step publishes it."""
+    """Replaces a number of an output if the step publishes that output."""
     output, place = where
     path: list[int | core.Expr] = []
     inner = t
@@ -196,14 +196,14 @@ def _move(
 
 
 def _let_read(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
-    """Let code of a module that reads a topic get what the step publishes there."""
+    """Lets code of a module that reads a topic get what the step publishes there."""
     for symbol, index in module.scope.topics.items():
         if index == topic:
             builder.published[symbol] = new
 
 
 def _permit(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
-    """AC's step faults unless the commands that may act behind it are permitted."""
+    """Makes AC's step fault unless the commands that may act behind it are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
     number = {o.topic: k for k, o in enumerate(outputs)}
@@ -235,7 +235,7 @@ def lower_predicate(
     probe = core.Let(span, "value", value)
     footprint = footprint_of((*body, probe))
     predicate = core.Predicate(body, value, footprint, span, maybe_nan=bool(looked_at))
-    assert not (found := broken(system, functions.by_name, predicate)), found
+    assert not (found := broken_promises(system, functions.by_name, predicate)), found
     return predicate
 
 
@@ -249,10 +249,7 @@ def lower_deciding(
 
 
 def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
-    """The predicates of a module.
-
-    A module whose predicates are still to be computed never trusts AC: ttf true, safer false.
-    """
+    """Gives the predicates of a module; those to be computed are `ttf` true, `safer` false."""
     m = system.modules[module]
     span = m.symbol.span
     ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)
@@ -306,7 +303,7 @@ def lower(system: System) -> core.CoreSystem:
             nodes[c.index] = lower_node(functions, system, c)
         elif c.plant is not None:
             plants[c.index] = step = lower_plant(functions, system, c)
-            assert not (found := broken(system, functions.by_name, step)), found
+            assert not (found := broken_promises(system, functions.by_name, step)), found
     decisions = tuple(lower_decision(functions, system, m.index) for m in system.modules)
     properties = tuple(lower_property(functions, system, p) for p in system.properties)
     asked = system.test.timed if system.test else ()

@@ -17,7 +17,7 @@ from soter.explore.search_options import LEAVES_MAX
 from soter.explore.trace_view import value_text
 from soter.explore.vacuous_tests import symbol_at_path
 from soter.language.check.declarations import show
-from soter.language.check.field import listed
+from soter.language.check.dots_and_brackets import listed
 from soter.language.elaborate.derived_systems import OUTSIDE
 from soter.language.model import typed
 from soter.language.model.typed import Literal

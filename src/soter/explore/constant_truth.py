@@ -103,13 +103,13 @@ class _Terms:
         if place is not None:
             return self._read_term(place)
         if isinstance(e, typed.TypedUnary):
-            return self._unary(e)
+            return self._range_of_unary(e)
         if isinstance(e, typed.TypedBinary):
-            return self._binary(e)
+            return self._range_of_binary(e)
         if isinstance(e, typed.Conditional):
             return self.z3.If(self.term(e.condition), self.term(e.then), self.term(e.otherwise))
         if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
-            return self._builtin(e)
+            return self._range_of_builtin(e)
         if isinstance(e, typed.TypedCall):
             inner = returned(e)
             if inner is not None:
@@ -169,7 +169,7 @@ class _Terms:
         self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
         return term
 
-    def _unary(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
+    def _range_of_unary(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
         a = self.term(e.operand)
         if e.op == "!":
             return self.z3.Not(a)
@@ -179,7 +179,7 @@ class _Terms:
             return self._checked_int(-a)
         raise TooHardError
 
-    def _binary(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
+    def _range_of_binary(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         a, b = self.term(e.left), self.term(e.right)
         if e.op in {"&&", "||"}:
@@ -211,7 +211,7 @@ class _Terms:
             return a != b
         return {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b}[e.op]
 
-    def _builtin(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
+    def _range_of_builtin(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         floats = isinstance(e.arguments[0].type, FloatType)
         a = self.term(e.arguments[0])

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.explore.engine.coverage import Coverage
 from soter.explore.judge import test_plan
 from soter.explore.search_options import CHOICES_MAX, STEPS_MAX, WORDS_MAX
-from soter.language.check.field import listed
+from soter.language.check.dots_and_brackets import listed
 from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 from soter.explore.constant_truth import holds_always
 from soter.explore.judge import test_plan
-from soter.language.evaluate.range_evaluation import anything, constant
+from soter.language.evaluate.range_evaluation import anything, constant_range
 from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
-from soter.language.evaluate.topic_ranges import published
+from soter.language.evaluate.topic_ranges import range_in_set
 from soter.language.model import typed
 from soter.language.model.tree_walk import children, nodes, premise_of, topic_reads
 from soter.language.model.types import BOOL, leaf_count, show_ns
@@ -64,8 +64,8 @@ class Domains:
         if topic.queue_of is not None:
             return _known_range(anything(place.type), place.type)
         if self._start or place.index not in self._writable:
-            return _range_at(constant(topic.type, topic.default), place.path, place.type)
-        return published(topic, place)
+            return _range_at(constant_range(topic.type, topic.default), place.path, place.type)
+        return range_in_set(topic, place)
 
     def _truth(self, place: ReadPlace) -> Range:
         component = self._system.components[place.index]
@@ -78,7 +78,7 @@ class Domains:
             return _known_range(anything(place.type), place.type)
         if drawn:
             return Range(*drawn)
-        first = constant(state.type, component.initial[place.path[0]])
+        first = constant_range(state.type, component.initial[place.path[0]])
         return _range_at(first, place.path[1:], place.type)
 
 

@@ -28,7 +28,7 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import ValueShapeError, from_python
-from soter.semantics.draws import assemble
+from soter.semantics.draws import value_of_leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -115,7 +115,7 @@ def wrong_structure(
 def _value_from_numbers(t: Type, numbers: Iterator[float]) -> Value:
     if has_list(t):
         raise _list_error(t)
-    return assemble(t, (_leaf_value(leaf, next(numbers)) for _, leaf in leaves(t)))
+    return value_of_leaves(t, (_leaf_value(leaf, next(numbers)) for _, leaf in leaves(t)))
 
 
 def _leaf_value(t: Type, number: float) -> Value:

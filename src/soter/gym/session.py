@@ -34,7 +34,7 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
 from soter.native.bindings import bind_again
 from soter.native.loaded_program import RunStatus
-from soter.semantics.externs import reset
+from soter.semantics.externs import reset_extern
 from soter.simulate.externs.callables import callables
 from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
@@ -191,7 +191,7 @@ class Session:
     def start(self, seed: int) -> None:
         """Starts a run, with the plant's states as the program has them."""
         for name, extern in self._bound.items():
-            reset(name, extern, seed)
+            reset_extern(name, extern, seed)
         self._reset_state(seed)
 
     def place_numbers(self) -> bool:

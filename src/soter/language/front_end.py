@@ -21,7 +21,11 @@ from soter.language.elaborate.lints.module_lints import warn_of_doubtful_parts
 from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.passes.system_numbers import has_param
 from soter.language.elaborate.tested_system import elaborate_test
-from soter.language.elaborate.wellformed import check_declaration, check_deployed, check_periods
+from soter.language.elaborate.wellformed import (
+    check_deployed,
+    check_module_declaration,
+    check_periods,
+)
 from soter.language.load.loader import FROM_DISK, is_program, load
 from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 
@@ -49,7 +53,7 @@ ONCE = {"M003", "M004", "M005", "M013"}
 PLACES_MAX = 5
 
 
-def for_people(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
+def ordered_for_readers(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
     """Diagnostics in order of files, then of places, with errors first; without repeated ones."""
     files = {id(source): i for i, source in enumerate(sources)}
 
@@ -60,14 +64,14 @@ def for_people(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnosti
         return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
 
     ordered = Diagnostics()
-    for d in _merged(_deduplicated(sorted(diagnostics.items, key=place))):
+    for d in _with_merged_messages(_without_repetitions(sorted(diagnostics.items, key=place))):
         if d.severity is Severity.ERROR or not diagnostics.has_errors or d.code not in HUSHED:
             ordered.add(d)
     return ordered
 
 
-def _deduplicated(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """For each mistake at one place only the diagnostic with the shortest names."""
+def _without_repetitions(items: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Keeps of each mistake at one place only the diagnostic with the shortest message."""
     kept: dict[object, Diagnostic] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -80,7 +84,7 @@ def _deduplicated(items: Sequence[Diagnostic]) -> list[Diagnostic]:
     return list(kept.values())
 
 
-def _merged(items: Sequence[Diagnostic]) -> list[Diagnostic]:
+def _with_merged_messages(items: Sequence[Diagnostic]) -> list[Diagnostic]:
     """Merges repetitions of a message in one file into labels of the first."""
     groups: dict[object, list[Diagnostic]] = {}
     for number, d in enumerate(items):
@@ -196,12 +200,12 @@ def _check_file(
     controllers = {n for m in program.modules.values() for n in m.named}
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
-        check_declaration(module, diagnostics, program.damaged, others)
+        check_module_declaration(module, diagnostics, program.damaged, others)
     flat_by_name = _flatten_all(program, systems, overrides, diagnostics, draft=draft)
     for test in program.tests.values():
         elaborate_test(program, test, overrides, diagnostics)
-    _check_the_rest(program, systems, diagnostics)
-    ordered = for_people(diagnostics, [f.source for f in loaded.files])
+    _check_unplaced(program, systems, diagnostics)
+    ordered = ordered_for_readers(diagnostics, [f.source for f in loaded.files])
     return CheckResult(program, ordered, systems, loaded, {} if draft else flat_by_name)
 
 
@@ -216,7 +220,7 @@ def _flatten_all(
     """The flat systems without errors; reports M007 if they are too large together."""
     components, flat_by_name = 0, {}
     for name, system in systems.items():
-        flat = _flatten(program, system, overrides, diagnostics, draft=draft)
+        flat = _flatten_and_check(program, system, overrides, diagnostics, draft=draft)
         if flat is not None:
             components += program.system_sizes[system][0]
             flat_by_name[name] = flat
@@ -232,7 +236,7 @@ def _flatten_all(
     return flat_by_name
 
 
-def _flatten(
+def _flatten_and_check(
     program: TypedProgram,
     symbol: SystemSymbol,
     overrides: Mapping[str, Value],
@@ -241,7 +245,7 @@ def _flatten(
     draft: bool = False,
     lints: bool = True,
 ) -> System | None:
-    """The flat system, None if it has errors; without `lints` there are no warnings."""
+    """Gives the flat system, None if it has errors; without `lints` there are no warnings."""
     flattening = Flattening(program, symbol, overrides, diagnostics, draft=draft)
     before = len(diagnostics.items)
     flat = flatten(flattening)
@@ -251,27 +255,29 @@ def _flatten(
         if lints and sound and not program.damaged and not diagnostics.has_errors:
             warn_of_doubtful_parts(flat, diagnostics)
         if symbol.deploys is not None and sound:
-            flat.proved = _proved(program, symbol, overrides)
+            flat.proved = _deployed_system(program, symbol, overrides)
             check_deployed(flat, symbol, diagnostics)
     return flat
 
 
-def _proved(
+def _deployed_system(
     program: TypedProgram, symbol: SystemSymbol, overrides: Mapping[str, Value]
 ) -> System | None:
-    """The flat system that `symbol` deploys; None if it has errors, reported for that system."""
+    """Gives the flat system that `symbol` deploys; None if it has errors, reported there."""
     assert symbol.deploys is not None
     diagnostics = Diagnostics()
     flat = flatten(Flattening(program, symbol.deploys, overrides, diagnostics))
     return None if diagnostics.has_errors else flat
 
 
-def _check_the_rest(
+def _check_unplaced(
     program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
 ) -> None:
-    """Checks numbers of declarations in the main file that no system has, by default parameters."""
-    placed = _placed([*systems.values(), *(t.system for t in program.tests.values())])
-    instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced(program, placed))
+    """Checks numbers of declarations of the main file in no system, under default parameters."""
+    placed = _placed_symbols([*systems.values(), *(t.system for t in program.tests.values())])
+    instances = tuple(
+        InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced_symbols(program, placed)
+    )
     topics = [t for n, t in program.topics.items() if "." not in n]
     if not instances and not topics:
         return
@@ -283,7 +289,7 @@ def _check_the_rest(
         check_periods(flat, diagnostics, flattening.unknown)
 
 
-def _placed(systems: list[SystemSymbol]) -> set[object]:
+def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
     """The systems, and the plants, modules and nodes that stand in them."""
     placed: set[object] = set()
     todo: list[object] = [*systems]
@@ -300,7 +306,7 @@ def _placed(systems: list[SystemSymbol]) -> set[object]:
     return placed
 
 
-def _unplaced(
+def _unplaced_symbols(
     program: TypedProgram, placed: set[object]
 ) -> Iterator[PlantSymbol | ModuleSymbol | NodeSymbol]:
     """Yields declarations of the main file that are in no system and in none of their modules."""
@@ -347,8 +353,8 @@ def system_of(
     if symbol is None:
         _report_no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
-    flat = _flatten(checked.program, symbol, overrides or {}, diagnostics, lints=False)
-    return _sound(checked.program, symbol, flat, overrides if exact else None, diagnostics)
+    flat = _flatten_and_check(checked.program, symbol, overrides or {}, diagnostics, lints=False)
+    return _without_errors(checked.program, symbol, flat, overrides if exact else None, diagnostics)
 
 
 def system_to_prove(
@@ -358,7 +364,7 @@ def system_to_prove(
     *,
     exact: bool = True,
 ) -> System:
-    """As `system_of`, for proofs: outputs of steps are not held, and there are no faults."""
+    """Gives the system of `system_of` for proofs: no outputs are held, and there are no faults."""
     return faultless(without_held_topics(system_of(checked, name, overrides, exact=exact)))
 
 
@@ -383,19 +389,21 @@ def system_of_test(
         diagnostics.error("U010", f"there is no test `{name}`", notes=(f"there are: {known}",))
         raise SoterError(diagnostics.items)
     flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
-    return _sound(checked.program, test.system, flat, overrides if exact else None, diagnostics)
+    return _without_errors(
+        checked.program, test.system, flat, overrides if exact else None, diagnostics
+    )
 
 
-def _sound(
+def _without_errors(
     program: TypedProgram,
     system: SystemSymbol,
     flat: System | None,
     overrides: Mapping[str, Value] | None,
     diagnostics: Diagnostics,
 ) -> System:
-    """The flat system; SoterError after errors, U004 among them.
+    """Gives the flat system; SoterError after errors, U004 among them.
 
-    U004 is for those of `overrides` that are parameters of instances which the system has not.
+    U004 is for `overrides` that name a parameter of an instance which the system does not have.
     """
     for name in overrides or {}:
         if not has_param(program, [system], name):

@@ -24,7 +24,7 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import ValueShapeError, from_json
-from soter.mapping.mapping_errors import is_number, unknown
+from soter.mapping.mapping_errors import is_number, unknown_name
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
 from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, cycle, factor_between, standard_unit
@@ -134,7 +134,7 @@ class LeafReader:
             return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], row)}
         if key in self.prefixes:
             return self._vector_leaves(f"{self.topic.name}.{key}", self.prefixes[key], row)
-        self.problems.add(unknown(f"`{self.topic.name}` has no", key, self.keys))
+        self.problems.add(unknown_name(f"`{self.topic.name}` has no", key, self.keys))
         return {}
 
     # ---------------------------------------------------------------- vectors
@@ -299,14 +299,14 @@ class LeafReader:
             if not isinstance(leaf_by_path.get(leaf.of, SignalSource("")), SignalSource):
                 self.problems.add(f"`{name}` is a slope of `{of}`, which no column gives")
                 continue
-            rate, base = _unit(self.types[path]), _unit(self.types[leaf.of])
+            rate, base = _unit_of(self.types[path]), _unit_of(self.types[leaf.of])
             if rate not in UNITS or base not in UNITS:
                 continue
             if RATES.get(DIMENSIONS[base]) != DIMENSIONS[rate] or UNITS[base] != UNITS[rate]:
                 self.problems.add(f"`{name}` is in `{rate}`, no slope of `{of}`, in `{base}`")
 
 
-def _unit(t: Type) -> str:
+def _unit_of(t: Type) -> str:
     return t.unit if isinstance(t, FloatType) else ""
 
 

@@ -27,7 +27,7 @@ def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterErr
     return SoterError(tuple(Diagnostic("D015", p, notes=notes) for p in problems))
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """A sentence about a name that is not among the known ones."""
     hint = nearest_or_all(name, known)
     return f"{kind} `{name}`: {hint}" if hint else f"{kind} `{name}`"
@@ -47,11 +47,11 @@ class MappingProblems:
         self.told: list[str] = []
 
     def add(self, text: str) -> None:
-        """Note a mistake."""
+        """Notes a mistake."""
         self.told.append(text)
 
     def table(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
-        """The table under a key; empty where there is none."""
+        """Gives the table under a key; an empty one if there is none, or after a note."""
         table = row.get(key, {})
         if not isinstance(table, dict):
             self.add(f"`{key}` of {where} is no table")

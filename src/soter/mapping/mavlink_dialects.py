@@ -28,7 +28,7 @@ from xml.parsers import expat
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
 from soter.language.load.named_files import MIB, beside, read_bytes
-from soter.mapping.mapping_errors import unknown
+from soter.mapping.mapping_errors import unknown_name
 from soter.mapping.message_types import ARRAY, BASE, MessageType, StampSource, UnknownMessageError
 from soter.version import pip_install
 
@@ -450,7 +450,7 @@ def _find_dialect(value: object, folder: Path, problems: MappingProblems) -> Dia
     if name is not value:
         problems.add(f"`dialect` of `mavlink` is no name: {value!r}")
     elif name not in known and not name.endswith(".xml"):
-        problems.add(unknown("`mavlink` has no dialect", name, known))
+        problems.add(unknown_name("`mavlink` has no dialect", name, known))
         name = "common"
     try:
         return read_dialect(dialect_path(name, folder).resolve())

@@ -137,7 +137,7 @@ class MessageType:
         for depth, part in enumerate(parts):
             if found[0] == NAMED:
                 yield found[1].replace("/msg/", "/"), ".".join(parts[depth:])
-                found = _members(definitions, found[1]).get(part)
+                found = _members_of(definitions, found[1]).get(part)
             elif found[0] in (ARRAY, SEQUENCE):
                 found = found[1][0]
             if found is None:
@@ -150,11 +150,11 @@ class MessageType:
 
     @property
     def default_stamp(self) -> StampSource | None:
-        """The field that says when it was measured, where every message of the type has it."""
+        """Gives the field with the time of measurement, if every message of the type has one."""
         return StampSource(HEADER_STAMP) if self.has_header else None
 
     def unit(self, _path: str) -> str | None:
-        """The unit of a field, where the definition itself says it, which none of ROS does."""
+        """Gives the unit of a field if the definition itself says one, which none of ROS does."""
         return None
 
     @property
@@ -178,7 +178,7 @@ class MessageType:
                 if kind[1] not in definitions:
                     remedy = "its `.msg` is to be named under `[messages]`"
                     raise NoSuchFieldError(f"{at} is `{kind[1]}`, which is not known: {remedy}")
-                members = _members(definitions, kind[1])
+                members = _members_of(definitions, kind[1])
                 if part not in members:
                     hint = nearest_or_all(part, members)
                     raise NoSuchFieldError(f"{at} has no `{part}`" + (f": {hint}" if hint else ""))
@@ -193,7 +193,7 @@ class MessageType:
             return str(kind[1][0])
         if kind[1] in TIMES:
             return TIMES[kind[1]]
-        members = nearest_or_all("", _members(definitions, kind[1]))
+        members = nearest_or_all("", _members_of(definitions, kind[1]))
         raise NoSuchFieldError(f"`{path}` of {self.ros1} is a whole `{kind[1]}`: {members}")
 
     def _fields_below(
@@ -203,7 +203,7 @@ class MessageType:
         through: Literal["", "array", "sequence"],
         definitions: Definitions,
     ) -> Iterator[MessageField]:
-        for member, kind in _members(definitions, inside[-1]).items():
+        for member, kind in _members_of(definitions, inside[-1]).items():
             at, passes, inner = f"{path}{member}", through, kind
             if kind[0] in (ARRAY, SEQUENCE):
                 inner, at = kind[1][0], f"{at}.*"
@@ -228,7 +228,7 @@ def _require_index(kind: Any, part: str, at: str) -> None:  # noqa: ANN401 - as 
         raise NoSuchFieldError(f"{at} has {kind[1][1]} elements, no `{part}`")
 
 
-def _members(definitions: Definitions, name: str) -> dict[str, Any]:
+def _members_of(definitions: Definitions, name: str) -> dict[str, Any]:
     members = dict(definitions.get(name, ([], []))[1])
     members.pop(EMPTY_MEMBER, None)
     return members
@@ -250,7 +250,7 @@ class MessageTypes:
         self.definitions = {v: dict(standard) for v, standard in _standard_definitions().items()}
 
     def add(self, name: str, text: str) -> None:
-        """Make known what a `.msg` file defines; raises UnknownMessageError where it is none."""
+        """Adds the types of a `.msg` file; raises UnknownMessageError if the file defines none."""
         for definitions in self.definitions.values():
             definitions.update(_parse_definition(name, text))
 
@@ -302,7 +302,7 @@ Step = Literal["member", "array", "sequence"]
 
 
 def path_steps(message: MessageType, path: str, ros: int) -> list[tuple[str, Step]]:
-    """Each part of a path, and what it is taken out of: a record, an array, a sequence."""
+    """Gives each part of a path, with what holds the part: a record, an array or a sequence."""
     return [(part, step) for part, step, _ in _steps_to_field(message, path, ros)]
 
 

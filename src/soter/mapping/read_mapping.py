@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import parse_json, read_bytes, read_json_text
-from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
+from soter.mapping.mapping_errors import MappingProblems, is_number, unknown_name, wrong_mapping
 from soter.mapping.mavlink_dialects import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.topic_mapping import LogMap
@@ -39,22 +39,22 @@ KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
 TIME_KEYS = ("from", "unit", "scale", "since", "until")
 
 
-def toml_of(text: str) -> dict[str, Any]:
-    """The content of a text in TOML, for which Python 3.10 has no reader of its own."""
+def parse_toml(text: str) -> dict[str, Any]:
+    """Gives the content of a text in TOML, which Python 3.10 cannot read by itself."""
     toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
     read: dict[str, Any] = toml.loads(text)
     return read
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The table that a file of TOML or JSON holds; SoterError D015."""
+    """Gives the table in a file of TOML or JSON; raises SoterError D015 if there is none."""
     try:
         text = read_json_text(path)
     except (OSError, UnicodeDecodeError) as error:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise wrong_mapping([f"the mapping `{path}` cannot be read: {why}"]) from error
     try:
-        table = toml_of(text) if path.suffix == ".toml" else parse_json(text)
+        table = parse_toml(text) if path.suffix == ".toml" else parse_json(text)
     except (ValueError, RecursionError) as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
         why = f"the mapping `{path}` is no {kind}: {str(error)[:200]}"
@@ -65,7 +65,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 def named_system(table: Mapping[str, Any]) -> str | None:
-    """The system that a mapping is for, if it says."""
+    """Gives the name of the system that a mapping is for; None if it does not say."""
     name = table.get("system")
     return name if isinstance(name, str) else None
 
@@ -167,7 +167,7 @@ class _MappingReader:
         if topic is None and name in self.unused:
             return ()
         if topic is None:
-            self.problems.add(unknown("the system has no topic", name, self.known))
+            self.problems.add(unknown_name("the system has no topic", name, self.known))
             return ()
         if not isinstance(row, dict):
             self.problems.add(f"`{name}` is no table")

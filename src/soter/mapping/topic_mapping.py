@@ -52,7 +52,7 @@ class SourcePromise:
 
     @property
     def oldest_ns(self) -> int:
-        """How old the topic may be while it keeps its promise, whatever the other sources do."""
+        """How old the topic may get while this source keeps its promise, whatever others do."""
         return self.after_ns + self.alone_ns
 
 
@@ -223,6 +223,6 @@ class LogMap:
     until_ns: int | None = None
 
     def counts(self, time_ns: int) -> bool:
-        """Whether a value that was logged at a time lies in the chosen part of the log."""
+        """Whether a value that was logged at `time_ns` lies in the chosen part of the log."""
         early = self.since_ns is not None and time_ns < self.since_ns
         return not early and (self.until_ns is None or time_ns <= self.until_ns)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.language.model.types import FloatType, leaves, show_ns
 from soter.mapping.leaf_mapping_parser import LeafReader
-from soter.mapping.mapping_errors import is_number, unknown
+from soter.mapping.mapping_errors import is_number, unknown_name
 from soter.mapping.message_types import (
     INTEGERS,
     NUMBERS,
@@ -114,7 +114,9 @@ def _errors(
         meant = [path for path in floats if path[: len(parts)] == parts]
         if not meant:
             known = [".".join(path) or WHOLE for path in floats]
-            problems.add(unknown(f"`measured` of `{name}`: no float of the topic is", key, known))
+            problems.add(
+                unknown_name(f"`measured` of `{name}`: no float of the topic is", key, known)
+            )
         elif not is_number(error) or error < 0:
             problems.add(f"`{key}` in `measured` of `{name}` is no error, 0 or more: {error!r}")
         else:
@@ -170,7 +172,7 @@ class TopicReader:
         self.name, self.delay_ns = topic.name, delay_ns
 
     def read(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
-        """The topic as the mapping has it, once or a source each; useless where problems came."""
+        """Gives the topic, or one a source; they are not to be used if problems were added."""
         if "sources" not in table:
             self.problems.allow(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
             return (self._read_topic_map(table),)
@@ -206,7 +208,7 @@ class TopicReader:
         return replace(topic_map, promise=promise)
 
     def _check_sources(self, maps: tuple[TopicMap, ...]) -> None:
-        """Note where sources do not fit together, each of which is right by itself."""
+        """Notes sources that do not fit together, each of which is right by itself."""
         self.name = self.topic.name
         channels = [m.channel for m in maps if m.channel is not None]
         if len(set(channels)) != len(channels):

@@ -196,7 +196,7 @@ STANDARD_UNITS = {
 
 
 def standard_unit(message: MessageType, path: str) -> str | None:
-    """The unit of a field, from the outermost type that says it; None where none does."""
+    """Gives the unit of a field, from the outermost type that says one; None if none does."""
     by_message = message.unit(path)
     if by_message is not None:
         return by_message

@@ -16,7 +16,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.statements import Evaluator, replaced
+from soter.language.evaluate.statements import Evaluator, with_part
 from soter.language.model.types import (
     BoolType,
     EnumType,
@@ -180,7 +180,7 @@ def leaf_number(t: Type, value: Value, path: Sequence[str]) -> float:
 def value_with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
     """The value with `new` at a path."""
     at = positions(t, path)
-    return replaced(value, at, new) if at else new
+    return with_part(value, at, new) if at else new
 
 
 # ---------------------------------------------------------------- matrices

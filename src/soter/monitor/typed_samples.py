@@ -41,8 +41,8 @@ from soter.monitor.log_files.log_columns import (
     unusable,
     whole_number,
 )
-from soter.semantics.draws import assemble
-from soter.semantics.publication_gate import clip, make_check
+from soter.semantics.draws import value_of_leaves
+from soter.semantics.publication_gate import clip_to_set, make_check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -178,14 +178,14 @@ class TopicSamples:
             derived.value_ahead(a, b, since / apart, turn, begin) if isinstance(b, float) else b
             for a, b, turn, begin in leaf_values
         )
-        return assemble(self.topic.type, ahead)
+        return value_of_leaves(self.topic.type, ahead)
 
     def unwrapped_value(self, before: Value, value: Value) -> Value:
         """The value with whole turns added to its angles, so that they lie nearest to `before`."""
         near, far = (_leaf_values(self.topic.type, v) for v in (before, value))
         both = zip(near, far, self.turns, strict=True)
         going = (b if math.isinf(turn) else a + math.remainder(b - a, turn) for a, b, turn in both)
-        return assemble(self.topic.type, going)
+        return value_of_leaves(self.topic.type, going)
 
 
 def _leaf_values(t: Type, value: Value) -> list[Value]:
@@ -217,7 +217,7 @@ def read_samples(
         else:
             _add_constants(t, made)
         if t.clip:
-            inside = [clip(t.topic.type, t.topic.bounds, value) for value in made.values]
+            inside = [clip_to_set(t.topic.type, t.topic.bounds, value) for value in made.values]
             moved = sum(a != b for a, b in zip(inside, made.values, strict=True))
             made.clipped = f"clipped to its set: {moved:,} samples of {t.topic.name}" * bool(moved)
             made.values = inside
@@ -422,7 +422,7 @@ def _note_errors_ahead(
 
 
 def _value_of_leaves(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
-    return assemble(t, (value_by_path[path] for path, _ in leaves(t)))
+    return value_of_leaves(t, (value_by_path[path] for path, _ in leaves(t)))
 
 
 # ---------------------------------------------------------------- cells

@@ -20,7 +20,7 @@ from soter.diagnostics.codes import named, suggestions
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake
 from soter.diagnostics.render import render_all, to_json
 from soter.diagram.svg import picture
-from soter.language.evaluate.topic_ranges import limits
+from soter.language.evaluate.topic_ranges import signal_limits
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.language.model.types import (
     ArrayType,
@@ -167,7 +167,7 @@ class PlaygroundSession:
             raise unanswered(error) from error
         self.until_ns = self.system.until_ns or UNTIL_NS
         self.signals = signals_of(self.system)
-        self.limits = limits(self.system)
+        self.limits = signal_limits(self.system)
         self._configuration = self.interpreter.initial()
         self._record = self.interpreter.record()
         self._modes = [m.mode for m in self._record.modules]

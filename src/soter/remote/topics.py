@@ -38,7 +38,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
-from soter.language.model.values import ValueShapeError, from_python, to_python, widened
+from soter.language.model.values import ValueShapeError, from_python, to_python, without_ranges
 from soter.native.c_interface import declarations, interface
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
@@ -202,7 +202,7 @@ class Topic:
         if not isinstance(self.type, (RecordType, ArrayType, ListType)):
             given = _only_element(given)
         try:
-            value = from_python(widened(self.type), given, where)
+            value = from_python(without_ranges(self.type), given, where)
         except ValueShapeError as error:
             raise _refusal(str(error)) from error
         fitting = _Fitting(self.ends, clip=clip).fitted_value(self.type, value, where)

@@ -58,7 +58,7 @@ class Configuration:
     """Per module: complete outputs the AC still owes before it may have control."""
 
 
-def put(values: tuple[Value, ...], index: int, value: Value) -> tuple[Value, ...]:
+def with_value(values: tuple[Value, ...], index: int, value: Value) -> tuple[Value, ...]:
     """`values[index -> value]`."""
     return (*values[:index], value, *values[index + 1 :])
 
@@ -224,7 +224,7 @@ OPEN, CLOSED = 0, 1
 
 
 def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool, ...]:
-    """OE after the mode of a module was decided."""
+    """Gives OE, which outputs are enabled, after the mode of a module was decided."""
     flags = list(oe)
     flags[module.sc] = mode == SC
     flags[module.ac] = mode == AC
@@ -232,7 +232,7 @@ def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
-    """OE at the start; what is no controller always has it."""
+    """Gives OE at the start; every component that is no controller has its outputs enabled."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
     for module, mode in zip(system.modules, modes, strict=True):
         oe = enabled_outputs(oe, module, mode)
@@ -245,10 +245,10 @@ def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
 def latch_seen(
     system: System, c: Configuration, module: Module, mode: int
 ) -> tuple[Configuration, bool]:
-    """The configuration after a DM looked at its latch, and whether that lets AC have control.
+    """Gives the configuration after a DM looks at its latch, and whether AC may have control.
 
-    An acknowledgement is a press after a release, both published after the takeover; it counts
-    unless it is older than the `max_age` of its topic when the DM reads it: then it is spent.
+    An acknowledgement is a press after a release, both published after the takeover. A press that
+    is older than the `max_age` of its topic when the DM reads it does not count, and is spent.
     """
     if module.latch is None or mode != SC:
         return c, True
@@ -270,7 +270,7 @@ def latch_seen(
 
 
 def latch_switched(c: Configuration, module: Module, after: int) -> Configuration:
-    """The latch after a change of mode: a takeover sets it, and the acknowledgement is spent."""
+    """Gives the latch after a change of mode: a takeover sets it and spends the acknowledgement."""
     if module.latch is None:
         return c
     if module.acknowledgement is None:
@@ -279,15 +279,12 @@ def latch_switched(c: Configuration, module: Module, after: int) -> Configuratio
 
 
 def plan_chosen(c: Configuration, module: Module, after: int, plan: int | None) -> Configuration:
-    """The plan that was found good, stored with a verdict "AC" and only then.
-
-    So SC follows it until the next such verdict; a forced module keeps its first one.
-    """
+    """Stores the plan that was found good with a verdict "AC", which SC follows from then on."""
     if after != AC or plan is None or module.plan is None or module.forced is not None:
         return c
-    return replace(c, Topics=put(c.Topics, module.plan, plan))
+    return replace(c, Topics=with_value(c.Topics, module.plan, plan))
 
 
 def _remember_latch(c: Configuration, latch: int, held: int, since: int) -> Configuration:
-    topics = put(c.Topics, latch, held)
-    return replace(c, Topics=topics, stamps=put(c.stamps, latch, since))
+    topics = with_value(c.Topics, latch, held)
+    return replace(c, Topics=topics, stamps=with_value(c.stamps, latch, since))

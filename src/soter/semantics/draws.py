@@ -39,14 +39,14 @@ _MASK = 2**64 - 1
 GOLDEN = 0x9E3779B97F4A7C15
 
 
-def mix(z: int) -> int:
+def splitmix64(z: int) -> int:
     """The finaliser of SplitMix64 on an unsigned 64-bit number."""
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
     return z ^ (z >> 31)
 
 
-def fnv(text: str) -> int:
+def fnv1a_64(text: str) -> int:
     """FNV-1a of the UTF-8 bytes of a text, 64 bits."""
     h = 0xCBF29CE484222325
     for byte in text.encode():
@@ -57,12 +57,12 @@ def fnv(text: str) -> int:
 @lru_cache(maxsize=4096)
 def stream_key(seed: int, stream: str) -> int:
     """The key of one stream under one seed."""
-    return mix(mix((seed + GOLDEN) & _MASK) ^ fnv(stream))
+    return splitmix64(splitmix64((seed + GOLDEN) & _MASK) ^ fnv1a_64(stream))
 
 
 def draw_bits(seed: int, stream: str, index: int) -> int:
     """64 random bits."""
-    return mix((stream_key(seed, stream) + (index + 1) * GOLDEN) & _MASK)
+    return splitmix64((stream_key(seed, stream) + (index + 1) * GOLDEN) & _MASK)
 
 
 def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
@@ -107,7 +107,7 @@ class SeededDraws:
         return draw_bits(self.seed, stream, index) % count
 
 
-def chooser(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
+def choice_answerer(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
     """The function that answers the `choose`s of one step at `ct` from `draws`, in order."""
     stream = f"{component.name}.choose"
     indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
@@ -125,7 +125,7 @@ def chosen_value(
         draws.leaf(leaf, bound, leaf_name(base, path), index)
         for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
     )
-    return assemble(t, drawn)
+    return value_of_leaves(t, drawn)
 
 
 def leaf_name(base: str, path: tuple[str, ...]) -> str:
@@ -147,12 +147,12 @@ def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int)
     return low + bits % (high - low + 1)
 
 
-def assemble(t: Type, leaf_values: Iterator[Value]) -> Value:
+def value_of_leaves(t: Type, leaf_values: Iterator[Value]) -> Value:
     """The value of type `t` with these leaves, in the order of `leaves(t)`; no lists."""
     if isinstance(t, RecordType):
-        return tuple([assemble(f, leaf_values) for _, f in t.fields])
+        return tuple([value_of_leaves(f, leaf_values) for _, f in t.fields])
     if isinstance(t, ArrayType):
-        return tuple([assemble(t.element, leaf_values) for _ in range(t.size)])
+        return tuple([value_of_leaves(t.element, leaf_values) for _ in range(t.size)])
     return next(leaf_values)
 
 
@@ -187,7 +187,7 @@ class AnsweredDraws:
         self.answer = answer if callable(answer) else queued_answers(answer)
         self.asked: list[ChoiceQuestion] = []
         self._chance = SeededDraws(seed)
-        self._by_chance = frozenset(_drawn_by_chance(system))
+        self._by_chance = frozenset(_streams_of_chance(system))
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
         """The middle (0 where that is inside), low or high."""
@@ -234,7 +234,7 @@ def queued_answers(picks: Mapping[str, Iterable[int]]) -> Answer:
     return lambda stream, _: next(left.get(stream, iter(())), 0)
 
 
-def _drawn_by_chance(system: System) -> Iterable[str]:
+def _streams_of_chance(system: System) -> Iterable[str]:
     """The streams that chance answers, not the driver."""
     for component in system.components:
         for d in component.disturbances:
@@ -252,42 +252,42 @@ CHANCE, CORNER, TURN, HOLDS, TOGETHER, MIXED = range(6)
 """The adversary's patterns, which the top byte of a seed selects."""
 
 
-def _spread(key: int, index: int) -> int:
-    return mix((key + (index + 1) * _GOLDEN) & _MASK)
+def _spread_bits(key: int, index: int) -> int:
+    return splitmix64((key + (index + 1) * _GOLDEN) & _MASK)
 
 
-def _between(bits: int, low: float, high: float) -> float:
+def _float_between(bits: int, low: float, high: float) -> float:
     u = float(bits >> 11) * 2.0**-53
     return min(low + (high - low) * u, high)
 
 
 def _mix_uniform(key: int, index: int, low: float, high: float) -> float:
-    segment = _spread(key, index >> (3 + (key & 7)))
+    segment = _spread_bits(key, index >> (3 + (key & 7)))
     if segment & 3 == 0:
         return low
     if segment & 3 == 1:
         return high
     if segment & 3 == 2:
-        return _between(segment, low, high)
-    return _between(_spread(key, index), low, high)
+        return _float_between(segment, low, high)
+    return _float_between(_spread_bits(key, index), low, high)
 
 
 def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
     """What `soter_draw` of `native/c/soter_adversary.h` gives."""
-    seed_key = mix((seed + _GOLDEN) & _MASK)
-    key = mix(seed_key ^ fnv(stream))
+    seed_key = splitmix64((seed + _GOLDEN) & _MASK)
+    key = splitmix64(seed_key ^ fnv1a_64(stream))
     side = key >> 63
     pattern = seed >> 56
     if pattern == TURN:
         side ^= index >= ((key >> 8) & 0xFFFF) % (1 << (key % 14))
     elif pattern == HOLDS:
-        side = _spread(key, index >> (key % 13)) >> 63
+        side = _spread_bits(key, index >> (key % 13)) >> 63
     elif pattern == TOGETHER:
-        side ^= _spread(seed_key, index >> (seed_key % 13)) >> 63
+        side ^= _spread_bits(seed_key, index >> (seed_key % 13)) >> 63
     elif pattern == MIXED:
         return _mix_uniform(key, index, low, high)
     elif pattern != CORNER:
-        return _between(_spread(key, index), low, high)
+        return _float_between(_spread_bits(key, index), low, high)
     return high if side else low
 
 

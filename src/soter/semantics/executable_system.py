@@ -14,7 +14,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.arithmetic import FaultKind, StepFault, canonical, mapper, zipper
+from soter.language.evaluate.arithmetic import FaultKind, StepFault, mapper, with_stored_nan, zipper
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
@@ -44,29 +44,28 @@ if TYPE_CHECKING:
     Named = tuple[tuple[Variable, Compiled], ...]
 
 
-def storer(types: Iterable[Type]) -> Store:
-    """`tuple of values -> the same, NaNs canonical`, for values of these types."""
-    parts = [_storer(t) for t in types]
+def nan_storer(types: Iterable[Type]) -> Store:
+    """Gives a function that replaces each NaN in a tuple of values by the one that is stored."""
+    parts = [_storer_of(t) for t in types]
     if not any(parts):
-        return _same
-    complete = [part or _same for part in parts]
+        return _unchanged
+    complete = [part or _unchanged for part in parts]
     return lambda values: tuple([f(v) for f, v in zip(complete, values, strict=True)])
 
 
-def _storer(t: Type) -> Store | None:
-    """The function for one type; None where it holds no float."""
+def _storer_of(t: Type) -> Store | None:
     if isinstance(t, FloatType):
-        return canonical
+        return with_stored_nan
     if isinstance(t, RecordType):
         fields = [f for _, f in t.fields]
-        return storer(fields) if any(_storer(f) for f in fields) else None
+        return nan_storer(fields) if any(_storer_of(f) for f in fields) else None
     if isinstance(t, (ArrayType, ListType)):
-        element = _storer(t.element)
+        element = _storer_of(t.element)
         return None if element is None else lambda values: tuple(map(element, values))
     return None
 
 
-def _same(value: Value) -> Value:
+def _unchanged(value: Value) -> Value:
     return value
 
 
@@ -125,18 +124,18 @@ def compile_plant(
     return PlantCode(
         component=component,
         states=plant.states,
-        store=storer(v.type for v in plant.states),
+        store=nan_storer(v.type for v in plant.states),
         first=named(first_lets(plant)),
         chosen=frozenset(chosen_lets(plant)),
         lets=named(plant.lets),
         der=named(tuple(plant.der.items())),
         next=named(tuple(plant.next.items())),
-        arithmetic=tuple([_arithmetic(v.type) for v in plant.der]),
+        arithmetic=tuple([_arithmetic_of(v.type) for v in plant.der]),
         method=plant.method,
         drives=tuple([(scope[t], evaluator.expression(e)) for t, e in plant.drives]),
         readings=tuple(
             [
-                ErrorStream(m.topic, _position(topics[m.topic].type, m.leaf), m.bound, m.stream)
+                ErrorStream(m.topic, _leaf_at(topics[m.topic].type, m.leaf), m.bound, m.stream)
                 for m in component.measured
             ]
         ),
@@ -144,7 +143,7 @@ def compile_plant(
     )
 
 
-def _arithmetic(t: Type) -> Arithmetic:
+def _arithmetic_of(t: Type) -> Arithmetic:
     zipped, each = zipper(t), mapper(t)
     return Arithmetic(
         add=lambda x, y: zipped(operator.add, x, y),
@@ -152,7 +151,7 @@ def _arithmetic(t: Type) -> Arithmetic:
     )
 
 
-def _position(t: Type, leaf: int) -> tuple[int, ...]:
+def _leaf_at(t: Type, leaf: int) -> tuple[int, ...]:
     """The positions, from the outside in, of the leaf with this number."""
     return tuple(positions(t, list(leaves(t))[leaf][0]))
 
@@ -212,10 +211,7 @@ class DmCode:
 
 
 def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
-    """The predicate, or `unknown` where there is none or it faults: unknown is unsafe.
-
-    And whether it compared a NaN, which is such a fault.
-    """
+    """Gives a predicate's truth, `unknown` if there is none or it faults; and if it met a NaN."""
     if predicate is None:
         return unknown, False
     try:
@@ -262,7 +258,7 @@ class ExecutableSystem:
         self._externs = externs
         self._functions = self._extern_functions()
         self._evaluators: list[Evaluator] = []
-        self._aged = _sources(system)
+        self._aged = _stamp_sources(system)
         self._dm_of = tuple([module.dm for module in system.modules])
         self._require_bound([c.name for c in system.components if c.extern])
         for component in system.components:
@@ -271,7 +267,7 @@ class ExecutableSystem:
         """Component -> what happens to its releases."""
         self.faults = group_by_component(system, of_time=False)
         """Component -> what happens to its publications and disturbances."""
-        self.properties = tuple([self._property(p) for p in system.properties])
+        self.properties = tuple([self._compile_property(p) for p in system.properties])
         self.contracts: dict[int, list[tuple[str, int]]] = {}
         """Component -> its contracts: kind and property index."""
         for p in system.properties:
@@ -315,7 +311,7 @@ class ExecutableSystem:
         if missing:
             raise UnboundExternError(sorted(set(missing)))
 
-    def _evaluator(self, scope: Scope) -> Evaluator:
+    def _evaluator_for(self, scope: Scope) -> Evaluator:
         evaluator = Evaluator.of(scope, self._functions)
         self._evaluators.append(evaluator)
         return evaluator
@@ -323,11 +319,11 @@ class ExecutableSystem:
     def _compile(self, component: Component) -> None:
         if component.role == "dm":
             assert component.module is not None
-            self.dms[component.index] = self._dm(self.system.modules[component.module])
+            self.dms[component.index] = self._compile_dm(self.system.modules[component.module])
         elif component.plant is not None:
-            self.plants[component.index] = self._plant(component)
+            self.plants[component.index] = self._compile_plant(component)
         else:
-            self.nodes[component.index] = self._node(component)
+            self.nodes[component.index] = self._compile_node(component)
             self._enter_shield(component)
 
     def _enter_shield(self, component: Component) -> None:
@@ -338,7 +334,7 @@ class ExecutableSystem:
         shield = module.shield
         if shield is None or shield.held is None or shield.permits is None:
             return
-        evaluator = self._evaluator(module.scope)
+        evaluator = self._evaluator_for(module.scope)
         held = evaluator.expression(shield.held)
         permits = evaluator.expression(permits_together(self.system, module))
         moved = None if shield.moved is None else evaluator.expression(shield.moved)
@@ -346,7 +342,7 @@ class ExecutableSystem:
             shield.topic, held, permits, shield.proposed, moved
         )
 
-    def _dm(self, module: Module) -> DmCode:
+    def _compile_dm(self, module: Module) -> DmCode:
         evaluator = PredicateEvaluator.of(module.scope, self._functions)
         self._evaluators.append(evaluator)
         ttf, safer = module.symbol.ttf, module.symbol.safer
@@ -358,17 +354,17 @@ class ExecutableSystem:
             tuple([evaluator.expression(e) for e in module.goods]),
         )
 
-    def _plant(self, component: Component) -> PlantCode:
+    def _compile_plant(self, component: Component) -> PlantCode:
         move = None
         if component.extern:
             move = extern_plant(component, step_function(self._externs[component.name]))
-        evaluator = self._evaluator(component.scope)
+        evaluator = self._evaluator_for(component.scope)
         return compile_plant(component, evaluator, self.system.topics, move)
 
-    def _node(self, component: Component) -> NodeCode:
+    def _compile_node(self, component: Component) -> NodeCode:
         node = component.node
         assert node is not None, component.name
-        evaluator = self._evaluator(component.scope)
+        evaluator = self._evaluator_for(component.scope)
         if component.extern:
             step = extern_node(
                 self.system.topics, component, step_function(self._externs[component.name])
@@ -377,7 +373,7 @@ class ExecutableSystem:
             step = evaluator.block(node.step)
         return NodeCode(
             locals=node.locals,
-            store=storer(v.type for v in node.locals),
+            store=nan_storer(v.type for v in node.locals),
             takeover=None if node.takeover is None else evaluator.block(node.takeover),
             step=step,
             outputs=tuple([component.scope.topics[topic] for topic in node.publishes]),
@@ -385,13 +381,13 @@ class ExecutableSystem:
             bursts=tuple([component.scope.topics[topic] for topic in node.bursts]),
         )
 
-    def _property(self, prop: Property) -> tuple[Compiled, bool]:
+    def _compile_property(self, prop: Property) -> tuple[Compiled, bool]:
         """The condition, and the value it has to have."""
         assert prop.kind in ("always", "never", "assumes", "guarantees"), prop.kind
-        return self._evaluator(prop.scope).expression(prop.condition), prop.kind != "never"
+        return self._evaluator_for(prop.scope).expression(prop.condition), prop.kind != "never"
 
 
-def _sources(system: System) -> tuple[int, ...]:
+def _stamp_sources(system: System) -> tuple[int, ...]:
     """By topic, the topic whose stamp gives its age: for a queue its source. () without queues."""
     if all(t.queue_of is None for t in system.topics):
         return ()

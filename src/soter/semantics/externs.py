@@ -61,7 +61,7 @@ class ExternResetError(Exception):
 
 
 def error_message(error: BaseException) -> str:
-    """What an exception of an extern says, on one line; its code may fail even at that."""
+    """Says on one line what an exception of an extern says, whose code may fail even at that."""
     try:
         text = str(error)
     except Stop:
@@ -72,13 +72,13 @@ def error_message(error: BaseException) -> str:
 
 
 def visible_error(error: BaseException) -> str:
-    """Kind and message of an exception of an extern, every character of them visible."""
+    """Gives kind and message of an extern's exception, with every character visible."""
     text, kind = error_message(error), type(error).__name__
     return visible(f"{kind}: {text}" if text else kind)
 
 
 def step_function(bound: object) -> Step:
-    """The function behind a bound object: its `step` method, or itself; TypeError without one."""
+    """Gives a bound object's `step` method, or the object itself; TypeError without either."""
     step = getattr(bound, "step", bound)
     if not callable(step):
         msg = f"a `{type(bound).__name__}` is not callable and has no `step`"
@@ -86,7 +86,7 @@ def step_function(bound: object) -> Step:
     return step
 
 
-def reset(name: str, bound: object, seed: int) -> None:
+def reset_extern(name: str, bound: object, seed: int) -> None:
     """Start a bound object afresh, where it has a `reset`; ExternResetError where that raises."""
     start = getattr(bound, "reset", None)
     if callable(start):
@@ -121,10 +121,7 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
 
 
 def extern_plant(component: Component, step: Step) -> Move:
-    """The motion of an extern plant: also gets its states as `inputs.state`, answers new ones.
-
-    States it leaves out stay as they are.
-    """
+    """Gives the motion of an extern plant, which also gets `inputs.state`; what it omits stays."""
     assert component.plant is not None
     scope = component.scope.topics
     reads = [_short_topic(topic, scope) for topic in component.plant.reads]
@@ -143,7 +140,7 @@ def extern_plant(component: Component, step: Step) -> Move:
 
 
 def convert_answer(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
-    """The values of an answer, in the order of `shapes`."""
+    """Gives the values of an answer, in the order of `shapes`."""
     return answer if isinstance(answer, Converted) else outputs_from_python(shapes, answer)
 
 

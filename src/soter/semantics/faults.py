@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.arithmetic import canonical, maximum, minimum
-from soter.language.evaluate.statements import replaced
+from soter.language.evaluate.arithmetic import maximum, minimum, with_stored_nan
+from soter.language.evaluate.statements import with_part
 from soter.language.model.types import leaves, positions
 from soter.semantics.draws import draw_bits, draw_float
 
@@ -35,7 +35,7 @@ ORDERS = 64
 
 
 def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
-    """The faults of each component that has some: those of its releases, or the others."""
+    """Component -> its faults of releases (with `of_time`), or else its others."""
     faults_by_component: dict[int, tuple[Fault, ...]] = {}
     for f in system.faults:
         if f.of_time == of_time:
@@ -47,34 +47,34 @@ def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Faul
 
 
 def fault_slot(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """The slot of a fault that t lies in; where slots begin is drawn once."""
+    """Gives the slot of a fault that t lies in; it is drawn once where slots begin."""
     if fault.slot_ns == 0:
         return t // period_ns
-    return (t + _offset(fault, seed)) // fault.slot_ns
+    return (t + _slot_offset(fault, seed)) // fault.slot_ns
 
 
-def _offset(fault: Fault, seed: int) -> int:
+def _slot_offset(fault: Fault, seed: int) -> int:
     return draw_bits(seed, f"{fault.stream}.at", 0) % fault.slot_ns
 
 
-def _drawn(fault: Fault, seed: int, slot: int) -> bool:
+def _is_drawn(fault: Fault, seed: int, slot: int) -> bool:
     return draw_float(seed, fault.stream, slot, 0.0, 1.0) < fault.probability
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
     """Whether a fault is active at t; one whose slots stay `apart` never is in two in a row."""
     slot = fault_slot(fault, seed, t, period_ns)
-    if not _drawn(fault, seed, slot):
+    if not _is_drawn(fault, seed, slot):
         return False
-    return not fault.apart or not _drawn(fault, seed, slot - 1)
+    return not fault.apart or not _is_drawn(fault, seed, slot - 1)
 
 
 def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """The time until which a component that is held up at t waits; else t."""
+    """Gives the time until which a component that is held up at t waits; t without a fault."""
     slot = fault_slot(fault, seed, t, period_ns)
     if not is_active(fault, seed, t, period_ns):
         return t
-    begin = slot * fault.slot_ns - _offset(fault, seed)
+    begin = slot * fault.slot_ns - _slot_offset(fault, seed)
     end = begin + 1 + draw_bits(seed, f"{fault.stream}.by", slot) % fault.slot_ns
     return max(t, end)
 
@@ -88,10 +88,10 @@ def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
     return times[k] + (((times[k + 1] - times[k]) * within) >> FINE)
 
 
-def happens(
+def release_happens_ns(
     system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
 ) -> int | None:
-    """When a release really happens; None where it is lost, also to the next one."""
+    """Gives when a release really happens; None if it is lost, also to the next release."""
     nominal = c.phase_ns + release * c.period_ns
     t = nominal
     for f in faults if release % ON_TIME != ON_TIME - 1 else ():
@@ -114,37 +114,37 @@ def _awaited_release(system: System, on: int, seed: int, nominal: int) -> int | 
     if since < 0:
         return None
     faults = [f for f in system.faults if f.component == on and f.of_time]
-    return happens(system, faults, other, seed, since // other.period_ns)
+    return release_happens_ns(system, faults, other, seed, since // other.period_ns)
 
 
 def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
     """Whether a release of the component happens at ct."""
     release = (ct - c.phase_ns) // c.period_ns
-    return ct >= c.phase_ns and happens(system, faults, c, seed, release) == ct
+    return ct >= c.phase_ns and release_happens_ns(system, faults, c, seed, release) == ct
 
 
 def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
     """The first release that happens after ct."""
     release = max((ct - c.phase_ns) // c.period_ns, 0)
     while True:
-        t = happens(system, faults, c, seed, release)
+        t = release_happens_ns(system, faults, c, seed, release)
         if t is not None and t > ct:
             return t
         release += 1
 
 
 def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
-    """How much longer a step lasts that begins at ct, ns."""
+    """Gives how much longer, in ns, a step lasts that begins at ct."""
     active = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
     return sum(int(f.amount[0]) for f in active)
 
 
-def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
-    """When a fault began, up to a time, in ns; [] for a lateness of every release."""
+def begin_times(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
+    """Gives the times up to `until_ns` at which a fault began; [] for `late` at every release."""
     if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
         return []
     step = max(fault.slot_ns, c.period_ns)
-    first = -_offset(fault, seed) if fault.slot_ns > c.period_ns else c.phase_ns
+    first = -_slot_offset(fault, seed) if fault.slot_ns > c.period_ns else c.phase_ns
     times = range(first, until_ns + 1, step)
     return [max(t, 0) for t in times if is_active(fault, seed, max(t, 0), c.period_ns)]
 
@@ -179,7 +179,7 @@ def with_faults(
             if f.kind == "stuck":
                 new = _value_at(now[f.topic], paths[i])
             else:
-                new = _leaf(
+                new = _faulty_leaf(
                     f,
                     seed,
                     (slot, ct, i),
@@ -189,14 +189,16 @@ def with_faults(
             bound = topic.bounds[i]
             if c.plant is not None and bound is not None and isinstance(new, float):
                 new = maximum(bound.low, minimum(bound.high, new))
-            value_by_topic[f.topic] = replaced(value_by_topic[f.topic], paths[i], new)
+            value_by_topic[f.topic] = with_part(value_by_topic[f.topic], paths[i], new)
     return value_by_topic
 
 
-def _leaf(f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None) -> Value:
+def _faulty_leaf(
+    f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None
+) -> Value:
     """The value of a leaf under a fault; `at`: the slot, ct and the leaf's number."""
     if f.kind == "nan":
-        return canonical(math.nan)
+        return with_stored_nan(math.nan)
     slot, ct, leaf = at
     index = (ct if f.kind == "noise" else slot) * LEAVES + leaf % LEAVES
     if f.kind == "saturated":
@@ -209,8 +211,8 @@ def _leaf(f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Boun
     return old + draw_float(seed, f"{f.stream}.by", index, -abs(x), abs(x))
 
 
-def factor(faults: Sequence[Fault], c: Component, d: int, seed: int, ct: int) -> float:
-    """By how much disturbance number `d` of a plant is scaled at ct."""
+def disturbance_factor(faults: Sequence[Fault], c: Component, d: int, seed: int, ct: int) -> float:
+    """Gives the factor by which disturbance number `d` of a plant is scaled at ct."""
     scale = 1.0
     for f in faults:
         if f.disturbance == d and is_active(f, seed, ct, c.period_ns):

@@ -4,8 +4,8 @@ Purpose: an `Interpreter` runs a system in virtual time. The two choices the pap
 next node of FN and the environment's inputs, are functions passed in; by default they are those of
 the deployed drivers (docs/semantics.md, Deployed order). `plant_step` draws the disturbances,
 integrates, measures and publishes (docs/semantics.md, Plants); the calendar releases a plant as it
-releases a node. `refusal` checks the premises of ENVIRONMENT-INPUT before a value from outside is
-believed; it is the twin of `soter_publish` in `runtime/soter.h`.
+releases a node. `why_refused` checks the premises of ENVIRONMENT-INPUT before a value from outside
+is believed; it is the twin of `soter_publish` in `runtime/soter.h`.
 Non-goals: speed, logs, searching (`explore/` brings its own choices); what a plant means for proofs
 (`verify/`), compiling it (`executable_system.py`); the rules (`rules.py`).
 """
@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.evaluate.statements import replaced
+from soter.language.evaluate.statements import with_part
 from soter.language.model.system import Bound, environment_topics
 from soter.language.model.types import leaf_count
 from soter.language.model.values import is_value
@@ -31,13 +31,18 @@ from soter.semantics.configuration import (
     Record,
     StepOutcome,
     enabled_at_first,
-    put,
+    with_value,
 )
-from soter.semantics.draws import assemble, chooser, chosen_value
+from soter.semantics.draws import choice_answerer, chosen_value, value_of_leaves
 from soter.semantics.executable_system import ExecutableSystem
-from soter.semantics.externs import reset
-from soter.semantics.faults import factor, next_in_any_order, with_faults
-from soter.semantics.publication_gate import check_publications, latch, publish, rounded_to_ends
+from soter.semantics.externs import reset_extern
+from soter.semantics.faults import disturbance_factor, next_in_any_order, with_faults
+from soter.semantics.publication_gate import (
+    check_publications,
+    latch_component,
+    publish,
+    rounded_to_ends,
+)
 from soter.semantics.rules import (
     ac_or_sc_step,
     discrete_time_progress_step,
@@ -89,7 +94,7 @@ def plant_step(
             drawn = _scaled_disturbances(machine, component, drawn, c.ct)
         env.variables.update(drawn)
         states = c.L[n]
-        env.choose = chooser(machine.draws, component, c.ct)
+        env.choose = choice_answerer(machine.draws, component, c.ct)
         _choose_lets(code, env, states)
         if moves:
             states = code.store(_next_states(code, env, states))
@@ -98,8 +103,8 @@ def plant_step(
             out = with_faults(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, out, out, component.span)
     except StepFault as fault:
-        return latch(c, n), StepOutcome(n, {}, fault, latched=True)
-    c = publish(machine.system.topics, replace(c, L=put(c.L, n, states)), out)
+        return latch_component(c, n), StepOutcome(n, {}, fault, latched=True)
+    c = publish(machine.system.topics, replace(c, L=with_value(c.L, n, states)), out)
     return c, StepOutcome(n, out)
 
 
@@ -109,7 +114,7 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
     for d in component.disturbances:
         hold = d.hold_ns or component.period_ns
         index = 0 if ct is None else (ct - component.period_ns) // hold
-        drawn[d.variable] = _disturbance(d, draws, index)
+        drawn[d.variable] = _draw_disturbance(d, draws, index)
     return drawn
 
 
@@ -119,19 +124,19 @@ def _scaled_disturbances(
     """The disturbances, scaled by the faults of the system."""
     value_by_variable = dict(drawn)
     for i, d in enumerate(component.disturbances):
-        by = factor(machine.faults[component.index], component, i, machine.seed, ct)
-        scaled = (x * by for x in _flat(value_by_variable[d.variable]))
-        value_by_variable[d.variable] = assemble(d.variable.type, scaled)
+        by = disturbance_factor(machine.faults[component.index], component, i, machine.seed, ct)
+        scaled = (x * by for x in _numbers_of(value_by_variable[d.variable]))
+        value_by_variable[d.variable] = value_of_leaves(d.variable.type, scaled)
     return value_by_variable
 
 
-def _flat(value: Value) -> list[float]:
-    return [x for part in value for x in _flat(part)] if isinstance(value, tuple) else [value]
+def _numbers_of(value: Value) -> list[float]:
+    return [x for part in value for x in _numbers_of(part)] if isinstance(value, tuple) else [value]
 
 
-def _disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
+def _draw_disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
     drawn = (draws.uniform(stream, index, d.low, d.high) for stream in d.streams)
-    return assemble(d.variable.type, drawn)
+    return value_of_leaves(d.variable.type, drawn)
 
 
 # ---------------------------------------------------------------- motion
@@ -143,7 +148,7 @@ def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -
         return code.move(env, states)
     new = dict(zip(code.states, states, strict=True))
     if code.next:
-        _see(code, env, states)
+        _show_states(code, env, states)
         new.update({variable: value(env) for variable, value in code.next})
     if code.der:
         new.update(_integrate(code, env, states))
@@ -170,27 +175,27 @@ def _integrate(
     return dict(zip(variables, x, strict=True))
 
 
-def _euler(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
+def _euler_step(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
     """`x + h*f(x)`."""
-    return _along(x, h, f(x), arithmetic)
+    return _moved_along(x, h, f(x), arithmetic)
 
 
-def _rk4(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
+def _rk4_step(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
     """`x + (h/6)*(((k1 + 2*k2) + 2*k3) + k4)`."""
     k1 = f(x)
-    k2 = f(_along(x, h * 0.5, k1, arithmetic))
-    k3 = f(_along(x, h * 0.5, k2, arithmetic))
-    k4 = f(_along(x, h, k3, arithmetic))
-    k = _along(_along(k1, 2.0, k2, arithmetic), 2.0, k3, arithmetic)
+    k2 = f(_moved_along(x, h * 0.5, k1, arithmetic))
+    k3 = f(_moved_along(x, h * 0.5, k2, arithmetic))
+    k4 = f(_moved_along(x, h, k3, arithmetic))
+    k = _moved_along(_moved_along(k1, 2.0, k2, arithmetic), 2.0, k3, arithmetic)
     k = [a.add(y, z) for a, y, z in zip(arithmetic, k, k4, strict=True)]
-    return _along(x, h / 6.0, k, arithmetic)
+    return _moved_along(x, h / 6.0, k, arithmetic)
 
 
-STEPS = {"euler": _euler, "rk4": _rk4}
+STEPS = {"euler": _euler_step, "rk4": _rk4_step}
 """One step of every scheme (`SCHEMES`)."""
 
 
-def _along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> list[Value]:
+def _moved_along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> list[Value]:
     """`x + factor*k`."""
     return [a.add(y, a.scale(factor, z)) for a, y, z in zip(arithmetic, x, k, strict=True)]
 
@@ -202,19 +207,19 @@ def _drive_values(
     code: PlantCode, env: Environment, states: tuple[Value, ...], draws: Draws, ct: int
 ) -> dict[int, Value]:
     """What the plant publishes: its `drives` on these states, measurement errors added."""
-    _see(code, env, states)
+    _show_states(code, env, states)
     out = {topic: value(env) for topic, value in code.drives}
     for r in code.readings:
         error = draws.uniform(r.stream, ct // code.component.period_ns, -r.bound, r.bound)
         leaf = out[r.topic]
         for position in r.path:
             leaf = leaf[position]
-        out[r.topic] = replaced(out[r.topic], r.path, leaf + error)
+        out[r.topic] = with_part(out[r.topic], r.path, leaf + error)
     return out
 
 
-def _see(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
-    """Let expressions see these states, and the lets that follow from them."""
+def _show_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
+    """Lets expressions read these states, and the lets that follow from them."""
     _set_states(code, env, states)
     _evaluate_lets(code, env)
 
@@ -239,7 +244,7 @@ def _choose_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -
         env.variables[variable] = value(env)
 
 
-def refusal(
+def why_refused(
     machine: ExecutableSystem,
     c: Configuration,
     topic: int,
@@ -298,7 +303,7 @@ class Interpreter:
     def initial(self) -> Configuration:
         """(L0, OE0, ct0, FN0, Topics0); externs that can are reset (`ExternResetError`)."""
         for name, bound in self._externs.items():
-            reset(name, bound, self.machine.seed)
+            reset_extern(name, bound, self.machine.seed)
         components, modules = self.system.components, self.system.modules
         return Configuration(
             L=tuple([self._first_state(n) for n in components]),
@@ -377,10 +382,10 @@ class Interpreter:
         """A value from outside, measured at `time_ns`: `soter_publish` of `runtime/soter.h`.
 
         The topic gets it with this stamp; if it is refused nothing changes, and the kind says why
-        (`refusal`). `within`: the driver has moved time and not ended the instant, which C knows by
-        itself, but a configuration with FN empty does not show.
+        (`why_refused`). `within`: the driver has moved time and not ended the instant, which C
+        knows by itself, but a configuration with FN empty does not show.
         """
-        refused = refusal(self.machine, c, topic, value, time_ns, within=within)
+        refused = why_refused(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
             return c, refused
         taken = rounded_to_ends(self.system.topics[topic], value)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
-from soter.semantics.configuration import LOST, NEVER, put
+from soter.semantics.configuration import LOST, NEVER, with_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -33,27 +33,27 @@ def make_check(topic: Topic) -> Check:
     """`(value, span)` raises a step fault unless the value lies in the topic's set."""
     bounds = iter(topic.bounds)
     names = iter([".".join((topic.name, *path)) for path, _ in leaves(topic.type)])
-    return _check(topic.type, bounds, names)
+    return _type_check(topic.type, bounds, names)
 
 
-def _check(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
+def _type_check(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
     """The check of one type; takes as many bounds and names as the type has leaves."""
     if isinstance(t, RecordType):
-        return _check_all([_check(f, bounds, names) for _, f in t.fields])
+        return _parts_check([_type_check(f, bounds, names) for _, f in t.fields])
     if isinstance(t, ArrayType):
-        return _check_all([_check(t.element, bounds, names) for _ in range(t.size)])
+        return _parts_check([_type_check(t.element, bounds, names) for _ in range(t.size)])
     if isinstance(t, ListType):
-        element = _check(t.element, bounds, names)
+        element = _type_check(t.element, bounds, names)
 
         def check_list(value: Value, span: Span) -> None:
             for item in value:
                 element(item, span)
 
         return check_list
-    return _check_leaf(t, next(bounds), next(names))
+    return _leaf_check(t, next(bounds), next(names))
 
 
-def _check_all(parts: list[Check]) -> Check:
+def _parts_check(parts: list[Check]) -> Check:
     def check(value: Value, span: Span) -> None:
         for part, component in zip(parts, value, strict=True):
             part(component, span)
@@ -61,7 +61,7 @@ def _check_all(parts: list[Check]) -> Check:
     return check
 
 
-def _check_leaf(t: Type, bound: Bound | None, name: str) -> Check:
+def _leaf_check(t: Type, bound: Bound | None, name: str) -> Check:
     is_float = isinstance(t, FloatType)
 
     def check(value: Value, span: Span) -> None:
@@ -88,25 +88,25 @@ def check_publications(
     """
     for topic in outputs:
         if topic in published:
-            for value in messages(topic, published[topic], bursts):
+            for value in messages_of(topic, published[topic], bursts):
                 checks[topic](value, span)
 
 
-def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Value, ...]:
+def messages_of(topic: int, published: Value, bursts: Collection[int]) -> tuple[Value, ...]:
     """What a step published on a topic, in order: one value, or several where it may burst."""
     return published if topic in bursts else (published,)
 
 
 def rounded_to_ends(topic: Topic, value: Value) -> Value:
-    """A value from outside in which the float32 of an end of the topic's set is that end."""
+    """Gives a value from outside; numbers between an end and its float32 become the end."""
     if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
         return value
     return _map_leaves(_round_to_end, topic.type, iter(topic.bounds), value)
 
 
-def clip(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
+def clip_to_set(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
     """A value with numbers outside of a topic's set moved to its ends; NaN and infinity stay."""
-    return _map_leaves(_inside, t, iter(bounds), value)
+    return _map_leaves(_clip_leaf, t, iter(bounds), value)
 
 
 def _map_leaves(
@@ -127,7 +127,7 @@ def _map_leaves(
     return leaf(t, next(bounds), value)
 
 
-def _inside(t: Type, bound: Bound | None, value: Value) -> Value:
+def _clip_leaf(t: Type, bound: Bound | None, value: Value) -> Value:
     if isinstance(t, IntType):
         value = min(max(value, t.low), t.high)
     if bound is None or not isinstance(t, (FloatType, IntType)) or not math.isfinite(value):
@@ -164,14 +164,14 @@ def publish(
     values, stamps = list(c.Topics), list(c.stamps)
     for topic, out in published.items():
         stamps[topic] = c.ct if time_ns is None else time_ns
-        for value in messages(topic, out, bursts):
+        for value in messages_of(topic, out, bursts):
             values[topic] = value
             for queue in topics[topic].queues:
-                _push(topics[queue], values, stamps, value)
+                _push_to_queue(topics[queue], values, stamps, value)
     return replace(c, Topics=tuple(values), stamps=tuple(stamps))
 
 
-def _push(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
+def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
     """Put a value at the end of a queue; a full one does as its policy says."""
     assert isinstance(queue.type, ListType), queue.name
     waiting = values[queue.index]
@@ -193,7 +193,7 @@ def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
     """Empty those of these queues that lost a value, after the fault of `require_nothing_lost`."""
     for q in queues:
         if c.stamps[q] == LOST:
-            c = replace(empty_queues(c, (q,)), stamps=put(c.stamps, q, NEVER))
+            c = replace(empty_queues(c, (q,)), stamps=with_value(c.stamps, q, NEVER))
     return c
 
 
@@ -201,22 +201,22 @@ def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
     """Empty the queues of a node after its completed step."""
     for q in queues:
         if c.Topics[q]:
-            c = replace(c, Topics=put(c.Topics, q, ()))
+            c = replace(c, Topics=with_value(c.Topics, q, ()))
     return c
 
 
-def refuse(c: Configuration, module: Module) -> Configuration:
-    """After a step fault of the module's AC: tell the DM if it counted, and ask for clean steps."""
+def note_ac_fault(c: Configuration, module: Module) -> Configuration:
+    """Tells the DM of a step fault of the module's AC, if it counted, and asks for clean steps."""
     gate_fault = c.gate_fault
     if c.OE[module.ac]:
-        gate_fault = put(gate_fault, module.index, True)
-    owed = put(c.clean_needed, module.index, module.clean)
+        gate_fault = with_value(gate_fault, module.index, True)
+    owed = with_value(c.clean_needed, module.index, module.clean)
     return replace(c, gate_fault=gate_fault, clean_needed=owed)
 
 
-def latch(c: Configuration, n: int) -> Configuration:
+def latch_component(c: Configuration, n: int) -> Configuration:
     """After a step fault of a trusted component: it never runs again."""
-    return replace(c, latched=put(c.latched, n, True))
+    return replace(c, latched=with_value(c.latched, n, True))
 
 
 def count_clean_step(
@@ -226,4 +226,4 @@ def count_clean_step(
     owed = c.clean_needed[module.index]
     if owed == 0 or not set(outputs) <= set(published):
         return c
-    return replace(c, clean_needed=put(c.clean_needed, module.index, owed - 1))
+    return replace(c, clean_needed=with_value(c.clean_needed, module.index, owed - 1))

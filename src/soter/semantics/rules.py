@@ -30,18 +30,18 @@ from soter.semantics.configuration import (
     latch_seen,
     latch_switched,
     plan_chosen,
-    put,
+    with_value,
 )
-from soter.semantics.draws import chooser, draw_bits
+from soter.semantics.draws import choice_answerer, draw_bits
 from soter.semantics.faults import is_released, next_release, overrun_ns, with_faults
 from soter.semantics.publication_gate import (
     check_publications,
     clear_lost_queues,
     count_clean_step,
     empty_queues,
-    latch,
+    latch_component,
+    note_ac_fault,
     publish,
-    refuse,
     require_nothing_lost,
 )
 
@@ -56,10 +56,7 @@ if TYPE_CHECKING:
 
 
 def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[bool]:
-    """Per property of the system: whether it is violated now; one that faults is.
-
-    Contracts are not judged at an instant: False.
-    """
+    """Tells of each property if it is violated now: True on a fault, False for contracts."""
     env = machine.environment(c)
     return [
         p.component is None and _is_violated(machine, p.index, env)
@@ -70,7 +67,7 @@ def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[boo
 def violated_contracts(
     machine: ExecutableSystem, c: Configuration, component: Component, kind: str
 ) -> dict[int, bool]:
-    """The contracts of a node of one kind, by property index: whether each is violated."""
+    """Tells of each contract of one kind that a node has, by property index, if it is violated."""
     indices = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
     if not indices:
         return {}
@@ -81,7 +78,7 @@ def violated_contracts(
 def judging_fault(
     machine: ExecutableSystem, c: Configuration, index: int, component: Component | None = None
 ) -> StepFault | None:
-    """What goes wrong as a property, or a contract of a node, is judged; None: nothing."""
+    """Gives the fault of judging a property, or the contract of a node; None if there is none."""
     condition, _ = machine.properties[index]
     try:
         condition(machine.environment(c, component))
@@ -129,10 +126,12 @@ def apply_shield(
         return Shielded(published, held, proposed)
     found: object = 1.0
     if code.moved is not None:
-        seen = _with(c, {**held, **proposed})
+        seen = _with_topics(c, {**held, **proposed})
         *numbers, found = code.moved(machine.environment(seen, dm))
         published = _with_numbers(machine, component, published, numbers)
-    if found != 1.0 or not code.permits(machine.environment(_with(c, {**published, **held}), dm)):
+    if found != 1.0 or not code.permits(
+        machine.environment(_with_topics(c, {**published, **held}), dm)
+    ):
         raise StepFault(FaultKind.SHIELD, component.span, "the shield does not permit it")
     return Shielded(published, held, proposed)
 
@@ -172,10 +171,10 @@ def _with_numbers(
     return new
 
 
-def _with(c: Configuration, values: Mapping[int, Value]) -> Configuration:
+def _with_topics(c: Configuration, values: Mapping[int, Value]) -> Configuration:
     topics = c.Topics
     for topic, value in values.items():
-        topics = put(topics, topic, value)
+        topics = with_value(topics, topic, value)
     return replace(c, Topics=topics)
 
 
@@ -240,10 +239,10 @@ def dm_step(
         c = publish(machine.system.topics, c, {module.looked: looks})
     c = replace(
         c,
-        L=put(c.L, dm, after),
+        L=with_value(c.L, dm, after),
         OE=enabled_outputs(c.OE, module, after),  # dm1, dm2
-        FN=_without(c.FN, dm),
-        gate_fault=put(c.gate_fault, module.index, False),
+        FN=_without_node(c.FN, dm),
+        gate_fault=with_value(c.gate_fault, module.index, False),
     )
     verdict = DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after, nan=nan)
     return c, verdict
@@ -257,19 +256,19 @@ def ac_or_sc_step(
     (L, OE, ct, FN, Topics) -> (L[n -> l'], OE, ct, FN minus {n}, Topics')
     """
     component = machine.system.components[n]
-    c = replace(c, FN=_without(c.FN, n))
+    c = replace(c, FN=_without_node(c.FN, n))
     if component.held is None:
         return _node_step(machine, c, component)
     late: dict[int, Value] = {}
     if c.stamps[component.held] == c.ct:
-        c, late = take_effect(machine, c, component)
+        c, late = publish_held(machine, c, component)
         if not _is_released(machine, component, c.ct):
             return c, StepOutcome(n, late)
     runs = not c.latched[n]
     c, outcome = _node_step(machine, c, component)
     c = draw_end(machine, c, component) if runs else c
     if c.stamps[component.held] == c.ct:  # the step took no time
-        c, now = take_effect(machine, c, component)
+        c, now = publish_held(machine, c, component)
         late |= now
     return c, replace(outcome, published={**late, **outcome.published})
 
@@ -281,10 +280,10 @@ def _node_step(
     n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
-        return _fail_safe(machine, c, component, StepOutcome(n, {}))
+        return _publish_fail_safe(machine, c, component, StepOutcome(n, {}))
     assumed = violated_contracts(machine, c, component, "assumes")
     try:
-        kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
+        kept, out = _run_step(machine, c, component)  # (l, in, l', out) in T(n)
         if n in machine.faults:
             out = with_faults(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, code.outputs, out, component.span, code.bursts)
@@ -293,12 +292,12 @@ def _node_step(
     except StepFault as fault:
         c, outcome = _after_fault(machine, c, component, fault)
         return c, replace(outcome, judged=assumed)
-    c = replace(c, L=put(c.L, n, kept), had_control=put(c.had_control, n, oe))
+    c = replace(c, L=with_value(c.L, n, kept), had_control=with_value(c.had_control, n, oe))
     c = empty_queues(c, code.queues)
     c = publish(machine.system.topics, c, commands.proposed)
     if component.role == "ac":
-        c = count_clean_step(c, _module(machine, component), code.outputs, out)
-    before = c if component.held is None else hold(machine, c, component, out if oe else {})
+        c = count_clean_step(c, _module_of(machine, component), code.outputs, out)
+    before = c if component.held is None else hold_outputs(machine, c, component, out if oe else {})
     if not oe:
         return before, StepOutcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
@@ -352,7 +351,7 @@ def _is_released(machine: ExecutableSystem, n: Component, ct: int) -> bool:
     return ct >= n.phase_ns and (ct - n.phase_ns) % n.period_ns == 0
 
 
-def _without(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
+def _without_node(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
     """FN' = FN minus {n}."""
     assert n in fn, "a component fires once an instant"
     return tuple([i for i in fn if i != n])
@@ -382,25 +381,25 @@ def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) 
     index = (c.ct - component.phase_ns) // component.period_ns
     drawn = draw_bits(machine.seed, f"{component.name}.takes", index)
     took = low + drawn % (high - low + 1) + overrun_ns(faults, component, machine.seed, c.ct)
-    return replace(c, stamps=put(c.stamps, component.held, c.ct + took))
+    return replace(c, stamps=with_value(c.stamps, component.held, c.ct + took))
 
 
-def hold(
+def hold_outputs(
     machine: ExecutableSystem, c: Configuration, component: Component, out: dict[int, Value]
 ) -> Configuration:
-    """Keep what a step published until it takes effect."""
+    """Keeps what a step published until it takes effect."""
     assert component.held is not None
     value: list[Value] = list(machine.system.topics[component.held].default)
     for k, topic in enumerate(machine.nodes[component.index].outputs):
         if topic in out:
             value[3 * k : 3 * k + 3] = [True, c.ct, out[topic]]
-    return replace(c, Topics=put(c.Topics, component.held, tuple(value)))
+    return replace(c, Topics=with_value(c.Topics, component.held, tuple(value)))
 
 
-def take_effect(
+def publish_held(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
-    """Publish what is held, if the outputs are enabled; return it, too."""
+    """Publishes what is held, if the outputs are enabled; returns it, too."""
     assert component.held is not None
     value = c.Topics[component.held]
     outputs = machine.nodes[component.index].outputs
@@ -408,8 +407,8 @@ def take_effect(
     nothing = machine.system.topics[component.held].default
     c = replace(
         c,
-        Topics=put(c.Topics, component.held, nothing),
-        stamps=put(c.stamps, component.held, NEVER),
+        Topics=with_value(c.Topics, component.held, nothing),
+        stamps=with_value(c.stamps, component.held, NEVER),
     )
     if not c.OE[component.index]:
         return c, {}
@@ -419,7 +418,7 @@ def take_effect(
 # ---------------------------------------------------------------- of a node
 
 
-def _transition(
+def _run_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[tuple[Value, ...], dict[int, Value]]:
     """(l', out) of one step: `on takeover` first where control is new; faults are raised."""
@@ -427,7 +426,7 @@ def _transition(
     code = machine.nodes[n]
     env = machine.environment(c, component)
     env.variables.update(zip(code.locals, c.L[n], strict=True))
-    env.choose = chooser(machine.draws, component, c.ct)
+    env.choose = choice_answerer(machine.draws, component, c.ct)
     control_is_new = c.OE[n] and not c.had_control[n]
     takeover = code.takeover if control_is_new else None
     if not component.extern:
@@ -445,26 +444,28 @@ def _transition(
 def _after_fault(
     machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
 ) -> tuple[Configuration, StepOutcome]:
-    """After a step fault nothing is published, locals stay, AC is gated, a trusted node latched."""
+    """Gives what follows a step fault: AC is gated, a trusted node latched; locals stay."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
         c = clear_lost_queues(c, machine.nodes[n].queues)
     if component.role == "ac":
-        module = _module(machine, component)
-        return refuse(c, module), StepOutcome(n, {}, fault, module=module.index)
-    return _fail_safe(machine, latch(c, n), component, StepOutcome(n, {}, fault, latched=True))
+        module = _module_of(machine, component)
+        return note_ac_fault(c, module), StepOutcome(n, {}, fault, module=module.index)
+    return _publish_fail_safe(
+        machine, latch_component(c, n), component, StepOutcome(n, {}, fault, latched=True)
+    )
 
 
-def _fail_safe(
+def _publish_fail_safe(
     machine: ExecutableSystem, c: Configuration, component: Component, outcome: StepOutcome
 ) -> tuple[Configuration, StepOutcome]:
-    """A latched node publishes its declared fail-safe values, if its outputs are enabled."""
+    """Publishes the fail-safe values of a latched node, if its outputs are enabled."""
     if not c.OE[component.index]:
         return c, outcome
     c = publish(machine.system.topics, c, component.failsafe)
     return c, replace(outcome, published=component.failsafe)
 
 
-def _module(machine: ExecutableSystem, component: Component) -> Module:
+def _module_of(machine: ExecutableSystem, component: Component) -> Module:
     assert component.module is not None, component.name
     return machine.system.modules[component.module]

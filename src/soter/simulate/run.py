@@ -33,8 +33,8 @@ from soter.language.evaluate.arithmetic import require_plain
 from soter.native.extern_memory import another_copy, kept_by
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import library
-from soter.semantics.draws import mix
-from soter.semantics.externs import ExternResetError, Stop, reset
+from soter.semantics.draws import splitmix64
+from soter.semantics.externs import ExternResetError, Stop, reset_extern
 from soter.semantics.faults import group_by_component, next_release
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
@@ -98,7 +98,7 @@ def state_bytes(
         0,
         ct=c.ct,
         seed=seed & MASK,
-        seed_key=mix((seed + 0x9E3779B97F4A7C15) & MASK),
+        seed_key=splitmix64((seed + 0x9E3779B97F4A7C15) & MASK),
         violations=record.violations,
     )
     at = layout.component_offset
@@ -434,7 +434,7 @@ def _check_process(process: int) -> None:
 def _reset_all(bound: Mapping[str, object], seed: int) -> None:
     try:
         for name, extern in bound.items():
-            reset(name, extern, seed)
+            reset_extern(name, extern, seed)
     except ExternResetError as error:
         raise _reset_error(error) from error
 

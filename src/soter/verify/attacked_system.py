@@ -125,7 +125,7 @@ def _with_drawn_inputs(system: System, module: Module) -> System:
             and t.index not in already
             and _can_be_drawn(t)
         ):
-            system = derived_systems.drawn(system, t.index, module.period_ns)
+            system = derived_systems.with_drawn_topic(system, t.index, module.period_ns)
     return system
 
 
@@ -144,7 +144,7 @@ def _with_drawn_controls(system: System, module: Module) -> System:
         symbol = replace(topic, name=name, input=True)
         free = {"max_age_ns": None, "driver": derived_systems.OUTSIDE}
         system, chosen = derived_systems.with_topic(system, output, symbol, name, **free)
-        system = derived_systems.drawn(system, chosen.index, ac.period_ns)
+        system = derived_systems.with_drawn_topic(system, chosen.index, ac.period_ns)
         topics[chosen.symbol] = chosen.index
         subscribed.append(typed.Subscribed(chosen.symbol, None, "", node.span))
         read = typed.TopicRead(topic.type, node.span, chosen.symbol)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.language.model.assumption_words import numbered
+from soter.language.model.assumption_words import numbered_assumptions
 from soter.language.model.types import show_ns
 from soter.native.compiler import find, told_version
 from soter.report.proof_page import (
@@ -218,7 +218,7 @@ def page(report: VerifyReport) -> ProofPage:
         f"{names}: {report.verdict}{_vacuity_clause(report)}{under}",
         f"system {report.system}, verified in {report.seconds:.1f} s",
         tuple(_module_proof(m) for m in report.modules),
-        tuple(f"{number}: {text}" for text, number in numbered(assumptions).items()),
+        tuple(f"{number}: {text}" for text, number in numbered_assumptions(assumptions).items()),
         _trusted_base(report),
         not_covered=tuple(report.coverage.rest),
         provenance={

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.unit import generate
 from soter.core.layout import NEVER, state_dtype
-from soter.language.elaborate.derived_systems import unlatched
+from soter.language.elaborate.derived_systems import without_latches
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import library
 from soter.semantics.draws import (
@@ -289,7 +289,7 @@ def enter_refutations(problem: Problem, result: ModuleResult) -> None:
             _note_runs(findings, SAFETY, search)
     if findings["P2b"].verdict == UNDECIDED:
         began = time.perf_counter()
-        search = refute_return(unlatched(problem.system), problem.module.name)
+        search = refute_return(without_latches(problem.system), problem.module.name)
         if search.found is not None:
             _enter_run(findings, "P2b", search.found, time.perf_counter() - began)
         else:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import between, phase, share_done, telling
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims
 from soter.verify.claims.choice import choose, given_up_note, shrink_core, with_way_back
@@ -301,7 +301,7 @@ def _simultaneity_assumptions(problem: Problem, done: list[Case]) -> list[Assump
             names = ", ".join(
                 problem.quantities.controls[k].name for k in proof.simultaneous_controls
             )
-            assumptions.append(Assumption(f"together {names}", words("together", names)))
+            assumptions.append(Assumption(f"together {names}", in_words("together", names)))
     return assumptions
 
 
@@ -325,7 +325,7 @@ def _weaken_if_proved(finding: Finding, why: str, hint: str) -> None:
 
 
 def _lease_assumption(problem: Problem) -> Assumption:
-    return Assumption("lease", words("lease", show_ns(problem.times.acts)))
+    return Assumption("lease", in_words("lease", show_ns(problem.times.acts)))
 
 
 def _failsafe_finding(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:

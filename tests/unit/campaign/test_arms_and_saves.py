@@ -17,9 +17,9 @@ from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, Lateness, find_arms, measure_lateness
 from soter.campaign.batch_flights import EVENT, Fleet
 from soter.campaign.result import count_faults, outside
-from soter.language.elaborate.derived_systems import forced
+from soter.language.elaborate.derived_systems import with_forced_mode
 from soter.language.front_end import check_file, system_of
-from soter.semantics.faults import begins
+from soter.semantics.faults import begin_times
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def test_a_save_is_what_a_run_with_ac_left_in_control_says() -> None:
     flat = flat_of(CART)
     fleet = Fleet(flat, 20 * SECOND, horizon_ns=5 * SECOND)
     flights = fleet.fly(range(12), first_seed=1)
-    alone = NativeProgram(forced(flat, 0, "ac"))
+    alone = NativeProgram(with_forced_mode(flat, 0, "ac"))
     assert sum(f.saves[0] for f in flights) > 0
     for f in flights:
         assert f.saves[0] + f.precautions[0] == f.episodes[0]
@@ -194,7 +194,7 @@ def test_how_often_each_fault_was_there_is_what_each_run_says(faults: str, tmp_p
     for text, stream in {(f.text, f.stream) for f in flat.faults if f.on is None}:
         (f, *_) = [f for f in flat.faults if f.stream == stream]
         c = flat.components[f.component]
-        times = sum(len(begins(f, c, seed, until)) for seed in seeds)
+        times = sum(len(begin_times(f, c, seed, until)) for seed in seeds)
         wanted[text] = wanted.get(text, 0) + times
     assert told == wanted
     assert all(n > 0 for n in wanted.values())
@@ -224,7 +224,7 @@ def test_a_campaign_tells_how_often_each_fault_was_there(
     flat = flat_of(path)
     late = next(f for f in flat.faults if f.text == said)
     c = flat.components[late.component]
-    once = sum(len(begins(late, c, seed, 10 * SECOND)) for seed in range(1, 21))
+    once = sum(len(begin_times(late, c, seed, 10 * SECOND)) for seed in range(1, 21))
     assert times == {said: once, "late all by [0ms, 1us]": None, "order any": None}
     assert 20 < once < 80, "50 are expected"
     assert f">{once}</td>" in (folder / "report.html").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from soter.campaign.batch_flights import Fleet
 from soter.campaign.result import outside
 from soter.campaign.statistics import FLIGHTS, POISSON, rate, share
 from soter.diagnostics.diagnostic import Severity
-from soter.language.elaborate.derived_systems import only_inside
+from soter.language.elaborate.derived_systems import without_outside_faults
 from soter.language.front_end import check_file, system_of
 from unit.diagnostics.page_examples import mended, wrong
 
@@ -272,7 +272,7 @@ def test_without_what_is_outside_a_flight_is_that_of_the_system_that_never_had_i
     )
     both = system_of(check_file(str(faulty(tmp_path, more))), "Protected")
     alone = system_of(check_file(str(faulty(tmp_path, inside, "inside.soter"))), "Protected")
-    left = only_inside(both)
+    left = without_outside_faults(both)
     assert not left.shuffled
     assert not [f for f in left.faults if f.inside is None]
     got = Fleet(left, 10 * SECOND).fly(range(12), first_seed=1)

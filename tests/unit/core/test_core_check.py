@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.core import core, steps
-from soter.core.core_check import broken
+from soter.core.core_check import broken_promises
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Source, Span
 from soter.language.evaluate.arithmetic import FaultKind
@@ -174,7 +174,7 @@ BROKEN: list[tuple[tuple[Any, ...], str]] = [
 
 def told(lowered: Lowered, part: Callable[[CoreSystem], Any]) -> list[str]:
     system, made = lowered(PROGRAM)
-    return broken(system, {f.name: f for f in made.functions}, part(made))
+    return broken_promises(system, {f.name: f for f in made.functions}, part(made))
 
 
 @all_rows("body", FINE)
@@ -252,7 +252,7 @@ def test_what_runs_only_before_a_return_may_stand_behind_it(lowered: Lowered) ->
 def test_a_function_does_not_call_itself(lowered: Lowered) -> None:
     system, made = lowered(PROGRAM)
     calls = core.Call(AT, "t", "half", (V,), FLOAT)
-    found = broken(system, {}, function(made, "half", body=(calls,)))
+    found = broken_promises(system, {}, function(made, "half", body=(calls,)))
     assert found == ["hand.soter:1: `half` does not stand before its call"]
 
 
@@ -277,13 +277,13 @@ def test_temporaries_of_an_integration_and_of_a_takeover_end_with_it(lowered: Lo
 def test_a_predicate_is_a_truth_or_a_number(lowered: Lowered) -> None:
     system, made = lowered(PROGRAM)
     for value, count in ((TRUE, 0), (ONE, 0), (whole(1), 1)):
-        assert len(broken(system, {}, replace(made.properties[0], value=value))) == count
+        assert len(broken_promises(system, {}, replace(made.properties[0], value=value))) == count
 
 
 def test_lowering_asserts_that_nothing_is_broken(
     lowered: Lowered, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(steps, "broken", lambda *_: ["a promise"])
+    monkeypatch.setattr(steps, "broken_promises", lambda *_: ["a promise"])
     with pytest.raises(AssertionError, match="a promise"):
         lowered(PROGRAM)
 

@@ -11,7 +11,7 @@ from generators.brute_force import enumerate_all
 from long_tests import examples, seeds
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
-from soter.language.elaborate.distinguished import FINEST
+from soter.language.elaborate.distinguishable_values import FINEST
 from soter.language.elaborate.time_grid import quantum_of, times_read
 from soter.language.front_end import check_file, system_of_test
 

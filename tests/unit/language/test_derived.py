@@ -151,7 +151,7 @@ def without_plants(system: System) -> System:
 def test_the_given_system_stays_as_it_is(three: System) -> None:
     before = [(c.index, c.module, c.extern, dict(c.scope.modules)) for c in three.components]
     drivers = [t.driver for t in three.topics]
-    left = derived_systems.unbound(without_plants(three))
+    left = derived_systems.without_bindings(without_plants(three))
     left.modules[0].scope.topics.clear()
     for c in left.components:
         c.scope.topics.clear()

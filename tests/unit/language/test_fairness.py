@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.language.evaluate.environment import MAX_FAIR, allowed, taken
+from soter.language.evaluate.environment import MAX_FAIR, ages_after, allowed_picks
 
 
 def windows_are_full(picks: list[int], count: int) -> bool:
@@ -24,10 +24,10 @@ def test_every_alternative_comes_in_any_2n_executions(count: int, data: st.DataO
     ages: tuple[int, ...] = (0,) * count
     picks: list[int] = []
     for _ in range(6 * count):
-        able = allowed(ages)
+        able = allowed_picks(ages)
         assert able == sorted(set(able)) != []
         picks.append(data.draw(st.sampled_from(able)))
-        ages = taken(ages, picks[-1])
+        ages = ages_after(ages, picks[-1])
     assert windows_are_full(picks, count)
 
 
@@ -38,9 +38,9 @@ def test_what_is_not_allowed_would_have_to_break_the_promise(count: int) -> None
     ages: dict[tuple[int, ...], tuple[int, ...]] = {(): (0,) * count}
     for _ in range(length):
         ages = {
-            (*picks, pick): taken(before, pick)
+            (*picks, pick): ages_after(before, pick)
             for picks, before in ages.items()
-            for pick in allowed(before)
+            for pick in allowed_picks(before)
         }
     possible = set(ages)
     promised = {p for p in product(range(count), repeat=length) if windows_are_full(list(p), count)}
@@ -61,12 +61,12 @@ def test_ages_fit_a_byte_and_are_used_to_the_end(count: int) -> None:
     ages: tuple[int, ...] = (0,) * count
     oldest = 0
     for _ in range(4 * count):
-        ages = taken(ages, allowed(ages)[0])
+        ages = ages_after(ages, allowed_picks(ages)[0])
         oldest = max(oldest, *ages)
     assert oldest == 2 * count - 1 <= 255
 
 
 def test_taking_one_makes_the_others_older() -> None:
-    assert taken((3, 0, 2), 2) == (4, 1, 0)
-    assert allowed((0, 0)) == [0, 1]
-    assert allowed((0, 3)) == [1]
+    assert ages_after((3, 0, 2), 2) == (4, 1, 0)
+    assert allowed_picks((0, 0)) == [0, 1]
+    assert allowed_picks((0, 3)) == [1]

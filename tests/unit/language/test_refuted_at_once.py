@@ -91,8 +91,8 @@ def test_predicates_are_tried_once_for_all_systems_that_give_them_the_same_value
         tried.append(system.name)
         return trials_of(system, *rest)
 
-    trials_of = contradictory_predicates.trials_of
-    monkeypatch.setattr(contradictory_predicates, "trials_of", count)
+    trials_of = contradictory_predicates.trials_of_predicates
+    monkeypatch.setattr(contradictory_predicates, "trials_of_predicates", count)
     safe, ttf = "abs(pos) < LIMIT", "abs(pos) > LIMIT - MARGIN"
     track = TRACK.format(safe=safe, ttf=ttf, margin=0.1)
     path = tmp_path / "track.soter"

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from soter.language.evaluate.integration_stability import diverging
+from soter.language.evaluate.integration_stability import groups_that_diverge
 from soter.language.front_end import check_file, system_of
 from tables import all_rows
 
@@ -38,7 +38,7 @@ def told(rates: list[str], method: str = "rk4", substeps: int = 1) -> list[tuple
     checked = check_file("plant.soter", text)
     assert checked.ok, checked.diagnostics.items
     system = system_of(checked, "S")
-    divergences = diverging(system, system.components[0])
+    divergences = groups_that_diverge(system, system.components[0])
     warned = [d for d in checked.diagnostics.items if d.code == "W019"]
     assert len(warned) == len(divergences)
     return [d.names for d in divergences]
@@ -79,7 +79,7 @@ def test_lists_of_different_lengths_are_any_value() -> None:
     checked = check_file("plant.soter", text)
     assert checked.ok, checked.diagnostics.items
     system = system_of(checked, "S")
-    assert diverging(system, system.components[0])
+    assert groups_that_diverge(system, system.components[0])
 
 
 def test_only_what_diverges_is_named_and_substeps_count() -> None:

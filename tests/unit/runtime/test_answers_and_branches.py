@@ -12,7 +12,7 @@ import pytest
 from generators.any_order_driver import Native
 from generators.engine_comparison import Subject, compile_library, subject
 from soter.codegen.unit import Unit, generate
-from soter.semantics.draws import fnv
+from soter.semantics.draws import fnv1a_64
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,7 +88,7 @@ def test_a_pick_that_is_no_alternative_is_the_default(
 ) -> None:
     engine, y = native(made, 0, pick)
     assert y == value
-    assert engine.asked() == [(fnv("N.choose"), 3, pick if pick < 3 else 0)]
+    assert engine.asked() == [(fnv1a_64("N.choose"), 3, pick if pick < 3 else 0)]
 
 
 def test_only_what_is_evaluated_is_asked(made: tuple[Covered, Path]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.language.evaluate.environment import allowed, taken
+from soter.language.evaluate.environment import ages_after, allowed_picks
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import IntType
 from soter.semantics.draws import (
@@ -168,19 +168,19 @@ def test_a_fair_choice_allows_exactly_what_keeps_every_deadline(n: int) -> None:
     while todo:
         ages = todo.pop()
         for i in range(n):
-            after = taken(ages, i)
+            after = ages_after(ages, i)
             if max(after) < 2 * n and after not in states:
                 states.add(after)
                 todo.append(after)
     alive = set(states)
     while True:
-        stuck = {a for a in alive if not any(taken(a, i) in alive for i in range(n))}
+        stuck = {a for a in alive if not any(ages_after(a, i) in alive for i in range(n))}
         if not stuck:
             break
         alive -= stuck
     assert start in alive
     for ages in alive:
-        assert allowed(ages) == [i for i in range(n) if taken(ages, i) in alive]
+        assert allowed_picks(ages) == [i for i in range(n) if ages_after(ages, i) in alive]
 
 
 def test_a_faulted_step_keeps_the_ages() -> None:

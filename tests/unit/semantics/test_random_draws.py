@@ -14,8 +14,8 @@ from soter.semantics.draws import (
     chosen_value,
     draw_bits,
     draw_float,
-    fnv,
-    mix,
+    fnv1a_64,
+    splitmix64,
     stream_key,
 )
 
@@ -27,7 +27,7 @@ def test_mix_is_the_finaliser_of_splitmix64() -> None:
     state, outputs = 1234567, []
     for _ in range(5):
         state = (state + GOLDEN) % 2**64
-        outputs.append(mix(state))
+        outputs.append(splitmix64(state))
     assert outputs == [
         6457827717110365317,
         3203168211198807973,
@@ -46,7 +46,7 @@ def test_mix_is_the_finaliser_of_splitmix64() -> None:
     ],
 )
 def test_fnv_gives_the_published_values(text: str, value: int) -> None:
-    assert fnv(text) == value
+    assert fnv1a_64(text) == value
 
 
 @given(seed=st.integers(0, 2**64 - 1), index=st.integers(0, 2**62), name=st.text(max_size=8))
@@ -58,7 +58,7 @@ def test_bits_are_those_of_unsigned_64_bit_arithmetic(seed: int, index: int, nam
         return mixed
 
     with np.errstate(over="ignore"):
-        key = finalised(finalised(np.uint64(seed) + np.uint64(GOLDEN)) ^ np.uint64(fnv(name)))
+        key = finalised(finalised(np.uint64(seed) + np.uint64(GOLDEN)) ^ np.uint64(fnv1a_64(name)))
         bits = finalised(key + (np.uint64(index) + np.uint64(1)) * np.uint64(GOLDEN))
     assert stream_key(seed, name) == int(key)
     assert draw_bits(seed, name, index) == int(bits)

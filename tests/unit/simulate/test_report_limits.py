@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import soter
-from soter.language.evaluate.topic_ranges import limits
+from soter.language.evaluate.topic_ranges import signal_limits
 from soter.language.front_end import check_file, system_of
 from soter.report.run import signals
 from soter.report.run.page import page_headline
@@ -67,9 +67,9 @@ def test_bounds_of_one_signal_are_read_off_safe(
     path.write_text(PROGRAM.format(safe=safe))
     checked = check_file(str(path))
     assert checked.ok, checked.diagnostics.items
-    signal_limits = limits(system_of(checked, None))
-    assert {(x.signal, x.value) for x in signal_limits} == expected
-    assert {x.by for x in signal_limits} <= {"safe of M"}
+    limits = signal_limits(system_of(checked, None))
+    assert {(x.signal, x.value) for x in limits} == expected
+    assert {x.by for x in limits} <= {"safe of M"}
 
 
 def test_a_report_shows_truth_and_estimate_with_unit_and_limits_in_one_panel() -> None:

@@ -11,7 +11,7 @@ import processes
 import soter
 from generators.c_packages import CART
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.evaluate.arithmetic import changed, put_back
+from soter.language.evaluate.arithmetic import restore_plain, why_not_plain
 from soter.native.compiler import find
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ engines = pytest.mark.parametrize("engine", ["native", "interp"])
 @pytest.fixture(autouse=True)
 def _plain() -> Iterator[None]:
     yield
-    put_back()
-    assert changed() == ""
+    restore_plain()
+    assert why_not_plain() == ""
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_an_extern_that_rounds_otherwise_changes_nothing(
     done = program.bind("Learned", rounds_up).simulate(engine=engine)
     assert done.trace_sha256 == plain.trace_sha256
     assert done.violations == 0
-    assert changed() == ""
+    assert why_not_plain() == ""
 
 
 @engines

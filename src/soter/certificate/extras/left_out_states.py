@@ -61,7 +61,7 @@ from soter.certificate.terms.terms import (
     inputs_of,
     parts_of,
 )
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -396,9 +396,9 @@ def axis_assumptions(facts: Facts) -> Said:
     """The assumptions about open ends, states that are left out, and axes that wrap around."""
     for state in sorted(facts.open_ends):
         name, end = facts.states[state].name, facts.axes[state][1]
-        yield f"open {name} {end!r}", words("open", name, end)
+        yield f"open {name} {end!r}", in_words("open", name, end)
     for s in facts.left_out:
-        yield f"left out {s.name}", words("left out", s.name)
+        yield f"left out {s.name}", in_words("left out", s.name)
     for name in (facts.states[i].name for i in sorted(facts.turning)):
         text = "read modulo a full turn, so that its axis wraps around, and within 16,384 rad of 0"
         yield f"turns {name}", f"{text}: {name}"

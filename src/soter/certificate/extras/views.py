@@ -25,9 +25,9 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import without_held_topics
 from soter.language.elaborate.flatten_system import flatten
 from soter.language.elaborate.passes.flattening import Flattening
-from soter.language.elaborate.views_for_proofs import start_behind
+from soter.language.elaborate.views_for_proofs import start_of_proof_plant
 from soter.language.model import typed
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import BOOL
@@ -216,7 +216,7 @@ def flown(facts: Facts, name: str) -> Sequence[Any] | None:
     """The states of a plant of the proof at the start of a run, by its map; None: not known."""
     for link in facts.symbol.verify.abstracts:
         if link.name == name:
-            return start_behind(facts.flying, facts.flying_module, link)
+            return start_of_proof_plant(facts.flying, facts.flying_module, link)
     return None
 
 
@@ -274,9 +274,9 @@ def check_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
 def abstraction_conforms(facts: Facts) -> Said:
     """The assumptions that the vehicle behaves like the plants that abstract it."""
     for link in facts.symbol.verify.abstracts:
-        known = start_behind(facts.flying, facts.flying_module, link) is not None
+        known = start_of_proof_plant(facts.flying, facts.flying_module, link) is not None
         begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
-        text = words("conforms", link.instance, link.name, link.plant.name, begins)
+        text = in_words("conforms", link.instance, link.name, link.plant.name, begins)
         yield f"conforms {link.instance} {link.name}", text
 
 
@@ -288,4 +288,4 @@ def judged_as_driven(facts: Facts) -> Said:
         index = facts.module.scope.topics.get(symbol, -1)
         if index in driven and index not in read:
             name, plant = facts.system.topics[index].name, driven[index][0].name
-            yield f"judged {name} {plant}", words("judged", name, plant)
+            yield f"judged {name} {plant}", in_words("judged", name, plant)

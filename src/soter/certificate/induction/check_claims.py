@@ -38,8 +38,8 @@ from soter.certificate.report import (
 from soter.certificate.scope import acknowledgement_assumption, identified_numbers
 from soter.certificate.vacuous_proofs import HOLDS_ANYWAY, READS_NOTHING
 from soter.language.check.constants_and_types import declared_ns
-from soter.language.evaluate.topic_ranges import always_by_parts
-from soter.language.model.assumption_words import words
+from soter.language.evaluate.topic_ranges import truth_by_parts
+from soter.language.model.assumption_words import in_words
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns
 from soter.workers.interruptible_solver import ask_solver, ctrl_c_waits
@@ -209,7 +209,7 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     """
     if not topic_reads(facts.symbol.safe):
         return READS_NOTHING, ""
-    if always_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
+    if truth_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
         return HOLDS_ANYWAY, ""
     last = max(c.phase_ns + c.period_ns for c in facts.actors)
     ends = (
@@ -253,9 +253,9 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
     flying, module = facts.flying, facts.flying_module
     ac = flying.components[module.ac].name
     stated = [
-        (f"any {ac}", words("ac", ac)),
+        (f"any {ac}", in_words("ac", ac)),
         ("order", "steps of one instant come in any order; no release is skipped"),
-        *((key, words(key)) for key in ("fresh", "z3", "machine")),
+        *((key, in_words(key)) for key in ("fresh", "z3", "machine")),
     ]
     stated += acknowledgement_assumption(facts.symbol)
     stated += identified_numbers(facts)

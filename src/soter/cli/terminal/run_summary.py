@@ -17,7 +17,7 @@ import numpy as np
 from soter.language.load.named_files import CLIP, binding_of
 from soter.report.tables import Entry, Styled, display_width, mode_timeline
 from soter.report.wording import changed_parameters, visible
-from soter.semantics.faults import begins
+from soter.semantics.faults import begin_times
 from soter.simulate.result import Run, silence_words
 from soter.simulate.result_assumptions import run_assumptions
 from soter.simulate.run_fields import component_faults
@@ -233,7 +233,7 @@ def _declared_fault_lines(run: Run, console: Console) -> list[str]:
         key = (f.text, f.component if f.stream and f.slot_ns == 0 else -1)
         if f.on is not None or key in rows:
             continue
-        when = begins(f, run.system.components[f.component], run.seed, until_ns)
+        when = begin_times(f, run.system.components[f.component], run.seed, until_ns)
         always = f.kind == "late" and f.slot_ns == 0
         times = "every release" if always else str(len(when))
         first = f"{when[0] / 1e9:.3f} s" if when else ""

@@ -38,7 +38,7 @@ from soter.explore.search_options import SAMPLING, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
-from soter.semantics.draws import fnv, leaf_name
+from soter.semantics.draws import fnv1a_64, leaf_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -77,7 +77,7 @@ class Search:
         self._time_s = math.inf if options.time is None else options.time
         self._engine = Engine(system)
         self._engine.should_stop = should_stop or self._engine.should_stop
-        self._streams = {fnv(name): name for name in _choice_streams(system)}
+        self._streams = {fnv1a_64(name): name for name in _choice_streams(system)}
         self.bits = self._engine.bits
         self.words = self._engine.words
         self.sampled = self._engine.plan.sampled
@@ -198,7 +198,7 @@ class Search:
 
     def _raw_step(self, step: Step) -> RawStep:
         numbers = {self._actor_name(i): i for i in range(len(self._engine.actors))}
-        choices = tuple([RawChoice(fnv(c.stream), c.of, c.pick) for c in step.choices])
+        choices = tuple([RawChoice(fnv1a_64(c.stream), c.of, c.pick) for c in step.choices])
         kind = STEP_KINDS.index(step.kind)
         return RawStep(numbers.get(step.actor, -1), kind, step.release_ns, step.time_ns, choices)
 

@@ -5,6 +5,6 @@
 - `constants_and_types.py` computes constants, and resolves types.
 - `declarations.py` checks signatures, then bodies; `parts/` the larger declarations.
 - `statements.py` checks blocks; `expr.py` expressions, over the base classes in
-  `expression_base.py`, `field.py`, `call.py` and `operators_and_choices.py`.
+  `expression_base.py`, `dots_and_brackets.py`, `call.py` and `operators_and_choices.py`.
 - `call_hints.py` guesses what was meant where nothing of that name can be called.
 """

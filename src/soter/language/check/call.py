@@ -13,14 +13,14 @@ from soter.diagnostics.fixes import replace
 from soter.diagnostics.similar_names import likely
 from soter.language.check import call_hints, unknown_names
 from soter.language.check.checker_interface import SPECIALS
+from soter.language.check.dots_and_brackets import FieldChecker, find_instance, flat_names
 from soter.language.check.expression_base import (
-    a_type,
     error_expr,
     float_literal,
-    is_error,
+    has_error,
     unify_literals,
+    with_article,
 )
-from soter.language.check.field import FieldChecker, find_instance, flat_names
 from soter.language.model import typed
 from soter.language.model.types import (
     FLOAT,
@@ -69,51 +69,51 @@ class CallChecker(FieldChecker):
         if isinstance(callee, tree.NameExpr):
             name = callee.name.text
             if context.find_local(name) is not None:
-                return self._no_function("a variable", name, expr, context)
+                return self._refuse_call("a variable", name, expr, context)
             entry = self.names.find(context.scope, name, callee.span)
             if entry is None and name in SPECIALS:
-                return self._no_function("a value", name, expr, context)
+                return self._refuse_call("a value", name, expr, context)
             if entry is None:
-                return self._builtin(name, expr, context, expected)
+                return self._check_builtin(name, expr, context, expected)
         elif isinstance(callee, tree.FieldExpr) and isinstance(callee.target, tree.NameExpr):
             name = f"{callee.target.name.text}.{callee.field.text}"
             first = callee.target.name.text
             if context.find_local(first) is not None or first in context.scope.entries:
-                return self._no_function("a field", name, expr, context)
+                return self._refuse_call("a field", name, expr, context)
             if first not in context.scope.imports and unknown_names.is_library(first):
-                return self._library_call(expr, context, expected)
+                return self._refuse_library(expr, context, expected)
             entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
             if entry is None:
                 return self._error_result(expr, context)
         else:
-            return self._no_name_called(expr, context, expected)
-        return self._declared_called(entry, name, expr, context)
+            return self._refuse_unnamed(expr, context, expected)
+        return self._check_declared(entry, name, expr, context)
 
-    def _declared_called(
+    def _check_declared(
         self, entry: Entry, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
         """Checks a call of a declared name; reports T004 unless it is a function."""
         if entry.kind == "type":
-            return self._type_called(entry, expr)
+            return self._refuse_type(entry, expr)
         if entry.kind != "function":
-            return self._no_function(f"a {entry.kind}", name, expr, context)
+            return self._refuse_call(f"a {entry.kind}", name, expr, context)
         fun = self.shared.resolve(entry, expr.callee.span)
         if not isinstance(fun, typed.FunSymbol):
             return self._error_result(expr, context)
-        return self._call_fun(fun, expr, context)
+        return self._check_fun(fun, expr, context)
 
-    def _no_name_called(
+    def _refuse_unnamed(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """Reports T004 for a call of an expression that is no name, nor one of an import."""
+        """Reports T004 for a call of an expression that is neither a name nor `file.name`."""
         callee = expr.callee
         names = flat_names(callee)
         if isinstance(callee, tree.ErrorExpr):
             self.names.losses += 1
         elif names and unknown_names.is_library(names[0].text):
-            return self._library_call(expr, context, expected)
+            return self._refuse_library(expr, context, expected)
         elif isinstance(callee, tree.FieldExpr):
-            return self._no_function("a field", callee.span.text, expr, context)
+            return self._refuse_call("a field", callee.span.text, expr, context)
         else:
             self.diagnostics.error(
                 "T004",
@@ -124,18 +124,18 @@ class CallChecker(FieldChecker):
         return self._error_result(expr, context)
 
     def _error_result(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
-        """An ERROR expression, after checking the arguments for errors of their own."""
+        """Gives an ERROR expression, after a check of the arguments for errors of their own."""
         for argument in expr.arguments:
             self.check(argument, context)
         return error_expr(expr.span)
 
-    def _library_call(
+    def _refuse_library(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Reports N006 for `np.clip(...)`, `random.uniform(...)` and the like."""
         callee = expr.callee
         assert isinstance(callee, tree.FieldExpr)
-        helps = self._meant(callee.field.text, callee.span, expr, context, expected)
+        helps = self._meant_helps(callee.field.text, callee.span, expr, context, expected)
         self.diagnostics.error(
             "N006",
             f"there is no `{' '.join(callee.span.text.split())}`",
@@ -145,32 +145,32 @@ class CallChecker(FieldChecker):
         )
         return error_expr(expr.span) if helps else self._error_result(expr, context)
 
-    def _meant(
+    def _meant_helps(
         self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> tuple[Help, ...]:
         """Helps with what an unknown function was meant to be; `span` is the text to replace."""
         helps = (
-            call_hints.of_chance(name, expr, context)
-            or call_hints.of_another_language(name, expr)
-            or call_hints.of_a_literal(name, expr, expected)
-            or unknown_names.a_function(expr, name, span)
+            call_hints.chance_helps(name, expr, context)
+            or call_hints.foreign_helps(name, expr)
+            or call_hints.literal_helps(name, expr, expected)
+            or unknown_names.function_helps(expr, name, span)
         )
         ours = THEIRS.get(name, name)
-        if not helps and self._takes(ours, context) == len(expr.arguments):
+        if not helps and self._arity_of(ours, context) == len(expr.arguments):
             helps = (replace(span, ours),)
         return helps
 
-    def _near(self, name: str, context: Context) -> tuple[Help, ...]:
+    def _similar_help(self, name: str, context: Context) -> tuple[Help, ...]:
         """Help with a function of a similar name that takes another number of arguments."""
         public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
-        near = likely(name, [n for n in public if self._takes(n, context) is not None])
+        near = likely(name, [n for n in public if self._arity_of(n, context) is not None])
         entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
         if entry is None or not isinstance(entry.decl, tree.FunDecl):
             return ()
         parameters = ", ".join(p.text for p, _ in entry.decl.parameters)
         return (f"there is `{near}({parameters})`",)
 
-    def _takes(self, name: str, context: Context) -> int | None:
+    def _arity_of(self, name: str, context: Context) -> int | None:
         """How many arguments the function of this name takes; None if there is none."""
         if name in TAKES:
             return ARITY.get(name, 1)
@@ -178,10 +178,10 @@ class CallChecker(FieldChecker):
         decl = entry.decl if entry is not None else None
         return len(decl.parameters) if isinstance(decl, tree.FunDecl) else None
 
-    def _no_function(
+    def _refuse_call(
         self, kind: str, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        """Reports T004, with helps for a value or a type of that name."""
+        """Reports T004 for a call of a value or a type, with helps for its name."""
         callee = expr.callee
         last = name.rpartition(".")[2]
         helps: tuple[Help, ...] = ()
@@ -194,34 +194,34 @@ class CallChecker(FieldChecker):
         elif (
             isinstance(callee, tree.FieldExpr)
             and context.where != f"function `{last}`"
-            and (self._takes(last, context) == len(expr.arguments) + 1)
+            and (self._arity_of(last, context) == len(expr.arguments) + 1)
         ):
-            helps = call_hints.as_function(last, expr, callee.target.span)
+            helps = call_hints.function_help(last, expr, callee.target.span)
         else:
-            helps = self._of_value(expr, context)
+            helps = self._value_helps(expr, context)
         self.diagnostics.error(
             "T004", f"`{name}` is {kind}, not a function", callee.span, helps=helps
         )
         return self._error_result(expr, context)
 
-    def _type_called(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
+    def _refuse_type(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
         """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
         symbol = self.shared.resolve(entry, expr.callee.span)
         return self.wrong(
             "T004",
             f"`{expr.callee.span.text}` is a type, not a function",
             expr.callee.span,
-            helps=call_hints.of_a_type(symbol, expr) if isinstance(symbol, Type) else (),
+            helps=call_hints.type_call_helps(symbol, expr) if isinstance(symbol, Type) else (),
             whole=expr.span,
         )
 
-    def _of_value(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+    def _value_helps(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
         """Helps with the value alone, or an element of it; () if the name is no value here."""
         with self.diagnostics.trial() as sound:
             value = self.container(expr.callee, context)
-        return call_hints.of_a_value(value, expr) if sound() and not is_error(value) else ()
+        return call_hints.value_call_helps(value, expr) if sound() and not has_error(value) else ()
 
-    def _call_fun(
+    def _check_fun(
         self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
         self.shared.calls.call(fun, expr.span)
@@ -232,7 +232,7 @@ class CallChecker(FieldChecker):
             signature = ", ".join(f"{p.name}: {p.type}" for p in fun.parameters)
             self.diagnostics.error(
                 "T003",
-                _count(fun.name, len(fun.parameters), len(expr.arguments)),
+                _count_text(fun.name, len(fun.parameters), len(expr.arguments)),
                 expr.span,
                 also=((fun.span, "declared here"),),
                 notes=(f"it is declared as `{fun.name}({signature}): {fun.result}`",),
@@ -244,13 +244,13 @@ class CallChecker(FieldChecker):
         ]
         if isinstance(fun.result, ErrorType):
             return self.lost(expr.span)
-        if is_error(*arguments):
+        if has_error(*arguments):
             return error_expr(expr.span)
         return typed.TypedCall(fun.result, expr.span, fun, tuple(arguments))
 
     # ------------------------------------------------------------ built in
 
-    def _builtin(
+    def _check_builtin(
         self, name: str, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         span = expr.span
@@ -261,17 +261,17 @@ class CallChecker(FieldChecker):
             self._report_unknown_function(expr.callee.name, expr, context, expected)
             return self._error_result(expr, context)
         arity = ARITY.get(name, 1)
-        if not self._counted(name, expr, arity, context):
+        if not self._count_fits(name, expr, arity, context):
             return self._error_result(expr, context)
-        hint = _hint(name, expected)
+        hint = _argument_hint(name, expected)
         arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
-        if is_error(*arguments):
+        if has_error(*arguments):
             return error_expr(span)
         if arity == 2:
             arguments = list(unify_literals(*arguments))
-        result = _result(name, arguments)
+        result = _result_type(name, arguments)
         if result is None:
-            return self._wrong_arguments(name, expr, arguments)
+            return self._refuse_arguments(name, expr, arguments)
         first = arguments[0]
         if name == "float" and isinstance(first, typed.Literal):
             return typed.Literal(FLOAT, span, float(first.value))
@@ -286,17 +286,17 @@ class CallChecker(FieldChecker):
         fits = [
             n
             for n in (*TAKES, *context.scope.entries, *self.names.prelude)
-            if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
+            if n[0] != "_" and self._arity_of(n, context) == len(expr.arguments)
         ]
         self.report_unknown(
             name,
             context,
-            helps=self._meant(name.text, expr.callee.span, expr, context, expected),
+            helps=self._meant_helps(name.text, expr.callee.span, expr, context, expected),
             among=fits,
-            otherwise=self._near(name.text, context),
+            otherwise=self._similar_help(name.text, context),
         )
 
-    def _counted(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
+    def _count_fits(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
         if len(expr.arguments) == wanted:
             return True
         takes = TAKES.get(name, "a topic" if name == "age" else "a module")
@@ -309,17 +309,17 @@ class CallChecker(FieldChecker):
                 first, _, high = (a.span.text for a in expr.arguments)
                 helps = (replace(expr.span, f"saturate({first}, {high})"),)
         if name in {"min", "max"} and len(expr.arguments) > wanted:
-            helps = (call_hints.nested(name, expr),)
+            helps = (call_hints.nested_help(name, expr),)
         self.diagnostics.error(
             "T003",
-            _count(name, wanted, len(expr.arguments)),
+            _count_text(name, wanted, len(expr.arguments)),
             expr.span,
             notes=(f"`{name}` takes {takes}",),
             helps=helps,
         )
         return False
 
-    def _wrong_arguments(
+    def _refuse_arguments(
         self, name: str, expr: tree.CallExpr, arguments: list[typed.TypedExpr]
     ) -> typed.TypedExpr:
         shown = " and ".join(f"`{a.type}`" for a in arguments)
@@ -346,12 +346,12 @@ class CallChecker(FieldChecker):
 
     def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         span = expr.span
-        if not self._counted(name, expr, 1, context):
+        if not self._count_fits(name, expr, 1, context):
             return error_expr(span)
         argument = expr.arguments[0]
         if name == "age":
             read = self.check(argument, context)
-            if is_error(read):
+            if has_error(read):
                 return error_expr(span)
             if isinstance(read, typed.TopicRead):
                 return typed.AgeRead(FLOAT, span, read.topic)
@@ -359,7 +359,7 @@ class CallChecker(FieldChecker):
                 "T002",
                 "`age` takes a topic",
                 argument.span,
-                f"this is {a_type(read.type)}",
+                f"this is {with_article(read.type)}",
                 notes=("a topic as a whole has an age, a part of it has none",),
                 whole=span,
             )
@@ -370,14 +370,14 @@ class CallChecker(FieldChecker):
                 span,
                 notes=(f"only nodes, modules and properties see the {name} of a module",),
             )
-        module = self._module(argument, context, name)
+        module = self._module_asked(argument, context, name)
         if module is None:
             return error_expr(span)
         if name == "margin":
             return typed.MarginRead(FLOAT, span, module)
         return typed.ModeRead(MODE, span, module)
 
-    def _module(
+    def _module_asked(
         self, argument: tree.SyntaxExpr, context: Context, asked: str
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
@@ -422,7 +422,7 @@ class CallChecker(FieldChecker):
         )
 
 
-def _count(name: str, wanted: int, count: int) -> str:
+def _count_text(name: str, wanted: int, count: int) -> str:
     s = "" if wanted == 1 else "s"
     none = "none are" if count == 0 else f"{count} {'is' if count == 1 else 'are'}"
     return f"`{name}` takes {wanted or 'no'} argument{s}, but {none} given"
@@ -435,7 +435,7 @@ _CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
 }
 
 
-def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
+def _result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
     """The result type of a builtin, None if it does not apply; may convert literals in place."""
     first = arguments[0].type
     if name in {"sqrt", "floor"}:
@@ -465,7 +465,7 @@ def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
     return None
 
 
-def _hint(name: str, expected: Type | None) -> Type | None:
-    """The type to expect of a builtin's arguments, as a hint for literals."""
+def _argument_hint(name: str, expected: Type | None) -> Type | None:
+    """Gives the type that literals among a builtin's arguments are expected to have."""
     keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
     return FLOAT if keeps or name in {"sqrt", "floor"} else None

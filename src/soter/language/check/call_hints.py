@@ -33,7 +33,7 @@ WRAPPED = ("array", "asarray", "list", "tuple", "vector", "matrix")
 ELEMENTS_MAX = 16
 
 
-def of_a_value(
+def value_call_helps(
     value: typed.TypedExpr, expr: tree.CallExpr, subject: str = "it is"
 ) -> tuple[Help, ...]:
     """Helps for `rays(1)` and `speed()`: brackets, or the name alone."""
@@ -49,14 +49,14 @@ def of_a_value(
     return ()
 
 
-def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
+def type_call_helps(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
     """Helps for `Vec2(1.0, 2.0)`, `Report(lamp=lamp)` and `Gear(1)`: a literal or a member."""
     if isinstance(of, EnumType):
         return (f"name the case: `{expr.callee.span.text}.{of.members[0]}`",)
     if not isinstance(of, RecordType):
         return ("a value is of its type by itself: leave the name out",)
     names = [name for name, _ in of.fields]
-    values = _fields_given(expr.arguments, names)
+    values = _value_by_field(expr.arguments, names)
     if values is None:
         shown = ", ".join(f"{n}: ..." for n in names[:ELEMENTS_MAX])
         return (f"a record is written with its fields: `{{ {shown} }}`",)
@@ -66,18 +66,18 @@ def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
     return (replace(expr.span, f"{{ {fields} }}"),)
 
 
-def _fields_given(
+def _value_by_field(
     arguments: Sequence[tree.SyntaxExpr], names: Sequence[str]
 ) -> dict[str, str] | None:
-    """Field -> text of its argument, matched by name or by place; None if they do not match."""
-    values = [_named(a, names) for a in arguments]
+    """Gives field -> text of its argument, by name or by place; None if they do not match."""
+    values = [_field_and_value(a, names) for a in arguments]
     if len(values) != len(names) or None in values:
         return None
     fields = dict(v for v in values if v is not None and v[0])
     return fields or dict(zip(names, [a.span.text for a in arguments], strict=True))
 
 
-def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:
+def _field_and_value(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:
     """Field and value of an argument `lamp=x`, parsed as a comparison; ("", x) for `x` alone."""
     if not isinstance(argument, tree.BinaryExpr) or argument.op != "==":
         return "", argument.span.text
@@ -87,7 +87,7 @@ def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] |
     return name.name.text, argument.right.span.text
 
 
-def of_chance(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+def chance_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
     """Helps for `randint(0, 1)`, `np.random.uniform(-a, a)`: a choice or a disturbance."""
     if name not in RANDOM:
         return ()
@@ -114,7 +114,7 @@ def _is_int(e: tree.SyntaxExpr) -> bool:
     return isinstance(e, tree.IntLit)
 
 
-def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
+def literal_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
     """Helps for `zeros(3)` and `np.array([1.0, 2.0])`: a literal."""
     arguments = expr.arguments
     if name in WRAPPED and len(arguments) == 1:
@@ -122,7 +122,7 @@ def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple
     if name not in FILLED:
         return ()
     if expected is not None:
-        text = filled(expected, FILLED[name])
+        text = filled_literal(expected, FILLED[name])
         return (replace(expr.span, text),) if text else ()
     count = arguments[0].value if arguments and isinstance(arguments[0], tree.IntLit) else 0
     if not 0 < count <= ELEMENTS_MAX:
@@ -130,27 +130,27 @@ def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple
     return (replace(expr.span, f"[{', '.join([FILLED[name]] * count)}]"),)
 
 
-def filled(of: Type, value: str) -> str:
+def filled_literal(of: Type, value: str) -> str:
     """A literal of a type made of floats, each of them `value`; "" for other types."""
     if isinstance(of, FloatType):
         return value
     if isinstance(of, ArrayType) and of.size <= ELEMENTS_MAX:
-        part = filled(of.element, value)
+        part = filled_literal(of.element, value)
         return f"[{', '.join([part] * of.size)}]" if part else ""
     if isinstance(of, RecordType):
-        parts = [filled(f, value) for _, f in of.fields]
+        parts = [filled_literal(f, value) for _, f in of.fields]
         pairs = zip(of.fields, parts, strict=True)
         return f"{{ {', '.join(f'{n}: {p}' for (n, _), p in pairs)} }}" if all(parts) else ""
     return ""
 
 
-def as_function(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
+def function_help(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
     """Help that writes a method as a function: `norm(v)` for `v.norm()`."""
     arguments = [target.text, *(a.span.text for a in expr.arguments)]
     return (replace(expr.span, f"{name}({', '.join(arguments)})"),)
 
 
-def of_another_language(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
+def foreign_helps(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
     """Helps for functions of other languages: `round(x)`, `ceil(x)`, `sum(xs)`."""
     if name in ("mod", "fmod", "rem") and len(expr.arguments) == 2:
         a, b = (x.span.text for x in expr.arguments)
@@ -176,7 +176,7 @@ ITSELF = frozenset(
 """Methods of other languages that return the value they are called on."""
 
 
-def nested(name: str, expr: tree.CallExpr) -> Help:
+def nested_help(name: str, expr: tree.CallExpr) -> Help:
     """Help that nests a call with too many arguments: `max(a, max(b, c))`."""
     *rest, whole = [a.span.text for a in expr.arguments]
     for text in reversed(rest):

@@ -35,7 +35,7 @@ class Checker:
         self.diagnostics = diagnostics
         self.names = Names(diagnostics, meant)
         self.unused = UnusedDeclarations(diagnostics)
-        self.calls = CallGraph(diagnostics, self._fun_body)
+        self.calls = CallGraph(diagnostics, self._check_fun_body)
         expressions = ExprChecker(self)
         constants = ConstantChecker(self, loaded)
         self.declarations = DeclChecker(self, constants)
@@ -77,7 +77,7 @@ class Checker:
         self.calls.report_recursion()
         program = typed.TypedProgram(str(self.loaded.main.path), "")
         for entry in entries:
-            _register(program, entry)
+            _register_symbol(program, entry)
         if not self.diagnostics.has_errors:
             count_costs(program, self.diagnostics)
         self.unused.warn_of_declarations(main)
@@ -98,7 +98,7 @@ class Checker:
                 self.declarations.check_body(symbol, decl, scope)
                 self.calls.check_bodies()
 
-    def _fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> bool:
+    def _check_fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> bool:
         mark = self.mark()
         self.declarations.check_fun_body(fun, decl, scope)
         return self.mark() == mark
@@ -111,7 +111,7 @@ class Checker:
     # ------------------------------------------------------------ damage
 
     def mark(self) -> tuple[int, int]:
-        """Counts of errors and of losses; they grow if the declaration being checked is damaged."""
+        """Gives counts of errors and of losses: they grow if the checked declaration is damaged."""
         errors, losses = self._absorbed
         return self.diagnostics.error_count - errors, self.names.losses - losses
 
@@ -198,7 +198,7 @@ class Checker:
         return known
 
 
-def _register(program: typed.TypedProgram, entry: Entry) -> None:
+def _register_symbol(program: typed.TypedProgram, entry: Entry) -> None:
     tables: dict[type, dict[str, Any]] = {
         typed.ConstSymbol: program.consts,
         typed.ParamSymbol: program.params,

@@ -50,7 +50,7 @@ CHAINING = {"type", "constant", "parameter", "function", "system"}
 
 
 def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], list[Circle]]:
-    """The entries, each after those that it mentions, and the circles that prevent this.
+    """Gives the entries, each after those that it mentions, and circles that prevent this.
 
     A function may mention its own locals by such a name, so the checker reports circles through
     functions.
@@ -183,8 +183,7 @@ class CallGraph:
 
     # ------------------------------------------------------------ questions
 
-    def _below(self, fun: FunSymbol) -> Iterator[FunSymbol]:
-        """Yields the function and all that it calls, after checking their bodies."""
+    def _with_callees(self, fun: FunSymbol) -> Iterator[FunSymbol]:
         seen = {fun}
         todo = [fun]
         while todo:
@@ -196,29 +195,28 @@ class CallGraph:
                     seen.add(callee)
                     todo.append(callee)
 
-    def complete(self, fun: FunSymbol) -> bool:
+    def is_complete(self, fun: FunSymbol) -> bool:
         """Whether the function and all it calls are free of errors and of recursion."""
-        below = list(self._below(fun))
-        self._walk(fun)
+        below = list(self._with_callees(fun))
+        self._report_cycles(fun)
         return not any(f in self._broken or f in self._recursive for f in below)
 
     def extern_below(self, fun: FunSymbol) -> FunSymbol | None:
         """An extern function that a call would reach; None if there is none."""
-        return next((f for f in self._below(fun) if f.extern), None)
+        return next((f for f in self._with_callees(fun) if f.extern), None)
 
     def param_below(self, fun: FunSymbol) -> tuple[ParamSymbol, Span] | None:
         """A parameter that a call would read, and where; None if there is none."""
-        return next((self._params[f] for f in self._below(fun) if f in self._params), None)
+        return next((self._params[f] for f in self._with_callees(fun) if f in self._params), None)
 
     # ------------------------------------------------------------ recursion
 
     def report_recursion(self) -> None:
         """Reports T006 for every new cycle; call it after all bodies have been checked."""
         for fun in list(self._calls):
-            self._walk(fun)
+            self._report_cycles(fun)
 
-    def _walk(self, root: FunSymbol) -> None:
-        """Walks calls depth first from `root`, where not done yet, and reports each cycle."""
+    def _report_cycles(self, root: FunSymbol) -> None:
         if root in self._walked:
             return
         path: dict[FunSymbol, Span | None] = {root: None}
@@ -280,7 +278,7 @@ class UnusedDeclarations:
         """Warns W001 of locals that are never read; a leading `_` says that this is meant."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
-                meant = _unused_help(v.name) if v.kind == "var" else _renamed(v.name, v.span)
+                meant = _unused_help(v.name) if v.kind == "var" else _rename_help(v.name, v.span)
                 self.add("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
     def warn_of_declarations(self, main: FileScope) -> None:
@@ -295,7 +293,7 @@ class UnusedDeclarations:
             name = entry.decl.name
             if entry.kind not in ROOTS and not entry.used and not name.text.startswith("_"):
                 message = f"{entry.kind} `{name.text}` is never used"
-                meant = _renamed(name.text, name.span)
+                meant = _rename_help(name.text, name.span)
                 self.add("W001", message, name.span, "declared here", meant)
         for imported in main.loaded.file.imports:
             name = imported.name
@@ -309,7 +307,7 @@ class UnusedDeclarations:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 
 
-def _renamed(name: str, span: Span) -> Help:
+def _rename_help(name: str, span: Span) -> Help:
     """The edit that puts `_` before the name of an unused declaration, its only mention."""
     return insert(span, "_", _unused_help(name))
 
@@ -401,7 +399,7 @@ class Shared(Protocol):
     """Symbol from `stand_in` -> the path to an instance of a system, and a topic in it."""
 
     def mark(self) -> tuple[int, int]:
-        """Counts that grow if the declaration being checked turns out to be damaged."""
+        """Gives counts that grow if the declaration being checked turns out to be damaged."""
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
         """The symbol of a declaration; None after an error (T012 for a cycle)."""

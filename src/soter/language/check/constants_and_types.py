@@ -18,7 +18,7 @@ from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import BudgetExceeded
 from soter.language.evaluate.statements import Evaluator
 from soter.language.load.identified_data import DataError
-from soter.language.load.named_files import ReadError, near_names
+from soter.language.load.named_files import ReadError, near_name_helps
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in
 from soter.language.model.types import (
@@ -244,7 +244,7 @@ class ConstantChecker(CheckerPart):
     def _is_sound(self, call: typed.TypedCall, subject: str) -> bool:
         """Whether a function and all that it calls have no errors and are no externs."""
         calls = self.shared.calls
-        if not calls.complete(call.fun):
+        if not calls.is_complete(call.fun):
             self.shared.names.losses += 1
             return False
         extern = calls.extern_below(call.fun)
@@ -258,7 +258,7 @@ class ConstantChecker(CheckerPart):
             )
         return extern is None
 
-    def data(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
+    def data_value(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
         """The value of `data "file"`; None after a report, D001, D004 or D005."""
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
@@ -272,11 +272,13 @@ class ConstantChecker(CheckerPart):
                     f"cannot find the data file `{decl.data}`",
                     decl.data_span,
                     notes=("paths start at the folder of the file that names them",),
-                    helps=near_names(path),
+                    helps=near_name_helps(path),
                 )
             else:
                 self.diagnostics.error(
-                    "D005", f"cannot read the data file `{decl.data}`: {error}", decl.data_span
+                    "D005",
+                    f"cannot read the data file `{decl.data}`: {error}",
+                    decl.data_span,
                 )
             return None
         except DataError as error:
@@ -318,7 +320,7 @@ class TypeChecker(CheckerPart):
         data, which is read in place, so an array or list may be large.
         """
         outer, self._around = self._around, around
-        t = self._dispatch(expr, scope, TABLE_MAX if table else VALUE_MAX)
+        t = self._type_meant(expr, scope, TABLE_MAX if table else VALUE_MAX)
         self._around = outer
         if isinstance(t, DurationType) and not duration:
             self.diagnostics.error(
@@ -331,25 +333,25 @@ class TypeChecker(CheckerPart):
             return ERROR
         return t
 
-    def _dispatch(self, expr: tree.TypeExpr, scope: FileScope, most: int) -> Type:
+    def _type_meant(self, expr: tree.TypeExpr, scope: FileScope, most: int) -> Type:
         if isinstance(expr, tree.BuiltinType):
             return BUILTIN_TYPES[expr.name]
         if isinstance(expr, tree.RangedIntType):
-            return self._ranged_int(expr, scope)
+            return self._int_type(expr, scope)
         if isinstance(expr, tree.NamedType):
-            return self._named(expr, scope)
+            return self._named_type(expr, scope)
         if isinstance(expr, tree.RecordTypeExpr):
-            return self._bounded(self._record(expr, scope), expr, VALUE_MAX)
+            return self._limited_type(self._record_type(expr, scope), expr, VALUE_MAX)
         if isinstance(expr, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
-            return self._bounded(self._array(expr, scope, most), expr, most)
+            return self._limited_type(self._array_type(expr, scope, most), expr, most)
         if isinstance(expr, tree.UnitTypeExpr):
-            return self._with_unit(expr, scope, most)
+            return self._unit_type(expr, scope, most)
         self.shared.names.losses += 1  # the parser could not read this
         return ERROR
 
-    def _with_unit(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
+    def _unit_type(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
         """A type with a unit; reports T030 if it has no numbers, or if the unit is too long."""
-        t = self._dispatch(expr.base, scope, most)
+        t = self._type_meant(expr.base, scope, most)
         numbers = any(isinstance(leaf, (FloatType, IntType)) for _, leaf in leaves(t))
         problem = ""
         if not isinstance(t, ErrorType) and not numbers:
@@ -363,7 +365,7 @@ class TypeChecker(CheckerPart):
             return ERROR
         return with_unit(t, expr.unit)
 
-    def _bounded(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
+    def _limited_type(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
         """The type, or a report of T011 if it has more than `most` scalars."""
         count = 0 if isinstance(t, ErrorType) else leaf_count(t)
         if count <= most:
@@ -385,14 +387,14 @@ class TypeChecker(CheckerPart):
         )
         return ERROR
 
-    def _constant(self, expr: tree.SyntaxExpr, scope: FileScope, subject: str) -> int | None:
+    def _array_size(self, expr: tree.SyntaxExpr, scope: FileScope, subject: str) -> int | None:
         value = self.shared.constant(expr, scope, INT, subject, self._around)
         return value if isinstance(value, int) else None
 
-    def _ranged_int(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
+    def _int_type(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
         subject = "the bound of a type"
-        low = self._constant(expr.interval.low, scope, subject)
-        high = self._constant(expr.interval.high, scope, subject)
+        low = self._array_size(expr.interval.low, scope, subject)
+        high = self._array_size(expr.interval.high, scope, subject)
         if low is None or high is None:
             return ERROR
         if low > high:
@@ -406,13 +408,13 @@ class TypeChecker(CheckerPart):
             return ERROR
         return IntType(low, high)
 
-    def _named(self, expr: tree.NamedType, scope: FileScope) -> Type:
+    def _named_type(self, expr: tree.NamedType, scope: FileScope) -> Type:
         name = expr.ref.name.text
         if expr.ref.qualifier is None and name == "Mode" and name not in scope.entries:
             return MODE
-        return self.referred(expr.ref, scope, "type", Type) or ERROR
+        return self.referred_symbol(expr.ref, scope, "type", Type) or ERROR
 
-    def _record(self, expr: tree.RecordTypeExpr, scope: FileScope) -> Type:
+    def _record_type(self, expr: tree.RecordTypeExpr, scope: FileScope) -> Type:
         fields: dict[str, Type] = {}
         spans: dict[str, Span] = {}
         failed = False
@@ -429,14 +431,14 @@ class TypeChecker(CheckerPart):
         self.shared.names.note_syntax_of_fields(t.fields, expr)
         return t
 
-    def _array(
+    def _array_type(
         self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope, most: int
     ) -> Type:
         element = self.check(expr.element, scope, self._around)
         is_array = isinstance(expr, tree.ArrayTypeExpr)
         subject = "the size of an array" if is_array else "the capacity of a list"
         size_expr = expr.size if isinstance(expr, tree.ArrayTypeExpr) else expr.capacity
-        size = self._constant(size_expr, scope, subject)
+        size = self._array_size(size_expr, scope, subject)
         if size is None or isinstance(element, ErrorType):
             return ERROR
         if not 1 <= size <= most:

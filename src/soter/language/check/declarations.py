@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.fixes import replace, the_other_way
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import CheckerPart, a_type, is_error
-from soter.language.check.field import part_of
+from soter.language.check.dots_and_brackets import part_and_type
+from soter.language.check.expression_base import CheckerPart, has_error, with_article
 from soter.language.check.parts.module import ModuleChecker
-from soter.language.check.parts.node import NodeChecker, check_binding, located
+from soter.language.check.parts.node import NodeChecker, check_binding, located_binding
 from soter.language.check.parts.plant import PlantChecker
 from soter.language.check.parts.system import TestChecker
 from soter.language.check.scope import FieldOf
@@ -66,11 +66,11 @@ class DeclChecker(CheckerPart):
         self.systems = TestChecker(shared)
         self._topics: dict[typed.SystemSymbol, list[typed.TopicSymbol]] = {}
         self._signatures: dict[type, Callable[[Any, FileScope, str], object]] = {
-            tree.TypeDecl: self._type,
-            tree.ConstDecl: self._const,
-            tree.ParamDecl: self._param,
-            tree.FunDecl: self._fun,
-            tree.TopicDecl: self._topic,
+            tree.TypeDecl: self._type_symbol,
+            tree.ConstDecl: self._const_symbol,
+            tree.ParamDecl: self._param_symbol,
+            tree.FunDecl: self._fun_symbol,
+            tree.TopicDecl: self._topic_symbol,
             tree.NodeDecl: self.nodes.signature,
             tree.RtaDecl: self.modules.signature,
             tree.PlantDecl: self.plants.signature,
@@ -96,7 +96,7 @@ class DeclChecker(CheckerPart):
 
     # ------------------------------------------------------------ types, constants, parameters
 
-    def _type(self, decl: tree.TypeDecl, scope: FileScope, full: str) -> object:
+    def _type_symbol(self, decl: tree.TypeDecl, scope: FileScope, full: str) -> object:
         if isinstance(decl.type, tree.EnumTypeExpr):
             members: dict[str, Span] = {}
             for member in decl.type.members:
@@ -115,13 +115,13 @@ class DeclChecker(CheckerPart):
             return RecordType(t.fields, full)
         return None if isinstance(t, ErrorType) else t
 
-    def _const(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
+    def _const_symbol(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
         data = decl.data is not None
         t = self.shared.resolve_type(decl.type, scope, duration=True, table=data)
         subject = f"constant `{decl.name.text}`"
         value = None
         if decl.data is not None and not isinstance(t, (ErrorType, DurationType)):
-            value = self.constants.data(decl, t, scope)
+            value = self.constants.data_value(decl, t, scope)
         elif decl.data is not None and isinstance(t, DurationType):
             self.diagnostics.error(
                 "T018",
@@ -135,19 +135,19 @@ class DeclChecker(CheckerPart):
             return None
         return typed.ConstSymbol(full, decl.name.span, t, value)
 
-    def _param(self, decl: tree.ParamDecl, scope: FileScope, full: str) -> object:
+    def _param_symbol(self, decl: tree.ParamDecl, scope: FileScope, full: str) -> object:
         t = self.shared.resolve_type(decl.type, scope, duration=True)
         subject = f"parameter `{decl.name.text}`"
         if not isinstance(t, (FloatType, IntType, DurationType, EnumType, BoolType, ErrorType)):
             self.diagnostics.error(
                 "T018",
-                f"a parameter is a single value, not {a_type(t)}",
+                f"a parameter is a single value, not {with_article(t)}",
                 decl.type.span,
                 notes=("it can be set on the command line: `--set NAME=VALUE`",),
                 helps=("declare one parameter for each number",),
             )
             return None
-        default = self._constant_expr(decl.default, scope, t, subject)
+        default = self._literal_of(decl.default, scope, t, subject)
         low, high = self._interval_ends(decl.interval, scope, t, subject) or (None, None)
         if default is None or isinstance(t, ErrorType):
             return None
@@ -174,16 +174,16 @@ class DeclChecker(CheckerPart):
         if interval is None:
             return None
         if isinstance(t, (BoolType, EnumType)):
-            message = f"{a_type(t)} has no order, so no interval"
+            message = f"{with_article(t)} has no order, so no interval"
             self.diagnostics.error("V004", message, interval.span)
             return None
-        low = self._constant_expr(interval.low, scope, t, subject)
-        high = self._constant_expr(interval.high, scope, t, subject)
-        if low is None or high is None or not self._check_order(low, high, interval):
+        low = self._literal_of(interval.low, scope, t, subject)
+        high = self._literal_of(interval.high, scope, t, subject)
+        if low is None or high is None or not self._is_in_order(low, high, interval):
             return None
         return low, high
 
-    def _check_order(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
+    def _is_in_order(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
         """Whether an interval contains a value; reports V001 if not."""
         if low.value <= high.value:
             return True
@@ -197,16 +197,15 @@ class DeclChecker(CheckerPart):
         )
         return False
 
-    def _constant_expr(
+    def _literal_of(
         self, expr: tree.SyntaxExpr, scope: FileScope, t: Type, subject: str
     ) -> typed.Literal | None:
-        """A constant as a literal, or None after a report."""
         value = self.shared.constant(expr, scope, t, subject)
         return None if value is None else typed.Literal(t, expr.span, value)
 
     # ------------------------------------------------------------ functions
 
-    def _fun(self, decl: tree.FunDecl, scope: FileScope, full: str) -> object:
+    def _fun_symbol(self, decl: tree.FunDecl, scope: FileScope, full: str) -> object:
         parameters: dict[str, typed.Variable] = {}
         for name, type_expr in decl.parameters:
             t = self.shared.resolve_type(type_expr, scope)
@@ -229,7 +228,7 @@ class DeclChecker(CheckerPart):
             result=result,
             body=body,
             extern=decl.extern,
-            source=located(decl.source, scope),
+            source=located_binding(decl.source, scope),
             prelude=scope.loaded.prelude,
         )
         if decl.body is not None:
@@ -260,7 +259,7 @@ class DeclChecker(CheckerPart):
 
     # ------------------------------------------------------------ topics
 
-    def _topic(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
+    def _topic_symbol(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
         t = self.shared.resolve_type(decl.type, scope)
         context = Context(scope, f"the declaration of topic `{decl.name.text}`")
         values: dict[tuple[str, ...], typed.RangeSet] = {}
@@ -291,7 +290,7 @@ class DeclChecker(CheckerPart):
         context: Context,
     ) -> None:
         if isinstance(values, tree.IntervalExpr):
-            interval = self._interval(values, t, context)
+            interval = self._range_set(values, t, context)
             if interval is not None:
                 out[path] = interval
             return
@@ -300,7 +299,7 @@ class DeclChecker(CheckerPart):
                 "V004",
                 f"`{t}` has no fields that could have sets of their own",
                 values.span,
-                helps=("give one interval: `in [-1.0, 1.0]`",) if scalar_of(t) else (),
+                helps=("give one interval: `in [-1.0, 1.0]`",) if number_type(t) else (),
             )
             return
         seen: dict[str, Span] = {}
@@ -328,10 +327,10 @@ class DeclChecker(CheckerPart):
                 self.shared.names.note(name.span, FieldOf(t, name.text))
                 self._enter_value_set(inner, t.fields[index][1], (*path, name.text), out, context)
 
-    def _interval(
+    def _range_set(
         self, values: tree.IntervalExpr, t: Type, context: Context
     ) -> typed.RangeSet | None:
-        scalar = scalar_of(t)
+        scalar = number_type(t)
         if scalar is None and isinstance(values.low, tree.ErrorExpr):
             return None  # the parser has reported what is wrong with it
         if scalar is None:
@@ -347,7 +346,7 @@ class DeclChecker(CheckerPart):
             return None
         low = self.shared.number(values.low, context, scalar, "a bound")
         high = self.shared.number(values.high, context, scalar, "a bound")
-        return None if is_error(low, high) else typed.RangeSet(low, high, values.span)
+        return None if has_error(low, high) else typed.RangeSet(low, high, values.span)
 
     def topic_ref(
         self,
@@ -361,7 +360,7 @@ class DeclChecker(CheckerPart):
         The report has `helps` if the name is no topic, `otherwise` if it means nothing at all.
         """
         of = typed.TopicSymbol
-        return self.referred(ref, scope, "topic", of, helps=helps, otherwise=otherwise)
+        return self.referred_symbol(ref, scope, "topic", of, helps=helps, otherwise=otherwise)
 
     def topic_path(
         self, path: tree.DottedPath, scope: FileScope
@@ -375,11 +374,11 @@ class DeclChecker(CheckerPart):
                 first, tree.Name(parts[0].text, parts[0].word), first.span.to(parts[0].word)
             )
             first = parts.pop(0)
-        helps, otherwise = ((), ()) if ref.qualifier else _not_a_topic(path, scope)
+        helps, otherwise = ((), ()) if ref.qualifier else _no_topic_helps(path, scope)
         topic = self.topic_ref(ref, scope, helps, otherwise)
         if topic is None:
             return None
-        below = part_of(self.shared, topic.type, (first, *parts), scope)
+        below = part_and_type(self.shared, topic.type, (first, *parts), scope)
         return None if below is None else (topic, *below)
 
     # ------------------------------------------------------------ topics of systems
@@ -392,7 +391,7 @@ class DeclChecker(CheckerPart):
         return self._topics[system]
 
 
-def _not_a_topic(
+def _no_topic_helps(
     path: tree.DottedPath, scope: FileScope
 ) -> tuple[tuple[Help, ...], tuple[Help, ...]]:
     """The `helps` and `otherwise` of `topic_ref` for a path whose first name is no topic."""
@@ -413,15 +412,15 @@ def show(value: Value, t: Type) -> str:
     return f"{value!r}" if not isinstance(value, bool) else str(value).lower()
 
 
-def scalar_of(t: Type) -> Type | None:
+def number_type(t: Type) -> Type | None:
     """The one kind of number a type is made of (FLOAT or INT), or None."""
     if is_vector_part(t):
         return FLOAT
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):
-        kinds = {scalar_of(f) for f in {id(f): f for _, f in t.fields}.values()}
+        kinds = {number_type(f) for f in {id(f): f for _, f in t.fields}.values()}
         return kinds.pop() if len(kinds) == 1 else None
     if isinstance(t, (ArrayType, ListType)):
-        return scalar_of(t.element)
+        return number_type(t.element)
     return None

@@ -14,8 +14,8 @@ from soter.diagnostics.fixes import replace
 from soter.language.check import unknown_names
 from soter.language.check.call import CallChecker
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.expression_base import error_expr, float_literal, is_error, plain
-from soter.language.check.field import listed
+from soter.language.check.dots_and_brackets import listed
+from soter.language.check.expression_base import error_expr, float_literal, has_error, plain_type
 from soter.language.check.operators_and_choices import ChooseChecker, OperatorChecker
 from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from soter.language.check.checker_interface import Context
     from soter.language.check.scope import Entry
 
-__all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
+__all__ = ["ExprChecker", "error_expr", "float_literal", "has_error", "plain_type"]
 
 
 class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
@@ -52,7 +52,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """The typed expression, not yet converted; `expected` only helps with literals."""
-        typed_expr = self._any(expr, context, expected)
+        typed_expr = self._any_value(expr, context, expected)
         if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
             return typed_expr
         return self.wrong(
@@ -66,9 +66,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
         """The typed expression of which a part is read in place; it may be a table."""
-        return self._any(expr, context, None)
+        return self._any_value(expr, context, None)
 
-    def _any(
+    def _any_value(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         method = self._METHODS.get(type(expr))
@@ -78,7 +78,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     # ------------------------------------------------------------ literals
 
-    def _int(self, expr: tree.IntLit, _: Context, expected: Type | None) -> typed.TypedExpr:
+    def _int_literal(self, expr: tree.IntLit, _: Context, expected: Type | None) -> typed.TypedExpr:
         if isinstance(expected, FloatType):
             return typed.Literal(FLOAT, expr.span, float(expr.value))
         # -2^63 is written as a negated 2^63, which does not fit itself: see `unary`
@@ -92,13 +92,15 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             )
         return typed.Literal(INT, expr.span, expr.value)
 
-    def _float(self, expr: tree.FloatLit, _: Context, __: Type | None) -> typed.TypedExpr:
+    def _float_literal(self, expr: tree.FloatLit, _: Context, __: Type | None) -> typed.TypedExpr:
         return typed.Literal(FLOAT, expr.span, expr.value)
 
-    def _bool(self, expr: tree.BoolLit, _: Context, __: Type | None) -> typed.TypedExpr:
+    def _bool_literal(self, expr: tree.BoolLit, _: Context, __: Type | None) -> typed.TypedExpr:
         return typed.Literal(BOOL, expr.span, expr.value)
 
-    def _duration(self, expr: tree.DurationLit, _: Context, __: Type | None) -> typed.TypedExpr:
+    def _duration_literal(
+        self, expr: tree.DurationLit, _: Context, __: Type | None
+    ) -> typed.TypedExpr:
         if expr.value_ns is None or expr.value_ns > INT_MAX:
             return self.wrong(
                 "C005",
@@ -110,13 +112,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     # ------------------------------------------------------------ names
 
-    def _name(self, expr: tree.NameExpr, context: Context, _: Type | None) -> typed.TypedExpr:
+    def _check_name(self, expr: tree.NameExpr, context: Context, _: Type | None) -> typed.TypedExpr:
         name, span = expr.name.text, expr.span
         local = context.find_local(name)
         if local is not None:
             local.used = True
             self.names.note(span, local)
-            if is_error(read := typed.VarRead(local.type, span, local)):
+            if has_error(read := typed.VarRead(local.type, span, local)):
                 self.names.losses += 1
             return read
         if context.hidden is not None:
@@ -124,7 +126,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             if hidden is not None:
                 hidden.used = True
                 self.names.note(span, hidden)
-                return self._not_constant(f"`{name}`", span, hidden.span, context)
+                return self._refuse_in_constant(f"`{name}`", span, hidden.span, context)
         if name in context.private:
             context.private[name].used = True
             return self.wrong(
@@ -139,11 +141,11 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         if entry is not None:
             return self.entry(entry, span, context)
         if name in SPECIALS:
-            return self._special_name(name, span, context)
+            return self._check_special(name, span, context)
         if name in context.lost:
             return self.lost(span)
         if context.instances is not None and name in context.instances:
-            return self.no_value(context.instances[name].what, name, span)
+            return self.refuse_instance(context.instances[name].what, name, span)
         if name in BUILTIN_FUNCTIONS and not context.broken:
             self.diagnostics.error(
                 "N003",
@@ -153,11 +155,11 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             )
         else:
             self.report_unknown(
-                expr.name, context, SPECIALS, helps=self._state(name, span, context)
+                expr.name, context, SPECIALS, helps=self._state_helps(name, span, context)
             )
         return error_expr(span)
 
-    def _state(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
+    def _state_helps(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
         """Help with `c.truth.x` for `x` in a system, if one instance's plant has a state `x`."""
         owners = [
             path
@@ -169,9 +171,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return ()
         return (replace(span, f"{owners[0]}.truth.{name}"),)
 
-    def _special_name(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
+    def _check_special(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
         if context.constant:
-            return self._not_constant(f"`{name}`", span, None, context)
+            return self._refuse_in_constant(f"`{name}`", span, None, context)
         if name == "in_control" and context.node is not None:
             return typed.InControl(BOOL, span)
         if name == "time" and context.has_time:
@@ -186,7 +188,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             helps=("pass it as an argument",) if context.result is not None else (),
         )
 
-    def _not_constant(
+    def _refuse_in_constant(
         self, subject: str, span: Span, declared: Span | None, context: Context
     ) -> typed.TypedExpr:
         """Reports T008, or T007 in the bound of a loop, for a value known only in a run."""
@@ -219,7 +221,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             self.shared.calls.note_param(symbol, span)
             if context.constant:
                 subject = f"the parameter `{symbol.name}`"
-                return self._not_constant(subject, span, symbol.span, context)
+                return self._refuse_in_constant(subject, span, symbol.span, context)
             return typed.ParamRead(symbol.type, span, symbol)
         if isinstance(symbol, typed.TopicSymbol):
             return self.topic_read(symbol, span, context)
@@ -228,10 +230,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             f"`{entry.decl.name.text}` is a {entry.kind}, not a value",
             span,
             also=((entry.decl.name.span, "declared here"),),
-            helps=self._value_of(entry, symbol, span, context),
+            helps=self._entry_helps(entry, symbol, span, context),
         )
 
-    def _value_of(
+    def _entry_helps(
         self, entry: Entry, symbol: object, span: Span, context: Context
     ) -> tuple[Help, ...]:
         """Helps with the value that a function, module, plant, node or type was taken for."""
@@ -249,12 +251,12 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return (f"its state is `{mine[0]}.truth`",) if mine else ()
         if entry.kind in ("node", "plant") and not context.constant:
             return entry.instead("value", span)
-        return self.value_of_type(entry.decl.name, context) if entry.kind == "type" else ()
+        return self.value_helps(entry.decl.name, context) if entry.kind == "type" else ()
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
         """The typed read of a topic, if this place may read it."""
         if context.constant:
-            return self._not_constant(f"topic `{topic.name}`", span, topic.span, context)
+            return self._refuse_in_constant(f"topic `{topic.name}`", span, topic.span, context)
         if context.topics is None:
             in_function = context.result is not None
             return self.wrong(
@@ -286,12 +288,12 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             message = f"{context.where} does not {verb} `{topic.name}`"
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
             if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
-                helps = (unknown_names.listed_too(context.inputs, span.text, context.owner.span),)
+                helps = (unknown_names.listing_fix(context.inputs, span.text, context.owner.span),)
         return self.wrong("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists
 
-    def _record(
+    def _record_literal(
         self, expr: tree.RecordExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         target = expected if isinstance(expected, RecordType) else None
@@ -301,7 +303,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         failed = False
         for name, value in expr.fields:
             checked = self.check(value, context, wanted.get(name.text))
-            failed = failed or is_error(checked)
+            failed = failed or has_error(checked)
             if name.text in values:
                 self.diagnostics.error(
                     "T010",
@@ -336,12 +338,12 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             failed = True
         if failed:
             return error_expr(expr.span)
-        made = _aggregate(expr, values, target)
+        made = _ordered_literal(expr, values, target)
         if target is None and isinstance(made.type, RecordType):
             self.names.note_syntax_of_fields(made.type.fields, expr)
         return made
 
-    def _list(
+    def _list_literal(
         self, expr: tree.ListExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         element = expected.element if isinstance(expected, (ArrayType, ListType)) else None
@@ -373,10 +375,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             )
         else:
             floats = any(isinstance(i.type, FloatType) for i in items)
-            first = FLOAT if floats else plain(items[0].type)
+            first = FLOAT if floats else plain_type(items[0].type)
             items = [self.convert(i, first) for i in items]
             target = ArrayType(first, count)
-        if is_error(*items):
+        if has_error(*items):
             return error_expr(expr.span)
         return typed.Aggregate(target, expr.span, tuple(items))
 
@@ -386,29 +388,28 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     _METHODS: ClassVar[
         dict[type[tree.SyntaxExpr], Callable[[Any, Any, Context, Any], typed.TypedExpr]]
     ] = {
-        tree.NameExpr: _name,
-        tree.IntLit: _int,
-        tree.FloatLit: _float,
-        tree.BoolLit: _bool,
-        tree.DurationLit: _duration,
+        tree.NameExpr: _check_name,
+        tree.IntLit: _int_literal,
+        tree.FloatLit: _float_literal,
+        tree.BoolLit: _bool_literal,
+        tree.DurationLit: _duration_literal,
         tree.FieldExpr: CallChecker.field,
         tree.IndexExpr: CallChecker.index,
         tree.CallExpr: CallChecker.call,
         tree.UnaryExpr: OperatorChecker.unary,
         tree.BinaryExpr: OperatorChecker.binary,
         tree.ConditionalExpr: OperatorChecker.conditional,
-        tree.RecordExpr: _record,
-        tree.ListExpr: _list,
+        tree.RecordExpr: _record_literal,
+        tree.ListExpr: _list_literal,
         tree.ChooseExpr: ChooseChecker.choose,
     }
 
 
-def _aggregate(
+def _ordered_literal(
     expr: tree.RecordExpr, values: dict[str, typed.TypedExpr], target: RecordType | None
 ) -> typed.TypedExpr:
-    """The typed record literal, with the order in which its fields were written."""
     if target is None:
-        target = RecordType(tuple((n, plain(v.type)) for n, v in values.items()))
+        target = RecordType(tuple((n, plain_type(v.type)) for n, v in values.items()))
     names = [n for n, _ in target.fields]
     order = tuple(names.index(n) for n in values)
     straight = order == tuple(range(len(names)))

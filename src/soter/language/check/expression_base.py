@@ -50,22 +50,22 @@ def error_expr(span: Span) -> typed.TypedExpr:
     return typed.Literal(ERROR, span, None)
 
 
-def is_error(*exprs: typed.TypedExpr) -> bool:
+def has_error(*exprs: typed.TypedExpr) -> bool:
     """Whether any of the expressions has been reported."""
     return any(isinstance(e.type, ErrorType) for e in exprs)
 
 
-def sound(expr: typed.TypedExpr | None) -> typed.TypedExpr | None:
+def unless_error(expr: typed.TypedExpr | None) -> typed.TypedExpr | None:
     """The expression, or None if it has been reported."""
-    return None if expr is None or is_error(expr) else expr
+    return None if expr is None or has_error(expr) else expr
 
 
-def a_type(t: Type) -> str:
-    """A type with its article: a `float`, an `int`."""
+def with_article(t: Type) -> str:
+    """Gives a type in words with its article: a `float`, an `int`."""
     return f"an `{t}`" if str(t).startswith(("int", "A", "E", "I", "O")) else f"a `{t}`"
 
 
-def plain(t: Type) -> Type:
+def plain_type(t: Type) -> Type:
     """The type that a new variable gets from a value: ranged ints become plain ints."""
     return INT if isinstance(t, IntType) else t
 
@@ -94,7 +94,7 @@ def unify_literals(
     return left, right
 
 
-def difference(expected: Type, actual: Type) -> str:
+def difference_note(expected: Type, actual: Type) -> str:
     """A note on the part in which two similar types differ; "" for types that differ more."""
     if isinstance(expected, RecordType) and isinstance(actual, RecordType):
         have, want = dict(actual.fields), dict(expected.fields)
@@ -102,7 +102,7 @@ def difference(expected: Type, actual: Type) -> str:
             if name not in have:
                 return f"`{expected}` has a field `{name}`, `{actual}` has none"
             if have[name] != t:
-                deeper = difference(t, have[name])
+                deeper = difference_note(t, have[name])
                 return deeper or f"the field `{name}` is `{have[name]}` instead of `{t}`"
         extra = [n for n in have if n not in want]
         if extra:
@@ -110,7 +110,7 @@ def difference(expected: Type, actual: Type) -> str:
         return "the fields stand in another order"
     for kind in (ArrayType, ListType):
         if isinstance(expected, kind) and isinstance(actual, kind):
-            return difference(expected.element, actual.element)
+            return difference_note(expected.element, actual.element)
     return ""
 
 
@@ -121,7 +121,7 @@ class CheckerPart:
         self.shared = shared
         self.diagnostics = shared.diagnostics
 
-    def referred(
+    def referred_symbol(
         self,
         ref: tree.Ref,
         scope: FileScope,
@@ -164,7 +164,7 @@ class CheckerPart:
         """As `Shared.number`; None if the program does not give the number, or after a report."""
         if expr is None:
             return None
-        return sound(self.shared.number(expr, context, expected, subject, because))
+        return unless_error(self.shared.number(expr, context, expected, subject, because))
 
 
 class ExprBase(CheckerPart, ABC):
@@ -208,7 +208,7 @@ class ExprBase(CheckerPart, ABC):
     ) -> None:
         """Reports N001, unless the parser may have lost the declaration of the name.
 
-        `helps`, `otherwise` and `among` are as in `Names.unknown`.
+        `helps`, `otherwise` and `among` are as in `Names.report_unknown`.
         """
         if context.broken:
             self.names.losses += 1
@@ -247,7 +247,7 @@ class ExprBase(CheckerPart, ABC):
             among=among,
         )
 
-    def value_of_type(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
+    def value_helps(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
         """Helps with the local or topic that was meant where a type is named: `motion`."""
         values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
         for other in chain(context.local_names(), values):
@@ -277,7 +277,7 @@ class ExprBase(CheckerPart, ABC):
         `because` says where the program asks for that type.
         """
         result = self.dispatch(expr, context, expected)
-        if expected is None or is_error(result):
+        if expected is None or has_error(result):
             return result
         return self.convert(result, expected, because)
 
@@ -285,26 +285,26 @@ class ExprBase(CheckerPart, ABC):
         self, expr: typed.TypedExpr, expected: Type, because: Because | None = None
     ) -> typed.TypedExpr:
         """Converts an expression to type `expected`, or reports T001."""
-        if isinstance(expected, ErrorType) or is_error(expr) or expr.type == expected:
+        if isinstance(expected, ErrorType) or has_error(expr) or expr.type == expected:
             return expr
         if isinstance(expected, IntType) and isinstance(expr.type, IntType):
-            return self._narrow(expr, expected, because)
+            return self._narrowed(expr, expected, because)
         if isinstance(expected, FloatType):
             as_float = float_literal(expr)
             if as_float is not None:
                 return as_float
-        why = difference(expected, expr.type)
+        why = difference_note(expected, expr.type)
         return self.wrong(
             "T001",
             f"expected `{expected}`, found `{expr.type}`",
             expr.span,
             f"this is `{expr.type}`",
-            also=_declared(expr, because),
+            also=_type_labels(expr, because),
             notes=(why,) if why else (),
-            helps=of_a_list(expr, expected) or _conversion(expected, expr),
+            helps=list_helps(expr, expected) or _conversion_helps(expected, expr),
         )
 
-    def _narrow(
+    def _narrowed(
         self, expr: typed.TypedExpr, expected: IntType, because: Because | None
     ) -> typed.TypedExpr:
         if not isinstance(expr, typed.Literal):
@@ -320,7 +320,7 @@ class ExprBase(CheckerPart, ABC):
         )
 
 
-def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
+def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     """Helps if a list or an array, such as a queue, stands where an element is wanted."""
     of = expr.type
     if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
@@ -335,7 +335,7 @@ def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     return (f"look at each of its elements: `{loop}`",)
 
 
-def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
+def member_helps(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Help with a member for its number, `Gear.Drive` for 1; the first one for other numbers."""
     name = of.name.rpartition(".")[2]
     whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
@@ -344,7 +344,7 @@ def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
     return tuple(f"a case of it is named: `{name}.{member}`" for member in of.members[:1])
 
 
-def _declared(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:
+def _type_labels(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:
     """Labels for where the program asks for a type, and where a parameter gets its own."""
     also = (because,) if because else ()
     if isinstance(expr, typed.ParamRead):
@@ -352,29 +352,29 @@ def _declared(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Spa
     return also
 
 
-def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
+def _conversion_helps(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Helps that convert a value to another type, mostly as edits."""
     actual, span = expr.type, expr.span
     text = span.text
     if isinstance(expected, FloatType) and isinstance(actual, (IntType, BoolType, DurationType)):
-        return _as_float(expr)
+        return _float_helps(expr)
     if isinstance(expected, IntType) and isinstance(actual, FloatType):
         title = "convert it: `int(...)` cuts off what is behind the point"
         return (replace(span, f"int({text})", title),)
     if isinstance(expected, EnumType) and not isinstance(actual, EnumType):
-        return of_a_case(expected, expr)
+        return member_helps(expected, expr)
     if isinstance(expected, BoolType):
-        return _as_truth(expr)
+        return _truth_helps(expr)
     if isinstance(expected, DurationType):
-        return _as_time(expr)
+        return _time_helps(expr)
     if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
-        return _as_record(expected, expr)
+        return _record_helps(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
         return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
     return ()
 
 
-def _as_float(expr: typed.TypedExpr) -> tuple[Help, ...]:
+def _float_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Helps that convert an int, a time or a bool to a float."""
     span, text = expr.span, expr.span.text
     if isinstance(expr.type, IntType):
@@ -386,7 +386,7 @@ def _as_float(expr: typed.TypedExpr) -> tuple[Help, ...]:
     return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
 
 
-def _as_truth(expr: typed.TypedExpr) -> tuple[Help, ...]:
+def _truth_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Helps that turn an enum member or a number into a bool by a comparison."""
     actual, span = expr.type, expr.span
     text = span.text
@@ -403,7 +403,7 @@ def _as_truth(expr: typed.TypedExpr) -> tuple[Help, ...]:
     return (append(span, " != 0", f"write `{text} != 0`"),)
 
 
-def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:
+def _time_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Helps that turn a number in seconds into a duration, for a name at its declaration."""
     param = expr.param if isinstance(expr, typed.ParamRead) else None
     named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)
@@ -418,7 +418,7 @@ def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:
     return (f"write a time with its unit, such as `{time}`",)
 
 
-def _as_record(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:
+def _record_helps(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:
     """Help that writes a list as a record: `{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
     fields, elements = expected.fields, expr.elements
     pairs = list(zip(fields, elements, strict=False))

@@ -15,14 +15,14 @@ from soter.diagnostics.fixes import replace
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import (
     ExprBase,
-    a_type,
     error_expr,
     float_literal,
-    is_error,
-    of_a_case,
-    of_a_list,
-    plain,
+    has_error,
+    list_helps,
+    member_helps,
+    plain_type,
     unify_literals,
+    with_article,
 )
 from soter.language.evaluate.environment import MAX_FAIR
 from soter.language.model import typed
@@ -68,9 +68,9 @@ class ChooseChecker(ExprBase):
         if context.choices is None:
             self._report_misplaced(expr.span, context)
         if expr.interval is not None:
-            choice = self._between(expr, expr.interval, context)
+            choice = self._choice_between(expr, expr.interval, context)
         elif expr.type is not None:
-            choice = self._of_type(expr, expr.type, context)
+            choice = self._choice_of_type(expr, expr.type, context)
         else:
             choice = self._choice_of_values(expr, context, expected)
         if not isinstance(choice, typed.TypedChoose) or context.choices is None:
@@ -107,27 +107,27 @@ class ChooseChecker(ExprBase):
 
     # ------------------------------------------------------------ the three kinds
 
-    def _between(
+    def _choice_between(
         self, expr: tree.ChooseExpr, interval: tree.IntervalExpr, context: Context
     ) -> typed.TypedExpr:
         """Checks `choose [low, high]` with constant ints."""
         subject = "the bound of a choice"
         constant = Context(context.scope, subject, constant="T008", hidden=context)
         ends = [self.check(e, constant) for e in (interval.low, interval.high)]
-        if is_error(*ends):
+        if has_error(*ends):
             return error_expr(expr.span)
         if any(isinstance(e.type, FloatType) for e in ends):
-            return self._infinite("all floats of an interval", interval.span, expr.span)
+            return self._refuse_infinite("all floats of an interval", interval.span, expr.span)
         bounds = [self.shared.evaluate(self.convert(e, INT), subject) for e in ends]
         low, high = bounds
         if low is None or high is None:
             return error_expr(expr.span)
         if low > high:
             turned = (f"write `[{high}, {low}]`",)
-            return self._empty(f"[{low}, {high}] is empty", interval.span, turned, expr.span)
+            return self._refuse_empty(f"[{low}, {high}] is empty", interval.span, turned, expr.span)
         return typed.TypedChoose(IntType(low, high), expr.span, high - low + 1, low, (), None)
 
-    def _of_type(
+    def _choice_of_type(
         self, expr: tree.ChooseExpr, type_: tree.TypeExpr, context: Context
     ) -> typed.TypedExpr:
         """Checks `choose bool`, `choose Enum`, and `choose` of a named `int in [a, b]`."""
@@ -140,7 +140,7 @@ class ChooseChecker(ExprBase):
         elif isinstance(t, IntType) and not t.is_full:
             count, low = t.high - t.low + 1, t.low
         elif not isinstance(t, ErrorType):
-            return self._infinite(f"the values of `{t}`", type_.span, expr.span)
+            return self._refuse_infinite(f"the values of `{t}`", type_.span, expr.span)
         if not count:
             return error_expr(expr.span)
         return typed.TypedChoose(t, expr.span, count, low, (), None)
@@ -150,23 +150,23 @@ class ChooseChecker(ExprBase):
     ) -> typed.TypedExpr:
         """Checks `choose { e1, e2 }`, a choice between values of one type."""
         if not expr.options:
-            return self._empty("there is nothing to choose from", expr.span, (), expr.span)
+            return self._refuse_empty("there is nothing to choose from", expr.span, (), expr.span)
         items = [self.check(e, context, expected) for e in expr.options]
-        if is_error(*items):
+        if has_error(*items):
             return error_expr(expr.span)
         t = expected
         if t is None:
             floats = any(isinstance(i.type, FloatType) for i in items)
-            t = FLOAT if floats else plain(items[0].type)
-            because = (items[0].span, f"the first one is {a_type(t)}")
+            t = FLOAT if floats else plain_type(items[0].type)
+            because = (items[0].span, f"the first one is {with_article(t)}")
             items = [self.convert(i, t, None if i is items[0] else because) for i in items]
-        if is_error(*items):
+        if has_error(*items):
             return error_expr(expr.span)
         return typed.TypedChoose(t, expr.span, len(items), 0, tuple(items), None)
 
     # ------------------------------------------------------------ what cannot be chosen
 
-    def _empty(
+    def _refuse_empty(
         self, message: str, span: Span, helps: tuple[str, ...], whole: Span
     ) -> typed.TypedExpr:
         return self.wrong(
@@ -179,7 +179,7 @@ class ChooseChecker(ExprBase):
             whole=whole,
         )
 
-    def _infinite(self, subject: str, span: Span, whole: Span) -> typed.TypedExpr:
+    def _refuse_infinite(self, subject: str, span: Span, whole: Span) -> typed.TypedExpr:
         return self.wrong(
             "E003",
             f"{subject} cannot be tried one by one",
@@ -216,7 +216,9 @@ class OperatorChecker(ExprBase):
         """Checks `-e` and `!e`."""
         if expr.op == "!":
             operand = self.check(expr.operand, context, BOOL)
-            return operand if is_error(operand) else typed.TypedUnary(BOOL, expr.span, "!", operand)
+            return (
+                operand if has_error(operand) else typed.TypedUnary(BOOL, expr.span, "!", operand)
+            )
         if (
             isinstance(expr.operand, tree.IntLit)
             and expr.operand.value == -INT_MIN
@@ -224,7 +226,7 @@ class OperatorChecker(ExprBase):
         ):
             return typed.Literal(INT, expr.span, INT_MIN)  # 2^63 is no int, but -2^63 is
         operand = self.dispatch(expr.operand, context, _number_hint(expected))
-        if is_error(operand):
+        if has_error(operand):
             return operand
         t = operand.type
         if isinstance(operand, typed.Literal) and operand.name is None:
@@ -236,9 +238,9 @@ class OperatorChecker(ExprBase):
             return typed.TypedUnary(INT, expr.span, "-", operand)
         if isinstance(t, FloatType) or is_vector(t):
             return typed.TypedUnary(t, expr.span, "-", operand)
-        return self._no_negation(expr, t)
+        return self._refuse_negation(expr, t)
 
-    def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> typed.TypedExpr:
+    def _refuse_negation(self, expr: tree.UnaryExpr, t: Type) -> typed.TypedExpr:
         """Reports T002 for `-` before a bool, a time or anything else that is no number."""
         helps: tuple[Help, ...] = ()
         sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
@@ -263,7 +265,7 @@ class OperatorChecker(ExprBase):
         if op in {"&&", "||"}:
             left = self.check(expr.left, context, BOOL)
             right = self.check(expr.right, context, BOOL)
-            if is_error(left, right):
+            if has_error(left, right):
                 return error_expr(expr.span)
             return typed.TypedBinary(BOOL, expr.span, op, left, right)
         hint = None
@@ -273,10 +275,10 @@ class OperatorChecker(ExprBase):
             hint = expected
         left = self.dispatch(expr.left, context, hint)
         right = self.dispatch(expr.right, context, hint)
-        if is_error(left, right):
+        if has_error(left, right):
             return error_expr(expr.span)
         left, right = unify_literals(left, right)
-        result = (_compared if op in COMPARISONS else _arithmetic)(expr, left, right)
+        result = (_comparison if op in COMPARISONS else _calculation)(expr, left, right)
         if result is None:
             lt, rt = left.type, right.type
             return self.wrong(
@@ -284,8 +286,8 @@ class OperatorChecker(ExprBase):
                 f"`{op}` does not apply to `{lt}` and `{rt}`",
                 expr.span,
                 also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
-                helps=of_a_list(left, rt)
-                or of_a_list(right, lt)
+                helps=list_helps(left, rt)
+                or list_helps(right, lt)
                 or _enum_case_help(left, right, expected)
                 or _operator_help(expr, lt, rt, expected),
             )
@@ -317,7 +319,7 @@ class OperatorChecker(ExprBase):
         condition = self.check(expr.condition, context, BOOL)
         then = self.check(expr.then, context, expected)
         otherwise = self.check(expr.otherwise, context, expected)
-        if is_error(condition, then, otherwise):
+        if has_error(condition, then, otherwise):
             return error_expr(expr.span)
         then, otherwise = unify_literals(then, otherwise)
         t = then.type
@@ -350,7 +352,7 @@ _ARITHMETIC_TYPES: Mapping[tuple[type[Type], str, type[Type]], Type] = {
 """(left type, operator, right type) of scalars -> type of the result."""
 
 
-def _compared(
+def _comparison(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     lt, rt = left.type, right.type
@@ -362,7 +364,7 @@ def _compared(
     return None
 
 
-def _arithmetic(
+def _calculation(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
@@ -371,14 +373,14 @@ def _arithmetic(
         return typed.TypedBinary(result, span, op, left, right)
     if is_vector(lt) and lt == rt and op in {"+", "-"}:
         return typed.Vector(lt, span, op, left, right)
-    if is_vector(rt) and op == "*" and (scalar := _scalar(left)) is not None:
+    if is_vector(rt) and op == "*" and (scalar := _float_factor(left)) is not None:
         return typed.Vector(rt, span, op, scalar, right)
-    if is_vector(lt) and op in {"*", "/"} and (scalar := _scalar(right)) is not None:
+    if is_vector(lt) and op in {"*", "/"} and (scalar := _float_factor(right)) is not None:
         return typed.Vector(lt, span, op, left, scalar)
     return None
 
 
-def _scalar(factor: typed.TypedExpr) -> typed.TypedExpr | None:
+def _float_factor(factor: typed.TypedExpr) -> typed.TypedExpr | None:
     """The factor as a float that a vector may be multiplied with; None if it is none."""
     return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
@@ -389,7 +391,7 @@ def _enum_case_help(
     """Helps with `Gear.Drive` for an enum compared with 1, `b ? 1.0 : 0.0` for a bool as number."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
-            return of_a_case(one.type, other)
+            return member_helps(one.type, other)
         if isinstance(one.type, BoolType) and isinstance(other.type, (IntType, FloatType)):
             values = "1.0 : 0.0" if isinstance(other.type, FloatType) else "1 : 0"
             text = one.span.text
@@ -404,7 +406,7 @@ def _enum_case_help(
     return ()
 
 
-def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:
+def _components_help(expr: tree.BinaryExpr, of: Type) -> Help:
     """Help with an operator by components: `{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
     names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
     a, b = expr.left, expr.right
@@ -423,7 +425,7 @@ def _operator_help(
 ) -> tuple[Help, ...]:
     op, kinds = expr.op, {type(lt), type(rt)}
     if op == "+" and isinstance(lt, ListType) and isinstance(rt, (ListType, ArrayType)):
-        return (_push_instead(expr),)
+        return (_push_help(expr),)
     if is_vector(lt) and is_vector(rt):
         return _vector_help(expr, lt, rt, expected)
     if kinds <= {IntType, FloatType, DurationType}:
@@ -435,8 +437,7 @@ def _operator_help(
     return ()
 
 
-def _push_instead(expr: tree.BinaryExpr) -> str:
-    """Help with `push xs, x;` for `xs + [x]`."""
+def _push_help(expr: tree.BinaryExpr) -> str:
     one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
     pushed = one[0].span.text if len(one) == 1 else "x"
     loop = "" if len(one) == 1 else f" in a loop, `for x in {expr.right.span.text} {{ ... }}`"
@@ -449,11 +450,11 @@ def _vector_help(
     """Helps for an operator between two vectors: the scalar product, or by components."""
     op = expr.op
     if op in "*/" and expected is not None and lt == rt == expected:
-        return (_by_components(expr, lt),)
+        return (_components_help(expr, lt),)
     if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
         title = "for the scalar product write `dot(a, b)`"
         if expected is None:
-            return (title, texts([_by_components(expr, lt)])[0])
+            return (title, texts([_components_help(expr, lt)])[0])
         product = f"dot({expr.left.span.text}, {expr.right.span.text})"
         return (replace(expr.span, product, title),)
     if op in {"+", "-"}:

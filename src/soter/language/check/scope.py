@@ -154,7 +154,7 @@ class Names:
         self._missing: set[tuple[object, ...]] = set()
 
     def note(self, span: Span, meaning: object) -> None:
-        """Notes what the name at a place was taken for; its first meaning stays."""
+        """Notes as what the name at a place was understood; the first meaning of a place stays."""
         if self.meant is not None and meaning is not None:
             self.meant.at.setdefault((id(span.source), span.start), meaning)
 
@@ -167,26 +167,26 @@ class Names:
 
     def add_program(self, main: LoadedFile) -> FileScope:
         """Enters the declarations of a file and of all its imports; returns its scope."""
-        scope = self._scope_of(main)
+        scope = self._file_scope(main)
         waiting = [main]
         entered = {id(main)}
         while waiting:
             loaded = waiting.pop(0)
-            file_scope = self._scope_of(loaded)
+            file_scope = self._file_scope(loaded)
             for name, child in loaded.imports.items():
-                file_scope.imports[name] = self._scope_of(child) if child is not None else None
+                file_scope.imports[name] = self._file_scope(child) if child is not None else None
                 if child is not None and id(child) not in entered:
                     entered.add(id(child))
                     waiting.append(child)
                 if name in file_scope.entries:
-                    self._import_and_declaration(file_scope, name)
+                    self._report_import_and_declaration(file_scope, name)
         return scope
 
     def add_prelude(self, loaded: LoadedFile) -> None:
         """Enters the declarations of a prelude file, which every file sees."""
-        self.prelude.update(self._scope_of(loaded).entries)
+        self.prelude.update(self._file_scope(loaded).entries)
 
-    def _scope_of(self, loaded: LoadedFile) -> FileScope:
+    def _file_scope(self, loaded: LoadedFile) -> FileScope:
         known = self._by_file.get(id(loaded))
         if known is not None:
             return known
@@ -203,7 +203,7 @@ class Names:
                 self.report_two_of_one_name(name, decl.name.span, first.decl.name.span)
         return scope
 
-    def _import_and_declaration(self, scope: FileScope, name: str) -> None:
+    def _report_import_and_declaration(self, scope: FileScope, name: str) -> None:
         imported = next(i for i in scope.loaded.file.imports if i.name.text == name)
         self.diagnostics.error(
             "N002",
@@ -258,7 +258,7 @@ class Names:
     ) -> Entry | None:
         """The entry that a reference means; None after a report, N001 or N006.
 
-        `wanted` is the kind of declaration that is needed; `otherwise` as in `unknown`.
+        `wanted` is the kind of declaration that is needed; `otherwise` as in `report_unknown`.
         """
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
@@ -276,7 +276,7 @@ class Names:
     ) -> Entry | None:
         """The entry that `qualifier.name` means; None after a report."""
         if qualifier.text not in scope.imports:
-            if not self._library(scope, qualifier, name, wanted):
+            if not self._report_library(scope, qualifier, name, wanted):
                 self._report_no_import(scope, qualifier, name)
             return None
         scope.used_imports.add(qualifier.text)
@@ -293,7 +293,7 @@ class Names:
                 name.span,
                 f"not in `{child.loaded.source.name}`",
                 helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span)
-                or self._here(scope, qualifier, name),
+                or self._own_file_help(scope, qualifier, name),
             )
             return None
         entry.used = True
@@ -303,18 +303,18 @@ class Names:
     # ------------------------------------------------------------ what to say
 
     @staticmethod
-    def _here(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
+    def _own_file_help(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
         """A help line for `lib.name` where this file declares the name."""
         if name.text not in scope.entries:
             return ()
         whole = qualifier.span.to(name.span)
         return (replace(whole, name.text, f"this file declares it: `{name.text}`"),)
 
-    def _library(
+    def _report_library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
         """Reports N006 for `math.sin` and the like, which the prelude has; False for others."""
-        helps = unknown_names.of_a_library(qualifier, name, wanted)
+        helps = unknown_names.library_helps(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
         self.diagnostics.error(
@@ -339,7 +339,7 @@ class Names:
                 qualifier.span.to(member.span),
                 "a part of it",
                 also=((entry.decl.name.span, "declared here"),),
-                helps=unknown_names.whole_topic(
+                helps=unknown_names.whole_topic_helps(
                     (e.decl for e in scope.entries.values()),
                     entry.decl,
                     qualifier.span.to(member.span),
@@ -353,7 +353,7 @@ class Names:
                 qualifier.span,
                 also=((entry.decl.name.span, "declared here"),),
                 notes=("before a dot a reference names an import",),
-                helps=self._here(scope, qualifier, member),
+                helps=self._own_file_help(scope, qualifier, member),
             )
             return
         self._missing.add((id(scope), name))
@@ -365,7 +365,7 @@ class Names:
                 f"`{name}` is {meant.what}, not an imported file",
                 qualifier.span,
                 also=((meant.span, "declared here"),),
-                helps=self._here(scope, qualifier, member) or (meant.help,),
+                helps=self._own_file_help(scope, qualifier, member) or (meant.help,),
             )
             return
         near = self.diagnostics.did_you_mean(name, scope.imports, qualifier.span)
@@ -439,18 +439,18 @@ class Names:
         `anything`: functions of the prelude are correct here, too.
         """
         if kind == "type":
-            yield unknown_names.a_type(name, span)
+            yield unknown_names.type_helps(name, span)
         elif kind == "name":
-            yield unknown_names.a_value((e.decl for e in scope.entries.values()), name, span)
+            yield unknown_names.value_helps((e.decl for e in scope.entries.values()), name, span)
         yield self.diagnostics.did_you_mean(name, near, span)
-        yield self._elsewhere(scope, name, span)
+        yield self._import_helps(scope, name, span)
         if anything and kind != "type":
             public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
             yield self.diagnostics.did_you_mean(name, public, span)
         if name in scope.imports:
             yield (f"it is an imported file: write `{name}.` and the name it declares",)
 
-    def _elsewhere(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
+    def _import_helps(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
         """Help for a name that an imported file declares."""
         for qualifier, child in scope.imports.items():
             if child is not None and name in child.entries:
@@ -459,7 +459,7 @@ class Names:
                 return (replace(span, near, f"did you mean `{near}`?"),)
         return ()
 
-    def first_miss(self, scope: FileScope, name: str, where: str) -> bool:
+    def is_first_miss(self, scope: FileScope, name: str, where: str) -> bool:
         """Whether this is the first use of a missing name at a place; later ones are losses."""
         key = (id(scope), name, where)
         if key in self._missing:

@@ -12,8 +12,8 @@ from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import append, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.expression_base import CheckerPart, error_expr, is_error, plain
-from soter.language.check.field import constant_index, instead_of_index
+from soter.language.check.dots_and_brackets import constant_index, index_help
+from soter.language.check.expression_base import CheckerPart, error_expr, has_error, plain_type
 from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -51,7 +51,7 @@ class StmtChecker(CheckerPart):
     def block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
         """The typed statements of a block, which gets a scope of its own."""
         context.locals.append({})
-        statements = [self.statement(s, context) for s in block.statements]
+        statements = [self.check_statement(s, context) for s in block.statements]
         frame = context.locals.pop()
         context.gone.update(frame)
         if not context.scope.loaded.library:
@@ -99,21 +99,21 @@ class StmtChecker(CheckerPart):
                 helps=(f"give it another name, such as `{name.text}_now`",),
             )
 
-    def statement(self, s: tree.SyntaxStmt, context: Context) -> typed.TypedStmt | None:
+    def check_statement(self, s: tree.SyntaxStmt, context: Context) -> typed.TypedStmt | None:
         """The typed statement, or None if it has too many errors to be kept."""
         return self._STATEMENTS[type(s)](self, s, context)
 
-    def _assert(self, s: tree.AssertStmt, context: Context) -> typed.TypedStmt:
+    def _check_assert(self, s: tree.AssertStmt, context: Context) -> typed.TypedStmt:
         return typed.Assert(s.span, self.expressions.check(s.condition, context, BOOL), s.message)
 
-    def _if(self, s: tree.IfStmt, context: Context) -> typed.TypedStmt:
+    def _check_if(self, s: tree.IfStmt, context: Context) -> typed.TypedStmt:
         arms = tuple(
             (self.expressions.check(c, context, BOOL), self.block(b, context)) for c, b in s.arms
         )
         otherwise = self.block(s.otherwise, context) if s.otherwise else ()
         return typed.TypedIf(s.span, arms, otherwise)
 
-    def _declaration(
+    def _check_declaration(
         self, s: tree.LetStmt | tree.VarStmt, context: Context
     ) -> typed.TypedStmt | None:
         t = self.shared.resolve_type(s.type, context.scope, context) if s.type else None
@@ -124,7 +124,7 @@ class StmtChecker(CheckerPart):
         else:
             because = (s.type.span, f"declared as `{t}`") if s.type is not None else None
             value = self.expressions.check(s.value, context, t, because)
-        variable_type = t if t is not None else plain(value.type)
+        variable_type = t if t is not None else plain_type(value.type)
         if isinstance(variable_type, DurationType):
             report_stored_duration(value.span, self.diagnostics)
             variable_type = ERROR
@@ -134,7 +134,7 @@ class StmtChecker(CheckerPart):
 
     # ------------------------------------------------------------ places
 
-    def _assign(self, s: tree.AssignStmt, context: Context) -> typed.TypedStmt | None:
+    def _check_assign(self, s: tree.AssignStmt, context: Context) -> typed.TypedStmt | None:
         place = self.place(s.place, context)
         because = None
         if place is not None and not place.path:
@@ -170,7 +170,7 @@ class StmtChecker(CheckerPart):
             if isinstance(t, ErrorType):
                 self.shared.names.losses += 1
                 return None
-            selected = self._select(step, t, context)
+            selected = self._select_part(step, t, context)
             if selected is None:
                 return None
             path.append(selected[0])
@@ -179,13 +179,13 @@ class StmtChecker(CheckerPart):
             variable.used = True
         return typed.Place(variable, tuple(path), t, expr.span)
 
-    def _select(
+    def _select_part(
         self, step: tree.FieldExpr | tree.IndexExpr, t: Type, context: Context
     ) -> tuple[int | typed.TypedExpr, Type] | None:
         if isinstance(step, tree.FieldExpr):
             return self._select_field(step, t)
         index_expr = self.expressions.check(step.index, context, INT)
-        if is_error(index_expr):
+        if has_error(index_expr):
             return None
         if not isinstance(t, (ArrayType, ListType)):
             self.diagnostics.error(
@@ -194,7 +194,7 @@ class StmtChecker(CheckerPart):
                 step.target.span,
                 f"this is `{t}`",
                 notes=("only arrays and lists have elements",),
-                helps=instead_of_index(t, step.span, step.target.span.text, index_expr),
+                helps=index_help(t, step.span, step.target.span.text, index_expr),
             )
             return None
         constant_index(self.diagnostics, t, index_expr, step.target.span.text)
@@ -237,9 +237,9 @@ class StmtChecker(CheckerPart):
             return
         if entry is None:
             helps: tuple[Help, ...] = ()
-            otherwise = () if steps else unknown_names.a_declaration(base.name)
+            otherwise = () if steps else unknown_names.declaration_help(base.name)
             if steps and isinstance(steps[-1], tree.FieldExpr):
-                helps = unknown_names.without_object(base.name, steps[-1].field)
+                helps = unknown_names.bare_name_helps(base.name, steps[-1].field)
             self.expressions.report_unknown(base.name, context, helps=helps, otherwise=otherwise)
             return
         if self.shared.resolve(entry, base.span) is None:
@@ -282,7 +282,7 @@ class StmtChecker(CheckerPart):
             helps=helps,
         )
 
-    def _push(self, s: tree.PushStmt, context: Context) -> typed.TypedStmt | None:
+    def _check_push(self, s: tree.PushStmt, context: Context) -> typed.TypedStmt | None:
         place = self.place(s.place, context)
         t = place.type if place else None
         if place is not None and not isinstance(t, (ListType, ErrorType)):
@@ -296,13 +296,13 @@ class StmtChecker(CheckerPart):
             place = None
         element = t.element if isinstance(t, ListType) else None
         value = self.expressions.check(s.value, context, element)
-        if place is None or is_error(value) or not isinstance(t, ListType):
+        if place is None or has_error(value) or not isinstance(t, ListType):
             return None
         return typed.TypedPush(s.span, place, value)
 
     # ------------------------------------------------------------ publish, return, loops
 
-    def _publish(self, s: tree.PublishStmt, context: Context) -> typed.TypedStmt | None:
+    def _check_publish(self, s: tree.PublishStmt, context: Context) -> typed.TypedStmt | None:
         topic = self.shared.topic_ref(s.topic, context.scope)
         because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
         value = self.expressions.check(s.value, context, topic.type if topic else None, because)
@@ -328,7 +328,7 @@ class StmtChecker(CheckerPart):
                 f"{context.where} does not declare that it publishes `{topic.name}`",
                 s.topic.span,
                 also=((context.node.span, "the node"),),
-                helps=unknown_names.published_too(
+                helps=unknown_names.publishing_helps(
                     (e.decl for e in context.scope.entries.values()),
                     s.topic.text,
                     context.node.span,
@@ -338,7 +338,7 @@ class StmtChecker(CheckerPart):
         self.shared.published.setdefault(context.node, set()).add(topic)
         return typed.TypedPublish(s.span, topic, value, context.node.bursts.get(topic))
 
-    def _return(self, s: tree.ReturnStmt, context: Context) -> typed.TypedStmt | None:
+    def _check_return(self, s: tree.ReturnStmt, context: Context) -> typed.TypedStmt | None:
         if context.result is None:
             self.expressions.check(s.value, context)
             self.diagnostics.error(
@@ -354,14 +354,14 @@ class StmtChecker(CheckerPart):
         value = self.expressions.check(s.value, context, context.result, because)
         return typed.TypedReturn(s.span, value)
 
-    def _bound(self, expr: tree.SyntaxExpr, context: Context) -> int | None:
+    def _loop_bound(self, expr: tree.SyntaxExpr, context: Context) -> int | None:
         value = self.shared.constant(
             expr, context.scope, INT, "the bound of a loop", context, "T007"
         )
         return value if isinstance(value, int) else None
 
-    def _for_range(self, s: tree.ForRangeStmt, context: Context) -> typed.TypedStmt | None:
-        low, high = self._bound(s.low, context), self._bound(s.high, context)
+    def _check_for_range(self, s: tree.ForRangeStmt, context: Context) -> typed.TypedStmt | None:
+        low, high = self._loop_bound(s.low, context), self._loop_bound(s.high, context)
         if low is not None and high is not None and high - low > MAX_LOOP:
             self.diagnostics.error(
                 "T007",
@@ -378,8 +378,8 @@ class StmtChecker(CheckerPart):
             return None
         return typed.ForRange(s.span, variable, low, high, body)
 
-    def _for_each(self, s: tree.ForEachStmt, context: Context) -> typed.TypedStmt | None:
-        counted = unknown_names.a_range(s.sequence)
+    def _check_for_each(self, s: tree.ForEachStmt, context: Context) -> typed.TypedStmt | None:
+        counted = unknown_names.range_helps(s.sequence)
         if counted and isinstance(s.sequence, tree.CallExpr):
             self.diagnostics.error(
                 "T002", "a loop counts over a range", s.sequence.span, helps=counted
@@ -398,7 +398,7 @@ class StmtChecker(CheckerPart):
                 s.sequence.span,
                 f"this is `{t}`",
                 notes=("a loop goes through an array, a list, or from one int to another",),
-                helps=_to_loop_over(sequence, context),
+                helps=_loop_helps(sequence, context),
             )
         context.locals.append({})
         variable = self.declare(s.name, element, "loop", context)
@@ -411,20 +411,20 @@ class StmtChecker(CheckerPart):
     _STATEMENTS: ClassVar[
         dict[type[tree.SyntaxStmt], Callable[[StmtChecker, Any, Context], typed.TypedStmt | None]]
     ] = {
-        tree.LetStmt: _declaration,
-        tree.VarStmt: _declaration,
-        tree.AssignStmt: _assign,
-        tree.PushStmt: _push,
-        tree.PublishStmt: _publish,
-        tree.ReturnStmt: _return,
-        tree.AssertStmt: _assert,
-        tree.IfStmt: _if,
-        tree.ForRangeStmt: _for_range,
-        tree.ForEachStmt: _for_each,
+        tree.LetStmt: _check_declaration,
+        tree.VarStmt: _check_declaration,
+        tree.AssignStmt: _check_assign,
+        tree.PushStmt: _check_push,
+        tree.PublishStmt: _check_publish,
+        tree.ReturnStmt: _check_return,
+        tree.AssertStmt: _check_assert,
+        tree.IfStmt: _check_if,
+        tree.ForRangeStmt: _check_for_range,
+        tree.ForEachStmt: _check_for_each,
     }
 
 
-def _to_loop_over(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:
+def _loop_helps(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:
     """Helps for `for x in e` if `e` is no list: a queue for a topic, `0..e` for a number."""
     if isinstance(sequence, typed.TopicRead) and context.node is not None:
         for s in context.node.subscribes:

@@ -30,7 +30,7 @@ OF_AN_OBJECT = ("self", "this")
 _TYPES = ("float", "int", "bool", "duration")
 
 
-def a_type(name: str, span: Span) -> tuple[Help, ...]:
+def type_helps(name: str, span: Span) -> tuple[Help, ...]:
     """Helps for a type of another language; () for any other name."""
     if name.lower() in _TYPES:
         return (replace(span, name.lower()),)
@@ -38,7 +38,7 @@ def a_type(name: str, span: Span) -> tuple[Help, ...]:
     return helps_for(name, span) if first in (*_TYPES, "type", "fun") else ()
 
 
-def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
+def value_helps(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
     """Helps for a value of another language, or an enum member without its enum."""
     ours = THEIRS.get(name, "")
     if ours in ("true", "false") or ours.startswith("var ") or "." in ours:
@@ -53,7 +53,7 @@ def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help,
     return tuple(replace(span, owner) for owner in owners[:MEMBERS_SHOWN])
 
 
-def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
+def function_helps(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
     """Helps for calls such as `len(xs)`, `not (a)` and `now()`."""
     arguments = expr.arguments
     if name == "not" and len(arguments) == 1:
@@ -67,7 +67,7 @@ def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
     return ()
 
 
-def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
+def range_helps(call: tree.SyntaxExpr) -> tuple[Help, ...]:
     """Helps for `range(3)` and `range(1, 3)` after `for i in`."""
     if not isinstance(call, tree.CallExpr) or not isinstance(call.callee, tree.NameExpr):
         return ()
@@ -80,16 +80,16 @@ def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
     return (replace(call.span, f"{low}..{high.span.text}"),)
 
 
-def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
+def library_helps(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
     """Helps for `math.sin` and `std_msgs.Bool`; None if it may be a file of the user's."""
     whole = qualifier.span.to(name.span)
     if wanted == "type" and qualifier.text.endswith("_msgs"):
-        return a_type(name.text, whole) or (
+        return type_helps(name.text, whole) or (
             "declare its fields: `type Name = { x: float, y: float };`",
         )
     if not is_library(qualifier.text):
         return None
-    return a_type(name.text, whole) or (replace(whole, THEIRS.get(name.text, name.text)),)
+    return type_helps(name.text, whole) or (replace(whole, THEIRS.get(name.text, name.text)),)
 
 
 def is_library(name: str) -> bool:
@@ -97,17 +97,17 @@ def is_library(name: str) -> bool:
     return THEIRS.get(f"{name}.") == ""
 
 
-def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
+def bare_name_helps(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
     """Helps for `self.last` and `math.pi`: the name alone, or its value."""
     if is_library(name.text):
-        return of_a_library(name, field, "name") or ()
+        return library_helps(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
         return ()
     span = Span(name.span.source, name.span.start, field.span.start)
     return (Fix(f"write `{field.text}`", (Edit(span, ""),)),)
 
 
-def a_declaration(name: tree.Name) -> tuple[Help, ...]:
+def declaration_help(name: tree.Name) -> tuple[Help, ...]:
     """Help for an assignment to an unknown name: an edit that declares it."""
     return (insert(name.span, "let ", f"declare it: `let {name.text} = ...;`"),)
 
@@ -115,13 +115,13 @@ def a_declaration(name: tree.Name) -> tuple[Help, ...]:
 _DECLARATION = re.compile(r"^(?:extern|node|plant|rta|system|test|type|fun|topic)\b", re.MULTILINE)
 
 
-def listed_too(word: str, name: str, owner: Span) -> Fix:
+def listing_fix(word: str, name: str, owner: Span) -> Fix:
     """The edit that adds `name` to the list after `word` in the node or plant named at `owner`.
 
     `word` is `subscribes`, `publishes` or `reads`; where the body has none, it gets one.
     """
     text = owner.source.text
-    item = _item(word, owner)
+    item = _item_match(word, owner)
     title = f"add `{name}` to `{word}`"
     if item is not None:
         return Fix(title, (Edit(Span(owner.source, item.end(), item.end()), f", {name}"),))
@@ -129,7 +129,7 @@ def listed_too(word: str, name: str, owner: Span) -> Fix:
     return Fix(title, (Edit(Span(owner.source, opener, opener), f"\n  {word} {name};"),))
 
 
-def _item(word: str, owner: Span) -> re.Match[str] | None:
+def _item_match(word: str, owner: Span) -> re.Match[str] | None:
     """The item that begins with `word` in the body of the declaration named at `owner`."""
     text = owner.source.text
     next_ = _DECLARATION.search(text, owner.end)
@@ -137,22 +137,19 @@ def _item(word: str, owner: Span) -> re.Match[str] | None:
     return re.compile(rf"\b{word}\b[^;{{}}]*(?=;)").search(text, owner.end, end)
 
 
-def in_publishes(name: str, owner: Span) -> Span | None:
+def publishes_place(name: str, owner: Span) -> Span | None:
     """The place at which the node named at `owner` publishes `name`; None if it does not."""
-    item = _item("publishes", owner)
+    item = _item_match("publishes", owner)
     word = item and re.compile(rf"\b{re.escape(name)}\b").search(
         owner.source.text, item.start() + len("publishes"), item.end()
     )
     return Span(owner.source, word.start(), word.end()) if word else None
 
 
-def published_too(
+def publishing_helps(
     declared: Iterable[tree.Decl], topic: str, owner: tree.Name | Span
 ) -> tuple[Help, ...]:
-    """Helps for a node at `owner` that publishes an unlisted `topic`: list it, or leave it out.
-
-    To leave it out is offered if the node is no controller, and another node drives the topic.
-    """
+    """Helps for a node that publishes an unlisted `topic`: to list it, or to leave it out."""
     span = owner if isinstance(owner, Span) else owner.span
     misspelt, declarations = span.text, list(declared)
     module_of: dict[str, str] = {}
@@ -168,7 +165,7 @@ def published_too(
         and any(p.topic.text == topic for p in d.publishes)
     ]
     if misspelt in module_of or not others:
-        return (listed_too("publishes", topic, span),)
+        return (listing_fix("publishes", topic, span),)
     module = module_of.get(others[0])
     who = f"module `{module}`" if module else f"node `{others[0]}`"
     return (
@@ -196,16 +193,16 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
     declared = tuple(decls)
     for decl in declared:
         if isinstance(decl, tree.PlantDecl):
-            yield from _in_a_plant(decl, name)
+            yield from _plant_meanings(decl, name)
         elif isinstance(decl, tree.NodeDecl):
-            yield from _in_a_node(decl, name)
+            yield from _node_meanings(decl, name)
         elif isinstance(decl, tree.FunDecl):
             for parameter, _ in decl.parameters:
                 if parameter.text == name:
                     subject = f"a parameter of function `{decl.name.text}`"
                     yield Meaning(subject, parameter.span, "only its function sees it", weak=True)
         elif isinstance(decl, (tree.SystemDecl, tree.TestDecl)):
-            yield from _in_a_loop(decl, name)
+            yield from _loop_meanings(decl, name)
         if isinstance(decl, tree.SystemDecl):
             for item in decl.instances:
                 if _is_instance_named(item, name) and item.what.text != name:
@@ -213,7 +210,7 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
                     yield Meaning(subject, item.name.span, _instead_of_instance(declared, item))
 
 
-def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
+def _loop_meanings(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
     """Yields the meaning as loop variable of a `for` in a system or test, inner ones too."""
     todo: list[object] = [getattr(decl, f.name) for f in fields(decl)]
     while todo:
@@ -229,12 +226,12 @@ def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Mea
                 return
 
 
-def _in_a_plant(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
+def _plant_meanings(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
     owner = f"of plant `{plant.name.text}`"
     for state in plant.states:
         if state.name.text == name:
-            driven = driven_by(plant, name)
-            seen = [t.text for t, value in plant.drives if _mentions(value, name)]
+            driven = topic_driven_by(plant, name)
+            seen = [t.text for t, value in plant.drives if _mentions_name(value, name)]
             how = "only its plant sees it"
             if driven:
                 how = f"what is measured of it is `{driven}`"
@@ -251,25 +248,24 @@ def _in_a_plant(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
             yield Meaning(f"a `let` {owner}", let.name.span, how)
 
 
-def _in_a_node(node: tree.NodeDecl, name: str) -> Iterator[Meaning]:
+def _node_meanings(node: tree.NodeDecl, name: str) -> Iterator[Meaning]:
     how = "only its node sees it: publish it on a topic"
-    locals_ = [*node.locals, *_declared_in(node.step), *_declared_in(node.takeover)]
+    locals_ = [*node.locals, *_declarations_in(node.step), *_declarations_in(node.takeover)]
     for local in locals_:
         if local.name.text == name:
             subject = f"a local of node `{node.name.text}`"
             yield Meaning(subject, local.name.span, how, weak=True)
 
 
-def _declared_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
-    """Yields all `let`s and `var`s of a block and of the blocks in it."""
+def _declarations_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
     if isinstance(part, (tree.LetStmt, tree.VarStmt)):
         yield part
     elif isinstance(part, tuple):
         for inner in part:
-            yield from _declared_in(inner)
+            yield from _declarations_in(inner)
     elif is_dataclass(part) and isinstance(part, (tree.Block, tree.SyntaxStmt)):
         for field in fields(part):
-            yield from _declared_in(getattr(part, field.name))
+            yield from _declarations_in(getattr(part, field.name))
 
 
 def _instead_of_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
@@ -280,7 +276,7 @@ def _instead_of_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str
     return "only its system sees it"
 
 
-def driven_by(plant: tree.PlantDecl, state: str) -> str:
+def topic_driven_by(plant: tree.PlantDecl, state: str) -> str:
     """The topic, or the field of one, that a plant drives with a state as it is; "" if none."""
     for topic, value in plant.drives:
         if isinstance(value, tree.NameExpr) and value.name.text == state:
@@ -294,11 +290,8 @@ def driven_by(plant: tree.PlantDecl, state: str) -> str:
 def truth_as_topic(
     decls: Iterable[tree.Decl], names: list[tree.Name]
 ) -> tuple[str, tree.Decl] | None:
-    """For `c.truth...`, `c.x` or `Cart.truth...`: the topic that the plant drives, and the plant.
-
-    `c` is an instance of the plant in some system of these declarations.
-    """
-    plant = _plant_called({d.name.text: d for d in decls}, names[0].text)
+    """For `c.truth`, `c.x`, `Cart.truth`: the topic that the plant drives, and the plant."""
+    plant = _plant_named({d.name.text: d for d in decls}, names[0].text)
     if plant is None or not plant.drives:
         return None
     parts = [n.span.text if isinstance(n, tree.ElementName) else n.text for n in names[1:]]
@@ -306,7 +299,7 @@ def truth_as_topic(
         parts.pop(0)
     if parts:
         state, bracket, index = parts[0].partition("[")
-        driven = driven_by(plant, state.rstrip())
+        driven = topic_driven_by(plant, state.rstrip())
         return (".".join([driven + bracket + index, *parts[1:]]), plant) if driven else None
     topic, value = plant.drives[0]
     states = {s.name.text for s in plant.states}
@@ -317,7 +310,7 @@ def truth_as_topic(
     return (topic.text, plant) if whole else None
 
 
-def _plant_called(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
+def _plant_named(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
     """The plant of this name, or that of an instance of this name in some system."""
     found = declared.get(name)
     for system in declared.values():
@@ -327,14 +320,13 @@ def _plant_called(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl |
     return found if isinstance(found, tree.PlantDecl) else None
 
 
-def _mentions(value: object, name: str) -> bool:
-    """Whether a name stands somewhere in an expression."""
+def _mentions_name(value: object, name: str) -> bool:
     if isinstance(value, tree.NameExpr):
         return value.name.text == name
     if isinstance(value, tuple):
-        return any(_mentions(v, name) for v in value)
+        return any(_mentions_name(v, name) for v in value)
     inner = fields(value) if isinstance(value, tree.SyntaxExpr) and is_dataclass(value) else ()
-    return any(_mentions(getattr(value, f.name), name) for f in inner)
+    return any(_mentions_name(getattr(value, f.name), name) for f in inner)
 
 
 def _is_instance_named(item: object, name: str) -> TypeGuard[tree.Instance]:
@@ -350,66 +342,63 @@ def instead(
     """
     declared = tuple(decls)
     if wanted == "topic":
-        return _its_topics(declared, decl)
+        return _topics_help(declared, decl)
     if wanted == "type" and isinstance(decl, tree.TopicDecl):
         return (replace(span, decl.type.span.text, f"its type is `{decl.type.span.text}`"),)
     if wanted == "node":
-        return _its_nodes(declared, decl)
+        return _nodes_help(declared, decl)
     if wanted == "plant":
         plants = [d.name.text for d in declared if isinstance(d, tree.PlantDecl)]
-        return _told_of("plants are", plants)
+        return _names_help("plants are", plants)
     if wanted == "module" and isinstance(decl, tree.NodeDecl):
         name = decl.name.text
         modules = [d for d in declared if isinstance(d, tree.RtaDecl)]
-        of = [d.name.text for d in modules if name in _nodes_of(d)]
-        return _told_of("it is a node of", of)
+        of = [d.name.text for d in modules if name in _node_names(d)]
+        return _names_help("it is a node of", of)
     if wanted == "value" and isinstance(decl, (tree.NodeDecl, tree.PlantDecl)):
-        return _its_topics(declared, decl)
+        return _topics_help(declared, decl)
     if wanted == "parameter" and isinstance(decl, tree.ConstDecl):
         return ("declare it with `param`",)
     return ()
 
 
-def _told_of(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
+def _names_help(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
     """A help with a sentence about names; () if there are none."""
     return (f"{label} {listed(names)}{then}",) if names else ()
 
 
-def _its_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
+def _nodes_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
     """A help with the nodes of a topic or module, or with all nodes, as one sentence."""
     known = [d for d in decls if isinstance(d, tree.NodeDecl)]
     if isinstance(decl, tree.TopicDecl):
-        by = [d.name.text for d in known if decl.name.text in _published(d)]
-        return _told_of("it is published by", by)
+        by = [d.name.text for d in known if decl.name.text in _published_names(d)]
+        return _names_help("it is published by", by)
     if isinstance(decl, tree.RtaDecl):
-        return _told_of("its nodes are", _nodes_of(decl))
-    return _told_of("nodes are", [d.name.text for d in known])
+        return _names_help("its nodes are", _node_names(decl))
+    return _names_help("nodes are", [d.name.text for d in known])
 
 
-def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
+def _topics_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
     """A help with the topics of a node, plant, module or type, as one sentence."""
     if isinstance(decl, tree.NodeDecl):
-        topics, verb = _published(decl), "publishes"
+        topics, verb = _published_names(decl), "publishes"
     elif isinstance(decl, tree.PlantDecl):
         topics, verb = [t.text for t, _ in decl.drives], "drives"
     elif isinstance(decl, tree.RtaDecl):
-        inside = _nodes_of(decl)
+        inside = _node_names(decl)
         nodes = [d for d in decls if isinstance(d, tree.NodeDecl) and d.name.text in inside]
-        topics, verb = [t for d in nodes for t in _published(d)], "publishes"
+        topics, verb = [t for d in nodes for t in _published_names(d)], "publishes"
     elif isinstance(decl, tree.TypeDecl):
         of = [d for d in decls if isinstance(d, tree.TopicDecl)]
         topics = [d.name.text for d in of if d.type.span.text == decl.name.text]
-        return _told_of("topics of this type are", topics)
+        return _names_help("topics of this type are", topics)
     else:
         return ()
-    return _told_of(f"it {verb}", list(dict.fromkeys(topics)), ": name the topic")
+    return _names_help(f"it {verb}", list(dict.fromkeys(topics)), ": name the topic")
 
 
-def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
-    """Helps for `topic.field` (at `part`) where a topic is wanted, as in `publish pose.x = e`.
-
-    They write the whole record where it is given a value, and the name alone elsewhere.
-    """
+def whole_topic_helps(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
+    """Helps for `pose.x` (at `part`) where a topic is wanted: the whole record, or the name."""
     assigned = part.source.text[part.end :].lstrip().startswith("=")
     if not assigned or not isinstance(topic, tree.TopicDecl):
         return (replace(part, topic.name.text),)
@@ -423,17 +412,17 @@ def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tup
 def is_driven(decls: Iterable[tree.Decl], topic: str) -> bool:
     """Whether a node publishes a topic of this name, or a plant drives it."""
     return any(
-        (isinstance(d, tree.NodeDecl) and topic in _published(d))
+        (isinstance(d, tree.NodeDecl) and topic in _published_names(d))
         or (isinstance(d, tree.PlantDecl) and topic in [t.text for t, _ in d.drives])
         for d in decls
     )
 
 
-def _published(node: tree.NodeDecl) -> list[str]:
+def _published_names(node: tree.NodeDecl) -> list[str]:
     return [p.topic.text for p in node.publishes]
 
 
-def _nodes_of(module: tree.RtaDecl) -> list[str]:
+def _node_names(module: tree.RtaDecl) -> list[str]:
     parts = (module.ac, module.sc, *module.plans)
     return list(dict.fromkeys(p.text for p in parts if isinstance(p, tree.Ref)))
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Edit, Fix, Span
 from soter.diagnostics.fixes import insert, out_of_list, whole_lines
-from soter.language.check.unknown_names import in_publishes
-from soter.language.elaborate.wellformed import check_external
+from soter.language.check.unknown_names import publishes_place
+from soter.language.elaborate.wellformed import check_external_topics
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import TypedPublish
 from soter.language.model.types import show_ns
@@ -30,52 +30,55 @@ if TYPE_CHECKING:
 
 
 SHOWN = 2
+MAX_HYPERPERIOD_NS = 2**62
+PERIODS_SHOWN = 8
+DRIVERS_SHOWN = 4
 _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
-def would_drive(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
-    """Edits that add an instance which drives a topic of the system; () for topics of its parts."""
+def driver_fixes(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
+    """Gives edits that add an instance which drives a system's topic; () for parts' topics."""
     if topic.name != topic.symbol.name:
         return ()
     declarations = itertools.islice(_drivers(program, system, topic.symbol), SHOWN)
-    return tuple(added(system, item) for item in declarations)
+    return tuple(fix_that_adds(system, item) for item in declarations)
 
 
 def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) -> Iterator[str]:
     """Yields items to add: declarations that would drive a topic and are not in the system."""
     taken = {i.name for i in system.instances}
-    there: set[object] = {i.what for i in system.instances}
+    present: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
-    there |= {node for m in modules for node in m.named}
+    present |= {node for m in modules for node in m.named}
     for name, plant in program.plants.items():
-        if plant not in there and any(t is topic for t, _ in plant.drives):
-            yield f"{_instance(name, taken)}: {name};"
+        if plant not in present and any(t is topic for t, _ in plant.drives):
+            yield f"{_free_instance_name(name, taken)}: {name};"
     for name, module in program.modules.items():
-        if module not in there and topic in module.sc.publishes:
+        if module not in present and topic in module.sc.publishes:
             yield f"module {name};"
     for name, node in program.nodes.items():
-        if node not in there and topic in node.publishes:
+        if node not in present and topic in node.publishes:
             yield f"node {name};"
 
 
-def _instance(name: str, taken: set[str]) -> str:
-    """A free name for an instance of a plant: `my_cart` for `MyCart`."""
+def _free_instance_name(name: str, taken: set[str]) -> str:
+    """Gives a free name for an instance of a plant: `my_cart` for `MyCart`."""
     base = _CAPITALS.sub("_", name.rpartition(".")[2]).lower()
     while base in taken:
         base += "_2"
     return base
 
 
-def added(system: SystemSymbol, item: str) -> Fix:
-    """The edit that puts an item in front of all others of a system."""
+def fix_that_adds(system: SystemSymbol, item: str) -> Fix:
+    """Gives the edit that puts an item in front of all others of a system."""
     text = system.span.source.text
     opener = text.find("{", system.span.end) + 1
     at = Span(system.span.source, opener, opener)
     return Fix(f"add `{item}` to system `{system.name}`", (Edit(at, f"\n  {item}"),))
 
 
-def as_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[Help, ...]:
-    """The edit that makes a topic an input, if nothing in the program ever drives it."""
+def fix_that_makes_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[Help, ...]:
+    """Gives the edit that makes a topic an input, if the program has no driver for it."""
     if any(symbol in n.publishes for n in program.nodes.values()) or any(
         symbol is t for p in program.plants.values() for t, _ in p.drives
     ):
@@ -87,11 +90,6 @@ def as_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[Help, ...]:
     if start < 0 or text[start + len("topic") : name.start].strip():
         return (title,)
     return (insert(Span(name.source, start, name.start), "input ", title),)
-
-
-MAX_HYPERPERIOD_NS = 2**62
-PERIODS_SHOWN = 8
-DRIVERS_SHOWN = 4
 
 
 class Composition:
@@ -119,10 +117,10 @@ class Composition:
         self.outside = {e.topic for e in system.externals}
         self.read: set[int] = set()
 
-    def check(self, property_reads: list[tuple[int, Span]]) -> None:
+    def check_all_rules(self, property_reads: list[tuple[int, Span]]) -> None:
         """Checks all rules; also enters the driver of every topic."""
         self._require_distinct_names()
-        beside = self._beside_their_modules()
+        beside = self._nodes_beside_modules()
         self._check_takeovers(beside)
         drivers = self._drivers(beside)
         for index, topic_drivers in drivers.items():
@@ -136,7 +134,7 @@ class Composition:
         self._check_acknowledgements(drivers)
         driven = set(drivers)
         for component in self.system.components:
-            for topic, span in self._reads(component):
+            for topic, span in self._topics_read_by(component):
                 reader = f"{component.role} `{component.name}`"
                 if component.role == "dm":
                     reader = f"module `{component.name.rpartition('.')[0]}`"
@@ -147,35 +145,35 @@ class Composition:
             self._require_driver(index, span, "a property", driven)
         self._require_disjoint_nodes()
         if not self.partial:
-            check_external(self.system, self.read, self.diagnostics)
+            check_external_topics(self.system, self.read, self.diagnostics)
         for queue in self.system.topics:
             if queue.queue_of is not None:
                 queue.driver = self.system.topics[queue.queue_of].driver
 
     # ------------------------------------------------------------ drivers
 
-    def _beside_their_modules(self) -> set[Component]:
-        """Reports M004 for nodes that a system names though one of its modules has them."""
+    def _nodes_beside_modules(self) -> set[Component]:
+        """Gives nodes that a system names though a module of it has them; reports M004."""
         beside: dict[Component, tuple[str, Module]] = {}
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
                 continue
-            own = {*c.writes}
+            written = {*c.writes}
             for m in self.system.modules:
                 roles = {"AC": self.system.components[m.ac], "SC": self.system.components[m.sc]}
                 role = next((r for r, x in roles.items() if x.node is c.node), None)
-                if role is not None and own & set(m.outputs):
+                if role is not None and written & set(m.outputs):
                     beside[c] = role, m
         for c, (role, m) in beside.items():
             module = self.system.components[m.dm].span
-            self._report(
+            self._report_error(
                 "M004",
                 f"node `{c.name}` is the {role} of module `{m.name}` already",
                 c.span,
                 "named once more",
                 also=((module, "brings it along"),),
                 note="a module has its nodes in it: they are not named in the system",
-                helps=(_left_out([x.span for x in beside]),),
+                helps=(_help_to_leave_out([x.span for x in beside]),),
             )
         return set(beside)
 
@@ -224,9 +222,9 @@ class Composition:
         inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
-        listed, unused = self._listed(topic, second[1])
+        listed, unused = self._place_listed(topic, second[1])
         others = [(span, who) for who, span in drivers[2:DRIVERS_SHOWN]]
-        self._report(
+        self._report_error(
             "M004",
             f"topic `{topic.name}` is driven {by}",
             second[1],
@@ -246,16 +244,13 @@ class Composition:
             ),
         )
 
-    def _listed(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
-        """The span at which the node at `place` publishes `topic`, and an edit that removes it.
-
-        The edit is for a node whose step never publishes the topic.
-        """
+    def _place_listed(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
+        """Gives where the node at `place` lists `topic`, and an edit if it never publishes it."""
         for c in self.system.components:
             if c.span is not place or c.role != "node" or c.node is None or c.stands_for:
                 continue
             for t in c.node.publishes:
-                listed = in_publishes(t.name.rpartition(".")[2], c.node.span)
+                listed = publishes_place(t.name.rpartition(".")[2], c.node.span)
                 if self.system.topics[c.scope.topics[t]] is not topic or listed is None:
                     continue
                 published = {n.topic for n in nodes(c.node.step) if isinstance(n, TypedPublish)}
@@ -265,7 +260,7 @@ class Composition:
                 return listed, (out_of_list(listed, title),)
         return None, ()
 
-    def _report(
+    def _report_error(
         self,
         code: Code,
         message: str,
@@ -291,7 +286,7 @@ class Composition:
     # ------------------------------------------------------------ wires
 
     def _require_distinct_names(self) -> None:
-        """Reports N002 for an instance with the name of an import: topics would clash."""
+        """Reports N002 for two topics of one name: one of an instance, one of an import."""
         seen: dict[str, Topic] = {}
         for topic in self.system.topics:
             other = seen.setdefault(topic.name, topic)
@@ -320,7 +315,7 @@ class Composition:
         )
 
     def _require_disjoint_topics(self) -> None:
-        """Reports M001 after wiring, too: inputs and outputs of a node must be disjoint."""
+        """Reports M001 for a node one of whose inputs is wired to one of its outputs."""
         for c in self.system.components:
             if c.node is None:
                 continue
@@ -356,7 +351,7 @@ class Composition:
                 (w, at) for w, at in drivers.get(topic.index, []) if not w.startswith("plant")
             ]
             for who, span in others[:1]:
-                self._report(
+                self._report_error(
                     "M028",
                     f"{who} publishes `{topic.name}`, the acknowledgement of `{module.name}`",
                     latch.span,
@@ -367,7 +362,7 @@ class Composition:
                 )
             other = first_by_topic.setdefault(topic.index, module)
             if other is not module:
-                self._report(
+                self._report_error(
                     "M028",
                     f"`{topic.name}` acknowledges for `{other.name}` and for `{module.name}`",
                     latch.span,
@@ -379,7 +374,7 @@ class Composition:
 
     # ------------------------------------------------------------ readers
 
-    def _reads(self, c: Component) -> list[tuple[TopicSymbol, Span]]:
+    def _topics_read_by(self, c: Component) -> list[tuple[TopicSymbol, Span]]:
         if c.node is not None:
             return [(s.topic, s.span) for s in c.node.subscribes]
         if c.plant is not None:
@@ -402,7 +397,7 @@ class Composition:
         if topic.symbol.input or index in self.outside:
             topic.driver = "input"
             return
-        if self.partial or self._differs_in_a_module(index):
+        if self.partial or self._is_published_by_one_controller(index):
             return
         also: tuple[tuple[Span, str], ...] = ((topic.symbol.span, "declared here"),)
         publisher: tuple[Help, ...] = ("add the node or plant that publishes it",)
@@ -410,23 +405,23 @@ class Composition:
         if not self.draft:
             also = (*also, (self.symbol.span, "in this system"))
             publisher = (f"add the node or plant that publishes it to system `{self.symbol.name}`",)
-            missing = would_drive(self.system.program, self.symbol, topic)
+            missing = driver_fixes(self.system.program, self.symbol, topic)
             if missing:
                 place, label = self.symbol.span, f"nothing in it drives `{topic.name}`"
                 also = ((span, "read here"), (topic.symbol.span, "declared here"))
                 publisher = missing
-        self._report(
+        self._report_error(
             "M005",
             f"{reader} reads `{topic.name}`, which nobody drives",
             place,
             label,
             also=also,
             note="",
-            helps=(*as_input(self.system.program, topic.symbol), *publisher),
+            helps=(*fix_that_makes_input(self.system.program, topic.symbol), *publisher),
         )
 
-    def _differs_in_a_module(self, index: int) -> bool:
-        """Whether only one controller of a module publishes it; P1b reports that."""
+    def _is_published_by_one_controller(self, index: int) -> bool:
+        """Whether only one controller of a module publishes the topic, which P1b reports."""
         for m in self.system.modules:
             differ = {*m.symbol.ac.publishes} ^ {*m.symbol.sc.publishes}
             scopes = [self.system.components[c].scope.topics for c in (m.ac, m.sc)]
@@ -448,7 +443,7 @@ class Composition:
                     continue
                 first = other.symbol
                 at_first = first.ac_span if first.ac is node else first.sc_span
-                self._report(
+                self._report_error(
                     "M003",
                     f"node `{node.name}` is in modules `{other.name}` and `{m.name}`",
                     span or m.symbol.span,
@@ -459,8 +454,8 @@ class Composition:
                 )
 
 
-def _left_out(names: Sequence[Span]) -> Help:
-    """Help that removes items, as an edit if each stands alone on its line."""
+def _help_to_leave_out(names: Sequence[Span]) -> Help:
+    """Gives the help that removes items, as an edit if each stands alone on its line."""
     title = f"leave {' and '.join(f'`{n.text}`' for n in names)} out"
     edits = []
     for n in names:

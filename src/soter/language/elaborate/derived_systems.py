@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.flatten_system import flatten
 from soter.language.elaborate.passes.flattening import Flattening
-from soter.language.elaborate.passes.step_times import waiting
+from soter.language.elaborate.passes.step_times import with_wait_faults
 from soter.language.model import typed
 from soter.language.model.system import InputDrive, Scope
 from soter.language.model.tree_walk import mode_reads
@@ -42,7 +42,7 @@ OUTSIDE = "input"
 
 
 def only(system: System, kept: Collection[int]) -> System:
-    """The system of these components (indices), in their order, numbered anew.
+    """Gives the system of these components (indices), in their order, numbered anew.
 
     `kept` has all three parts of a module or none. Properties remain that read only what remains;
     all topics and their draws remain, even without a driver. A node that reads the mode of a
@@ -53,22 +53,22 @@ def only(system: System, kept: Collection[int]) -> System:
     modules = [m for m in system.modules if {m.dm, m.ac, m.sc} <= at.keys()]
     placed = {m.index: i for i, m in enumerate(modules)}
 
-    def seen(scope: Scope) -> Scope:
+    def scoped(scope: Scope) -> Scope:
         plants = {n: at[i] for n, i in scope.plants.items() if i in at}
         beside = {m: placed[i] for m, i in scope.modules.items() if i in placed}
         return Scope(dict(scope.topics), scope.params, plants, beside)
 
-    def of(place: Mapping[int, int], index: int | None) -> int | None:
+    def index_in(place: Mapping[int, int], index: int | None) -> int | None:
         return None if index is None else place[index]
 
     components = [
-        _that_can_run(replace(c, index=new, module=of(placed, c.module), scope=seen(c.scope)))
+        _runnable(replace(c, index=new, module=index_in(placed, c.module), scope=scoped(c.scope)))
         for old, new in at.items()
         for c in (system.components[old],)
     ]
     left = [p for p in system.properties if _can_be_judged(p, at, placed)]
     faults = [
-        replace(f, component=at[f.component], on=of(at, f.on))
+        replace(f, component=at[f.component], on=index_in(at, f.on))
         for f in system.faults
         if f.component in at and (f.on is None or f.on in at)
     ]
@@ -76,11 +76,11 @@ def only(system: System, kept: Collection[int]) -> System:
         system,
         components=tuple(components),
         modules=tuple(
-            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=seen(m.scope))
+            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=scoped(m.scope))
             for i, m in enumerate(modules)
         ),
         properties=tuple(
-            replace(p, index=i, scope=seen(p.scope), component=of(at, p.component))
+            replace(p, index=i, scope=scoped(p.scope), component=index_in(at, p.component))
             for i, p in enumerate(left)
         ),
         faults=tuple(faults),
@@ -117,7 +117,7 @@ def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSym
         span=symbol.verify.span or symbol.span,
         default=False,
         instances=instances,
-        sets=tuple(own_of(module, instances)),
+        sets=tuple(settings_of_instances(module, instances)),
     )
     diagnostics = Diagnostics()
     around = {p.name: v for p, v in module.around.items()}
@@ -130,7 +130,9 @@ def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSym
     return without_held_topics(only(system, range(len(system.components))))
 
 
-def own_of(module: Module, instances: Sequence[typed.InstanceSymbol]) -> Iterator[typed.SetSymbol]:
+def settings_of_instances(
+    module: Module, instances: Sequence[typed.InstanceSymbol]
+) -> Iterator[typed.SetSymbol]:
     """Yields settings that give each of these instances the module's own parameter values."""
     for param, value in module.scope.params.items():
         if repr(value) != repr(module.around[param]):
@@ -161,7 +163,7 @@ def answered_outside(system: System, indices: Collection[int]) -> System:
     return with_components(system, (_as_extern(system.components[i]) for i in indices))
 
 
-def unbound(system: System) -> System:
+def without_bindings(system: System) -> System:
     """The system without bindings of externs; modules and scopes are copies."""
     return only(
         with_components(system, [replace(c, binding=None) for c in system.components]),
@@ -175,13 +177,13 @@ def with_module(system: System, module: Module) -> System:
     return replace(system, modules=tuple(modules))
 
 
-def forced(system: System, module: int, who: str) -> System:
+def with_forced_mode(system: System, module: int, who: str) -> System:
     """The system with a module whose mode is always `who`, "ac" or "sc"."""
     return with_module(system, replace(system.modules[module], forced=who))
 
 
-def plans_alone(system: System, module: Module) -> Iterator[tuple[System, Module]]:
-    """For each of several plans the system in which it alone is SC, and the module there."""
+def systems_by_plan(system: System, module: Module) -> Iterator[tuple[System, Module]]:
+    """Yields, for each of several plans, the system where it alone is SC, and the module."""
     sc = system.components[module.sc]
     for node in module.symbol.plans if module.plan is not None else ():
         symbol = replace(module.symbol, sc=node, plans=(), plan=None)
@@ -193,7 +195,7 @@ def plans_alone(system: System, module: Module) -> Iterator[tuple[System, Module
 # ---------------------------------------------------------------- topics
 
 
-def reading(module: Module, more: Sequence[int], **changes: Any) -> Module:  # noqa: ANN401 - fields
+def with_more_inputs(module: Module, more: Sequence[int], **changes: Any) -> Module:  # noqa: ANN401 - fields
     """The module with more topics in `inputs`, and `changes` of other fields."""
     return replace(module, inputs=(*module.inputs, *more), **changes)
 
@@ -225,12 +227,12 @@ def with_topic(
     return replace(system, topics=(*system.topics, made)), made
 
 
-def drawn(system: System, topic: int, every_ns: int) -> System:
+def with_drawn_topic(system: System, topic: int, every_ns: int) -> System:
     """The system with a topic drawn from its set every `every_ns` ns, as an input is."""
     return replace(system, inputs=(*system.inputs, InputDrive(topic, every_ns)))
 
 
-def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:
+def with_draws(system: System, wanted: Callable[[int], bool]) -> System:
     """The system with only those draws whose topic `wanted` accepts."""
     return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
 
@@ -250,7 +252,7 @@ def without_held_topics(system: System) -> System:
     )
 
 
-def unlatched(system: System) -> System:
+def without_latches(system: System) -> System:
     """The system with DMs that give control back without acknowledgement, as P2b assumes."""
     modules = tuple(replace(m, latch=None, acknowledgement=None) for m in system.modules)
     return replace(system, modules=modules)
@@ -260,14 +262,13 @@ def unlatched(system: System) -> System:
 
 
 def _hidden_topics(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
-    """Indices of hidden topics, which no program declares: of steps, modules and shields."""
-    own = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch, m.plan)}
+    """Gives indices of topics that no program declares: of steps, modules and shields."""
+    ids = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch, m.plan)}
     shields = [m.shield for m in modules if m.shield is not None]
-    return own | {i for s in shields for i in (s.topic, s.proposed)}
+    return ids | {i for s in shields for i in (s.topic, s.proposed)}
 
 
-def _moved(shield: Shield, place: dict[int | None, int]) -> Shield:
-    """The shield with its topics at new indices."""
+def _shield_at(shield: Shield, place: dict[int | None, int]) -> Shield:
     return replace(shield, topic=place[shield.topic], proposed=place.get(shield.proposed))
 
 
@@ -289,7 +290,7 @@ def faultless(system: System) -> System:
                 looked=place.get(m.looked),
                 latch=place.get(m.latch),
                 plan=place.get(m.plan),
-                shield=m.shield and _moved(m.shield, place),
+                shield=m.shield and _shield_at(m.shield, place),
             )
             for m in system.modules
         ),
@@ -304,15 +305,12 @@ def faultless(system: System) -> System:
 def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
     """The system without these faults (by `Fault.text`); `shuffled`: in a drawn order."""
     left = [f for f in system.faults if f.text not in gone]
-    faults = waiting(system.modules, left, shuffled=shuffled)
+    faults = with_wait_faults(system.modules, left, shuffled=shuffled)
     return replace(system, faults=faults, shuffled=shuffled)
 
 
-def only_inside(system: System) -> System:
-    """The system without faults whose text breaks an assumption of proofs for some component.
-
-    Nodes step in the deployed order.
-    """
+def without_outside_faults(system: System) -> System:
+    """Gives the system, in the deployed order, without faults that break assumptions of proofs."""
     gone = {f.text for f in system.faults if f.inside is None}
     return without_faults(system, gone, shuffled=False)
 
@@ -320,7 +318,7 @@ def only_inside(system: System) -> System:
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
     """The system with more faults; `shuffled`: in a drawn order."""
     any_order = system.shuffled or shuffled
-    faults = waiting(system.modules, (*system.faults, *more), shuffled=any_order)
+    faults = with_wait_faults(system.modules, (*system.faults, *more), shuffled=any_order)
     return replace(system, faults=faults, shuffled=any_order)
 
 
@@ -340,8 +338,8 @@ def with_test(system: System, plan: TestPlan) -> System:
 # ---------------------------------------------------------------- shared
 
 
-def _that_can_run(c: Component) -> Component:
-    """The component, as an extern if it reads the mode of a module that is not there."""
+def _runnable(c: Component) -> Component:
+    """Gives the component, as an extern if it reads the mode of a module that is not there."""
     if c.node is None or c.node.extern:
         return c
     read = mode_reads(*c.node.step, *(c.node.takeover or ()))
@@ -358,11 +356,11 @@ def _as_extern(c: Component) -> Component:
 
 
 def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
-    """Whether the parts that a property reads remain, and the component of a contract."""
+    """Whether what a property reads remains, and for a contract its component."""
     seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
     read = mode_reads(p.condition)
-    there = {m for m, i in p.scope.modules.items() if i in placed}
-    return all(i in at for i in seen) and read.keys() <= there
+    present = {m for m, i in p.scope.modules.items() if i in placed}
+    return all(i in at for i in seen) and read.keys() <= present
 
 
 def _unused_name(name: str, taken: Collection[str]) -> str:

@@ -30,7 +30,7 @@ MAX_STEPS = 10_000_000
 def check_explorable(
     flat: Flattening, test: typed.TestSymbol, system: System, *, sound: bool
 ) -> None:
-    """Reports what the explorer cannot do; needs `system.test`. `sound`: all parts are as meant."""
+    """Reports what the explorer cannot do; needs `system.test`. `sound`: parts have no errors."""
     plan = system.test
     assert plan is not None
     if sound:
@@ -43,12 +43,11 @@ def check_explorable(
 
 
 def _check_code(test: typed.TestSymbol, system: System, diagnostics: Diagnostics) -> None:
-    """Reports code of a tested system that the explorer cannot run."""
     for c in system.components:
         if c.extern:
             _report_extern(test, c, diagnostics)
     externs: dict[typed.FunSymbol, typed.TypedCall] = {}
-    for root in _code(system):
+    for root in _code_that_may_run(system):
         _add_externs(root, externs)
     for fun, call in externs.items():
         diagnostics.error(
@@ -64,15 +63,15 @@ def _check_code(test: typed.TestSymbol, system: System, diagnostics: Diagnostics
 def _report_extern(test: typed.TestSymbol, c: Component, diagnostics: Diagnostics) -> None:
     symbol = c.node or c.plant
     assert symbol is not None
-    what = "plant" if c.plant is not None else "node"
+    kind = "plant" if c.plant is not None else "node"
     may = " that may do anything, with `choose`" if c.plant is None else ""
     name = c.name.rpartition(".")[2] if c.module is not None else c.name
     diagnostics.error(
         "E005",
-        f"test `{test.name}` leaves the extern {what} `{c.name}` in",
+        f"test `{test.name}` leaves the extern {kind} `{c.name}` in",
         test.span,
         also=((symbol.span, "extern"),),
-        notes=(f"the explorer runs Soter code only: replace it by a {what} of Soter code{may}",),
+        notes=(f"the explorer runs Soter code only: replace it by a {kind} of Soter code{may}",),
         helps=(f"write `replace {name} by ...;`",),
     )
 
@@ -105,37 +104,36 @@ def _check_size(flat: Flattening, test: typed.TestSymbol, system: System, horizo
 
 
 def _check_quantum(test: typed.TestSymbol, plan: TestPlan, diagnostics: Diagnostics) -> None:
-    """Warns W008 of a quantum that no step can be late by."""
+    """Warns (W008) of a quantum that is longer than the time by which any step may be late."""
     expr = test.quantum
     if expr is None or plan.quantum_ns is None:
         return
-    room = plan.skew_ns + max((f.by_ns for f in plan.faults), default=0)
-    if plan.quantum_ns <= room:
+    latest_ns = plan.skew_ns + max((f.by_ns for f in plan.faults), default=0)
+    if plan.quantum_ns <= latest_ns:
         return
     diagnostics.warning(
         "W008",
         f"a quantum of {show_ns(plan.quantum_ns)} is coarser than the time a step may be late"
-        if room
+        if latest_ns
         else f"a quantum of {show_ns(plan.quantum_ns)} does nothing where no step may be late",
         expr.span,
-        f"at most {show_ns(room)}" if room else "every step of this test is in time",
+        f"at most {show_ns(latest_ns)}" if latest_ns else "every step of this test is in time",
         notes=("a step happens as early as it can, or later, at a multiple of the quantum",),
         helps=("choose a quantum that divides the skew and the times of the faults",)
-        if room
+        if latest_ns
         else ("leave it out, or say `skew` or `late`",),
     )
 
 
 def _check_order(test: typed.TestSymbol, plan: TestPlan, diagnostics: Diagnostics) -> None:
-    """Reports a declared order beside faults of time: it is one of steps at their releases."""
     late = [f for f in plan.faults if f.kind != "skip"]
     if test.order is None or not (plan.skew_ns or late):
         return
-    what = "skew" if plan.skew_ns else "takes" if late[0].least_ns else late[0].kind
+    fault = "skew" if plan.skew_ns else "takes" if late[0].least_ns else late[0].kind
     at = test.skew.span if plan.skew_ns and test.skew is not None else None
     diagnostics.error(
         "E017",
-        f"`order deployed` and `{what}` exclude each other",
+        f"`order deployed` and `{fault}` exclude each other",
         test.order,
         "steps of an instant in the deployed order",
         also=((at or late[0].span, "steps that are late"),),
@@ -145,7 +143,6 @@ def _check_order(test: typed.TestSymbol, plan: TestPlan, diagnostics: Diagnostic
 
 
 def _check_deadlines(plan: TestPlan, diagnostics: Diagnostics) -> None:
-    """Reports E013 for properties that are judged behind the horizon."""
     for p in plan.timed:
         only = p.kind == "leadsto" and p.within_ns == plan.horizon_ns
         if p.kind == "invariant" or (p.within_ns <= plan.horizon_ns and not only):
@@ -165,8 +162,7 @@ def _check_deadlines(plan: TestPlan, diagnostics: Diagnostics) -> None:
         )
 
 
-def _code(system: System) -> Iterator[object]:
-    """Yields all code that a step or a property may run."""
+def _code_that_may_run(system: System) -> Iterator[object]:
     for c in system.components:
         if c.node is not None:
             yield from (*c.node.step, *(c.node.takeover or ()))
@@ -180,7 +176,7 @@ def _code(system: System) -> Iterator[object]:
 
 
 def _add_externs(root: object, call_by_extern: dict[typed.FunSymbol, typed.TypedCall]) -> None:
-    """Enters extern functions that code below `root` calls, each with its first call."""
+    """Adds the extern functions that code below `root` calls, each with its first call."""
     for call in calls_in(root):
         seen: set[typed.FunSymbol] = set()
         todo = [call.fun]
@@ -194,7 +190,7 @@ def _add_externs(root: object, call_by_extern: dict[typed.FunSymbol, typed.Typed
             todo += [inner.fun for inner in calls_in(*(fun.body or ()))]
 
 
-def refuse_world(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
+def refuse_systems_in_world(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
     """Reports E018 for a system with `faults`, E019 for one with topics from outside."""
     outside = from_outside(system)
     if outside:

@@ -1,8 +1,8 @@
 """Elaborates the `faults { ... }` of a system: which component, how often, in which assumption.
 
 Purpose: turns each `SystemFaultSymbol` into `Fault`s, one for each component, with diagnostics for
-impossible ones, and decides whether a proof's assumptions still hold with it. `named` finds a
-component by the path in a fault or a test; `refuse_path` reports that there is none.
+impossible ones, and decides whether a proof's assumptions still hold with it. `components_named`
+finds a component by the path in a fault or a test; `refuse_path` reports that none has it.
 Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
 (`language/elaborate/tested_system.py`).
 """
@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.language.check.field import listed
-from soter.language.elaborate.passes.memory_topics import make_held_topic, refuse_overrun
-from soter.language.elaborate.passes.step_times import waiting
+from soter.language.check.dots_and_brackets import listed
+from soter.language.elaborate.passes.memory_topics import add_held_topic, refuse_overrun
+from soter.language.elaborate.passes.step_times import with_wait_faults
 from soter.language.model.system import Fault
 from soter.language.model.types import FloatType, IntType, has_list, leaves, show_ns
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     """What an item hits: component, topic, leaves and disturbance."""
 
 
-def named(system: System, path: str) -> list[Component]:
-    """The components with this full name, else those with it as an alias."""
+def components_named(system: System, path: str) -> list[Component]:
+    """Gives the components with this full name, or else those that have it as an alias."""
     matches = [c for c in system.components if c.name == path]
     return matches or [c for c in system.components if path in _aliases(system, c)]
 
@@ -52,7 +52,7 @@ def _aliases(system: System, c: Component) -> set[str]:
 def refuse_path(
     system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
 ) -> None:
-    """Reports E009, no such component; `verb`: what it could do, `plants`: whether plants can."""
+    """Reports E009: no component of this path could do `verb`; `plants`: whether plants could."""
     known = [c.name for c in system.components if plants or c.role != "plant"]
     head, _, last = path.rpartition(".")
     inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
@@ -61,10 +61,10 @@ def refuse_path(
         helps = (f"of a module's controller the name has the module's in it: `{inside[0]}`",)
     if any(m.name == path for m in system.modules):
         helps = (f"its decision module is `{path}.dm`",)
-    what = "component" if plants else "node"
+    kind = "component" if plants else "node"
     diagnostics.error(
         "E009",
-        f"this system has no {what} `{path}` that could {verb}",
+        f"this system has no {kind} `{path}` that could {verb}",
         span,
         notes=(f"what steps is {listed(known)}",) if known else (),
         helps=helps,
@@ -85,21 +85,21 @@ TIMED = ("late", "overrun")
 GIVEN = (*TIMED, "bias", "noise", "scale")
 
 
-def place_faults(flat: Flattening, system: System) -> None:
-    """Enters the faults of a system, `shuffled` included, from its symbol.
+def add_faults(flat: Flattening, system: System) -> None:
+    """Adds to a system the faults that its symbol declares, and sets `shuffled`.
 
-    Outputs of steps that overrun are held in topics that come last.
+    Topics that hold the outputs of steps that overrun come last.
     """
     if not flat.symbol.faults:
         return
     places = _FaultPlacer(flat, system)
-    faults = [f for item in flat.symbol.faults for f in places.of(item)]
-    places.decide(faults)
+    faults = [f for item in flat.symbol.faults for f in places.faults_of(item)]
+    places.decide_what_is_inside(faults)
     system.shuffled = any(item.kind == "order" for item in flat.symbol.faults)
-    system.faults = waiting(system.modules, faults, shuffled=system.shuffled)
+    system.faults = with_wait_faults(system.modules, faults, shuffled=system.shuffled)
     for f in system.faults:
         if f.kind == "overrun":
-            make_held_topic(flat, system.components[f.component])
+            add_held_topic(flat, system.components[f.component])
             refuse_overrun(system, system.components[f.component], f.text, flat.diagnostics)
     system.topics = tuple(flat.topics)
 
@@ -111,27 +111,27 @@ class _FaultPlacer:
         self.system = system
         self.streams: dict[str, int] = {}
 
-    def of(self, item: typed.SystemFaultSymbol) -> Iterator[Fault]:
+    def faults_of(self, item: typed.SystemFaultSymbol) -> Iterator[Fault]:
         """Yields the faults of one item, one for each component; none after a report."""
         if item.kind == "order":
             return
-        lasts = self.flat.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
-        amount = self._amount_values(item, lasts)
-        rate = self._rate(item)
+        lasts = self.flat.duration_ns(item.lasts, f"how long `{item.kind}` lasts") or 0
+        amount = self._amount_of(item, lasts)
+        rate = self._rate_per_s(item)
         if amount is None or rate is None:
             return
         streams: dict[int, str] = {}
         now_and_then = item.kind == "late" and item.rate is not None
         together = item.path in GROUPS and now_and_then
-        shared = self._stream(item) if together else None
+        shared = self._new_stream(item) if together else None
         slot = int(amount[0]) if now_and_then else lasts
         apart = slot > 0 and item.kind in APART
-        for c, topic, leaf_indices, disturbance in self._targets(item):
-            p = self._probability(item, rate, slot or c.period_ns, apart=apart)
+        for c, topic, leaf_indices, disturbance in self._targets_of(item):
+            p = self._probability_of_slot(item, rate, slot or c.period_ns, apart=apart)
             if p is None or self._leaves_no_release(item, amount, c):
                 return
             if c.index not in streams:
-                streams[c.index] = shared or self._stream(item, c)
+                streams[c.index] = shared or self._new_stream(item, c)
             fault = Fault(
                 kind=item.kind,
                 component=c.index,
@@ -156,8 +156,8 @@ class _FaultPlacer:
             self._refuse(item, f"leaves `{c.name}` no release: each is lost to the next one")
         return never
 
-    def _stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
-        """A new stream name; a second fault of the same kind in the same place gets another one."""
+    def _new_stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
+        """Gives a new stream name; a second fault of one kind in one place gets another name."""
         where = item.path if c is None or c.name == item.path else f"{c.name}.{item.path}"
         name = f"fault.{item.kind}.{where}"
         count = self.streams[name] = self.streams.get(name, 0) + 1
@@ -165,12 +165,12 @@ class _FaultPlacer:
 
     # ------------------------------------------------------------ numbers
 
-    def _rate(self, item: typed.SystemFaultSymbol) -> float | None:
-        """How often it happens, per second; 0 if it always does, None after a report."""
+    def _rate_per_s(self, item: typed.SystemFaultSymbol) -> float | None:
+        """Gives how often a fault happens, per second; 0 if it always does, None after a report."""
         if item.rate is None or item.per is None:
             return 0.0
         rate = self.flat.number(item.rate, "how often")
-        per = self.flat.duration(item.per, "`per`")
+        per = self.flat.duration_ns(item.per, "`per`")
         if rate is None or per is None:
             return None
         if not (math.isfinite(rate) and rate >= 0.0):
@@ -178,7 +178,7 @@ class _FaultPlacer:
             return None
         return float(rate) / (per / 1e9)
 
-    def _amount_values(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
+    def _amount_of(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
         numbers = [self.flat.number(e, f"`{item.kind}`") for e in item.by]
         values = [v for v in numbers if v is not None]
         if len(values) != len(numbers):
@@ -191,16 +191,16 @@ class _FaultPlacer:
                 return None
             return (values[0],)
         if item.kind == "late":
-            return self._lateness(item, values, lasts)
+            return self._quantiles_of_lateness(item, values, lasts)
         if any(not math.isfinite(v) for v in values) or len(values) > 1:
             self._refuse(item, "is by one finite number")
             return None
         return tuple(float(v) for v in values)
 
-    def _lateness(
+    def _quantiles_of_lateness(
         self, item: typed.SystemFaultSymbol, values: list[float], lasts: int
     ) -> tuple[float, ...] | None:
-        """The quantiles of the lateness, rising, in ns; None after a report."""
+        """Gives the quantiles of the lateness, rising, in ns; None after a report."""
         if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
             self._refuse(item, "is by times from 0 to 1 h, the shorter ones first")
             return None
@@ -211,27 +211,27 @@ class _FaultPlacer:
             values = [0, *values]
         return tuple(values)
 
-    def _probability(
+    def _probability_of_slot(
         self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
     ) -> float | None:
-        """The probability of a slot that gives the declared rate; None after a report."""
+        """Gives the probability of a slot that has the declared rate; None after a report."""
         if item.rate is None:
             return 1.0
         share = rate * (slot_ns / 1e9)
         most = APART_MOST if apart else ALWAYS if item.kind != "skip" else OFTEN
         if share > most:
             often = show_ns(round(slot_ns / most))
-            what = f"lasts {show_ns(slot_ns)}" if item.lasts or apart else "is about one release"
-            self._refuse(item, f"happens too often: it {what}, so at most once in {often}")
+            length = f"lasts {show_ns(slot_ns)}" if item.lasts or apart else "is about one release"
+            self._refuse(item, f"happens too often: it {length}, so at most once in {often}")
             return None
         return (1.0 - math.sqrt(1.0 - 4.0 * share)) / 2.0 if apart else share
 
-    def _refuse(self, item: typed.SystemFaultSymbol, what: str) -> None:
-        self.diagnostics.error("V011", f"`{item.kind}` {what}", item.span)
+    def _refuse(self, item: typed.SystemFaultSymbol, problem: str) -> None:
+        self.diagnostics.error("V011", f"`{item.kind}` {problem}", item.span)
 
     # ------------------------------------------------------------ targets
 
-    def _group(self, item: typed.SystemFaultSymbol) -> list[_Target]:
+    def _targets_of_group(self, item: typed.SystemFaultSymbol) -> list[_Target]:
         if item.kind == "overrun":
             self._refuse_item(item, f"not all nodes of `{item.path}` can: name those that shall")
             return []
@@ -242,21 +242,20 @@ class _FaultPlacer:
         components = [c for c in self.system.components if c.role in wanted]
         return [(c, None, (), None) for c in components]
 
-    def _targets(self, item: typed.SystemFaultSymbol) -> list[_Target]:
-        """What an item hits."""
+    def _targets_of(self, item: typed.SystemFaultSymbol) -> list[_Target]:
         if item.path in GROUPS:
-            return self._group(item)
+            return self._targets_of_group(item)
         parts = item.path.split(".")
         for count in range(len(parts), 0, -1):
-            components = named(self.system, ".".join(parts[:count]))
+            components = components_named(self.system, ".".join(parts[:count]))
             if components:
-                return [x for c in components for x in self._hit(item, c, parts[count:])]
+                return [x for c in components for x in self._targets_in(item, c, parts[count:])]
         if not self.flat.partial:
             verb = f"have a fault `{item.kind}`"
             refuse_path(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
         return []
 
-    def _hit(
+    def _targets_in(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
     ) -> Iterator[_Target]:
         if item.kind in {"late", "skip"}:
@@ -284,9 +283,9 @@ class _FaultPlacer:
                 return
             yield c, None, (), drawn[0]
             return
-        yield from self._published(item, c, rest)
+        yield from self._targets_published(item, c, rest)
 
-    def _published(
+    def _targets_published(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
     ) -> Iterator[_Target]:
         parts = [x for part in rest for x in part.replace("[", ".[").split(".") if x]
@@ -299,7 +298,7 @@ class _FaultPlacer:
                     return
                 continue
             topic = c.scope.topics[symbol]
-            indices = _leaves(item.kind, self.system.topics[topic], below)
+            indices = _leaves_to_hit(item.kind, self.system.topics[topic], below)
             if indices:
                 hit = True
                 yield c, topic, indices, None
@@ -311,10 +310,10 @@ class _FaultPlacer:
     def _report_nothing_to_hit(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
     ) -> None:
-        what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
-        there = [t.name.rpartition(".")[2] for t in c.published]
-        also = [f"`{c.name}` publishes {listed(there)}"] if there else []
-        self._refuse_item(item, f"{what} is nothing that `{item.kind}` could hit", *also)
+        place = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
+        names = [t.name.rpartition(".")[2] for t in c.published]
+        also = [f"`{c.name}` publishes {listed(names)}"] if names else []
+        self._refuse_item(item, f"{place} is nothing that `{item.kind}` could hit", *also)
 
     def _refuse_item(self, item: typed.SystemFaultSymbol, *why: str) -> None:
         self.diagnostics.error(
@@ -323,98 +322,95 @@ class _FaultPlacer:
 
     # ------------------------------------------------------------ inside or outside
 
-    def decide(self, faults: Sequence[Fault]) -> None:
+    def decide_what_is_inside(self, faults: Sequence[Fault]) -> None:
         """Sets `inside` of each fault; the latenesses of one component add up."""
         for f in faults:
-            f.inside = self._inside(f, self.system.components[f.component], faults)
+            f.inside = self._why_inside(f, self.system.components[f.component], faults)
 
-    def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Why the assumptions of proofs still hold with a fault; None: one may not hold."""
-        if c.role == "ac" and not self._must_speak(c, fault):
+    def _why_inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """Says why assumptions of proofs hold with a fault; None if one may not hold."""
+        if c.role == "ac" and not self._must_publish(c, fault):
             return "AC may do anything"
         if fault.disturbance is not None:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
             return "in its declared range" if d.low <= low and high <= d.high else None
         if fault.kind in TIMED:
-            return self._declared_time(fault, c, faults)
+            return self._why_in_time(fault, c, faults)
         if fault.kind == "silent" and c.plant is not None:
-            return self._declared_dropout(fault, c, faults)
+            return self._why_in_dropout(fault, c, faults)
         return None
 
-    def _must_speak(self, c: Component, fault: Fault) -> bool:
-        """Whether a proof assumes that this AC steps and publishes at its releases.
-
-        Proofs by induction assume it of every node that they read.
-        """
+    def _must_publish(self, c: Component, fault: Fault) -> bool:
+        """Whether a proof assumes that this AC steps and publishes at its releases."""
         blocks = [m.symbol.verify for m in self.system.modules]
         return fault.kind in {"late", "skip", "silent", "overrun"} and any(
             b.induction is not None
             for m, b in zip(self.system.modules, blocks, strict=True)
-            if c.index == m.ac or c.index in self._about(m)
+            if c.index == m.ac or c.index in self._nodes_around(m)
         )
 
-    def _number(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
-        """A time of a `verify` block in ns, with the parameters of its module."""
-        with self.flat.under(m.scope.params):
+    def _declared_ns(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
+        """Gives a time of a `verify` block in ns, with the parameters of its module."""
+        with self.flat.with_params(m.scope.params):
             value = self.flat.number(expr, "a time of `verify`")
         return None if value is None else float(value)
 
-    def _declared_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Why `late` or `response` covers all such faults of the component together; or None."""
-        own = [f for f in faults if f.kind in TIMED and f.component == c.index]
-        most = sum(int(f.amount[-1]) for f in own if f.kind == fault.kind)
+    def _why_in_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """Says why `late` or `response` covers all such faults of the component; or None."""
+        timed = [f for f in faults if f.kind in TIMED and f.component == c.index]
+        most = sum(int(f.amount[-1]) for f in timed if f.kind == fault.kind)
         if fault.kind == "late":
-            return self._declared_late(c, most)
-        lost = sum(int(f.amount[-1]) for f in own) >= c.period_ns
-        return None if lost or c.takes_ns is not None else self._declared_response(c, most)
+            return self._why_in_late(c, most)
+        lost = sum(int(f.amount[-1]) for f in timed) >= c.period_ns
+        return None if lost or c.takes_ns is not None else self._why_in_response(c, most)
 
-    def _declared_late(self, c: Component, most: int) -> str | None:
-        """Why `late` in every module that depends on `c` covers `most` ns; None: not."""
-        said = []
+    def _why_in_late(self, c: Component, most: int) -> str | None:
+        """Says why `late` of every module that depends on `c` covers `most` ns; or None."""
+        declared = []
         for m in self.system.modules:
             block = m.symbol.verify
-            by_name = _by_full_name(m, block.late_of)
+            by_name = _with_full_names(m, block.late_of)
             if c.index in (m.dm, m.sc):
-                said.append((m, block.late_dm if c.index == m.dm else block.late_sc))
+                declared.append((m, block.late_dm if c.index == m.dm else block.late_sc))
             elif c.name in by_name or (
                 (c.module is None or (c.role == "ac" and block.induction is not None))
-                and c.index in self._about(m)
+                and c.index in self._nodes_around(m)
             ):
-                said.append((m, by_name.get(c.name)))
+                declared.append((m, by_name.get(c.name)))
         takes = 0 if c.takes_ns is None else c.takes_ns[1]
-        if not said or most >= c.period_ns or most + takes > c.period_ns:
+        if not declared or most >= c.period_ns or most + takes > c.period_ns:
             return None  # a release would be lost
-        values = [self._number(m, e) for m, e in said]
-        return "as late as declared" if _keeps_to(values, most) else None
+        values = [self._declared_ns(m, e) for m, e in declared]
+        return "as late as declared" if _all_reach(values, most) else None
 
-    def _declared_response(self, c: Component, most: int) -> str | None:
-        """Why `response` in every module that depends on `c` covers `most` ns; None: not."""
-        said = []
+    def _why_in_response(self, c: Component, most: int) -> str | None:
+        """Says why `response` of every module that depends on `c` covers `most` ns; or None."""
+        declared = []
         for m in self.system.modules:
-            by_name = _by_full_name(m, m.symbol.verify.response_of)
-            if c.name in by_name or c.index in self._about(m) or c.index == m.ac:
-                said.append(self._number(m, by_name.get(c.name)))
-        return "no longer than its declared `response`" if _keeps_to(said, most) else None
+            by_name = _with_full_names(m, m.symbol.verify.response_of)
+            if c.name in by_name or c.index in self._nodes_around(m) or c.index == m.ac:
+                declared.append(self._declared_ns(m, by_name.get(c.name)))
+        return "no longer than its declared `response`" if _all_reach(declared, most) else None
 
-    def _declared_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Why `dropout` of every module covers what a plant may lose in a row; None: not.
+    def _why_in_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """Says why `dropout` of every module covers what a plant may lose in a row; or None.
 
         A silence shorter than a period still loses a release, and two may follow each other.
         """
         assert c.plant is not None
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
         lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
-        values = [self._number(m, m.symbol.verify.dropout) for m in self.system.modules]
-        fits = _keeps_to(values, lost * c.period_ns)
+        values = [self._declared_ns(m, m.symbol.verify.dropout) for m in self.system.modules]
+        fits = _all_reach(values, lost * c.period_ns)
         return "as silent as `dropout` says" if fits and fault.slot_ns else None
 
-    def _about(self, m: Module) -> set[int]:
-        """Indices of nodes between sensors and a module, or it and plants: their time counts."""
+    def _nodes_around(self, m: Module) -> set[int]:
+        """Gives indices of nodes between sensors, module and plants, whose time counts."""
         own = (m.sc, m.ac)
         nodes = [c for c in self.system.components if c.node is not None and c.index not in own]
         sc = self.system.components[m.sc]
-        read = {*m.inputs, *_read(self.system, sc)}
+        read = {*m.inputs, *_topics_read(self.system, sc)}
         written = set(m.outputs)
         node_indices: set[int] = set()
         for _ in nodes:
@@ -422,24 +418,24 @@ class _FaultPlacer:
                 made = {*c.writes}
                 if made & read:
                     node_indices.add(c.index)
-                    read |= _read(self.system, c)
-                if _read(self.system, c) & written:
+                    read |= _topics_read(self.system, c)
+                if _topics_read(self.system, c) & written:
                     node_indices.add(c.index)
                     written |= made
         return node_indices
 
 
-def _keeps_to(declared: Sequence[float | None], most: int) -> bool:
+def _all_reach(declared: Sequence[float | None], most: int) -> bool:
     """Whether there are declared times, and each is at least `most`."""
     return bool(declared) and all(v is not None and most <= v for v in declared)
 
 
-def _read(system: System, c: Component) -> set[int]:
-    """Topics that a node subscribes to; for a queue the topic that fills it."""
+def _topics_read(system: System, c: Component) -> set[int]:
+    """Gives the topics that a node subscribes to; for a queue the topic that fills it."""
     if c.node is None:
         return set()
-    own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
-    return {t.source for t in own}
+    subscribed = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
+    return {t.source for t in subscribed}
 
 
 def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
@@ -459,8 +455,8 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
     return None
 
 
-def _by_full_name(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
-    """What a `verify` block says of nodes, with their full names in the system as keys."""
+def _with_full_names(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
+    """Gives what a `verify` block says of nodes, by their full names in the system."""
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
 
 
@@ -469,8 +465,8 @@ def _is_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
     return not has_list(topic.type) and not (c.node is not None and topic in c.node.bursts)
 
 
-def _leaves(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
-    """Numbers of the leaves below a path that a kind of fault can hit; (0,) for "silent"."""
+def _leaves_to_hit(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
+    """Gives the numbers of leaves below a path that a kind of fault can hit; (0,) for "silent"."""
     if kind == "silent":
         return () if path else (0,)
     wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))

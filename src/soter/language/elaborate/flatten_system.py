@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.composition_check import Composition, hyperperiod
-from soter.language.elaborate.explorable import refuse_world
-from soter.language.elaborate.faults import place_faults
+from soter.language.elaborate.explorable import refuse_systems_in_world
+from soter.language.elaborate.faults import add_faults
 from soter.language.elaborate.passes.make_components import make_components
 from soter.language.elaborate.passes.make_modules import make_modules
 from soter.language.elaborate.passes.memory_topics import make_memory_topics
@@ -24,7 +24,7 @@ from soter.language.elaborate.passes.properties import (
     enter_modes_in_scopes,
 )
 from soter.language.elaborate.passes.stated_values import hold_to_stated_values
-from soter.language.elaborate.passes.step_times import mark_inline
+from soter.language.elaborate.passes.step_times import mark_inline_nodes
 from soter.language.elaborate.passes.system_numbers import TooLargeError, warn_of_idle_settings
 from soter.language.elaborate.passes.topics import topic_at
 from soter.language.model import typed
@@ -37,22 +37,22 @@ if TYPE_CHECKING:
 
 
 def flatten(flat: Flattening) -> System | None:
-    """Flattens a system; None if it is too large. After errors the result is incomplete.
+    """Flattens a system; gives None if it is too large. After errors the result is incomplete.
 
-    The passes stand in the order in which they mention topics, which numbers the topics.
+    Topics are numbered in the order in which the passes first mention them.
     """
     try:
-        return _flatten(flat) if flat.sizes.instances() else None
+        return _run_passes(flat) if flat.sizes.has_few_instances() else None
     except TooLargeError:
         return None
 
 
-def _flatten(flat: Flattening) -> System:
+def _run_passes(flat: Flattening) -> System:
     place_instances(flat)
     check_wired_sets(flat)
     make_components(flat, "node")
     make_modules(flat)
-    mark_inline(flat)
+    mark_inline_nodes(flat)
     enter_modes_in_scopes(flat)
     add_properties(flat)
     if flat.test is not None:
@@ -66,11 +66,11 @@ def _flatten(flat: Flattening) -> System:
     system = _system(flat)
     Composition(
         system, flat.symbol, flat.diagnostics, partial=flat.partial, draft=flat.draft
-    ).check(flat.property_reads)
+    ).check_all_rules(flat.property_reads)
     if flat.test is None:
-        place_faults(flat, system)
+        add_faults(flat, system)
     else:
-        refuse_world(flat, flat.test, system)
+        refuse_systems_in_world(flat, flat.test, system)
     _warn_of_idle_settings(flat)
     if not flat.unknown:
         system.hyperperiod_ns = hyperperiod(system, flat.symbol, flat.diagnostics)
@@ -100,7 +100,7 @@ def _system(flat: Flattening) -> System:
         modules=tuple(flat.modules),
         properties=tuple(flat.properties),
         inputs=tuple(flat.inputs),
-        until_ns=flat.long_duration(flat.symbol.until, "`until`"),
+        until_ns=flat.run_length_ns(flat.symbol.until, "`until`"),
         params=flat.parameters.named,
         hyperperiod_ns=1,
         externals=tuple(flat.externals),
@@ -110,7 +110,7 @@ def _system(flat: Flattening) -> System:
 
 def _warn_of_idle_settings(flat: Flattening) -> None:
     """Warns W010 of settings that nothing reads, unless parts are missing, which may."""
-    settings = flat.parameters.of_instances()
+    settings = flat.parameters.settings_of_instances()
     if not settings or flat.partial:
         return
     code: list[tuple[str, tuple[object, ...]]] = [
@@ -135,8 +135,8 @@ def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
         *program.modules.values(),
         *(n for n in program.nodes.values() if n not in used),
     ]
-    own = [w for w in whats if "." not in w.name]
-    if not own:
+    in_file = [w for w in whats if "." not in w.name]
+    if not in_file:
         return None
-    instances = tuple(typed.InstanceSymbol(w.name, w, {}, {}, w.span) for w in own)
-    return typed.SystemSymbol(name="Main", span=own[0].span, default=True, instances=instances)
+    instances = tuple(typed.InstanceSymbol(w.name, w, {}, {}, w.span) for w in in_file)
+    return typed.SystemSymbol(name="Main", span=in_file[0].span, default=True, instances=instances)

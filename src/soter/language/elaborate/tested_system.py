@@ -13,7 +13,7 @@ from soter.language.elaborate import derived_systems
 from soter.language.elaborate.explorable import check_explorable
 from soter.language.elaborate.flatten_system import flatten
 from soter.language.elaborate.passes.flattening import Flattening
-from soter.language.elaborate.passes.stated_values import give_steps
+from soter.language.elaborate.passes.stated_values import give_steps_to_stand_ins
 from soter.language.elaborate.passes.topics import topic_at
 from soter.language.elaborate.timing_faults import overruns_of_takes, timing_faults
 from soter.language.elaborate.wellformed import check_periods
@@ -39,29 +39,29 @@ def elaborate_test(
     `overrides` maps full parameter names to values.
     """
     before = diagnostics.error_count
-    own = {(s.path, s.param) for s in test.sets}
+    set_by_test = {(s.path, s.param) for s in test.sets}
     symbol = replace(
         test.system,
         replaces=(*test.system.replaces, *test.replaces),
-        sets=(*test.sets, *(s for s in test.system.sets if (s.path, s.param) not in own)),
+        sets=(*test.sets, *(s for s in test.system.sets if (s.path, s.param) not in set_by_test)),
     )
     if test.system in program.damaged:
         program.damaged.add(symbol)
     flat = Flattening(program, symbol, overrides, diagnostics, test=test)
-    horizon = _horizon(flat, test)
-    skew = flat.skew(test.skew)
-    quantum = flat.duration(test.quantum, "`quantum`")
+    horizon = _required_horizon_ns(flat, test)
+    skew = flat.skew_ns(test.skew)
+    quantum = flat.duration_ns(test.quantum, "`quantum`")
     before_parts = diagnostics.error_count
     system = flatten(flat)
     if system is None:
         return None
-    give_steps(flat, test, system)
+    give_steps_to_stand_ins(flat, test, system)
     sound = test not in flat.program.damaged and diagnostics.error_count == before_parts
     flat.partial = flat.partial or not sound
     drawn = {topic_at(flat, flat.parts[0], i.topic) for i in test.inputs}
     topics = system.topics  # those that nothing reads after replacements are not drawn
-    system = derived_systems.drawn_where(system, lambda t: t in drawn or bool(topics[t].driver))
-    _check_periods(flat, system)
+    system = derived_systems.with_draws(system, lambda t: t in drawn or bool(topics[t].driver))
+    _check_real_periods(flat, system)
     faults = (*timing_faults(flat, test, system), *overruns_of_takes(flat, system))
     plan = TestPlan(test.name, skew, horizon or 0, quantum, faults, tuple(flat.timed), test.span)
     plan.ordered = test.order is not None
@@ -70,9 +70,9 @@ def elaborate_test(
     return system if diagnostics.error_count == before else None
 
 
-def _horizon(flat: Flattening, test: typed.TestSymbol) -> int | None:
+def _required_horizon_ns(flat: Flattening, test: typed.TestSymbol) -> int | None:
     if test.horizon is not None:
-        return flat.long_duration(test.horizon, "`horizon`")
+        return flat.run_length_ns(test.horizon, "`horizon`")
     if test not in flat.program.damaged:
         flat.diagnostics.error(
             "E007",
@@ -84,8 +84,8 @@ def _horizon(flat: Flattening, test: typed.TestSymbol) -> int | None:
     return None
 
 
-def _check_periods(flat: Flattening, system: System) -> None:
-    """Checks P1a, except for parts that the test replaced."""
+def _check_real_periods(flat: Flattening, system: System) -> None:
+    """Checks P1a, except for controllers that the test replaced."""
     replaced = {
         c.name
         for m in system.modules

@@ -3,7 +3,7 @@
 Purpose: a step that may be late happens as early as it can or at a multiple of the *quantum*
 (docs/testing.md). The quantum is the declared one; else the greatest common divisor of every time
 of the calendar and every time that the program compares `time` or an age with, cut into as many
-parts as comparisons need that have to hold together (`language/elaborate/distinguished.py`). The
+parts as comparisons need that have to hold together (`distinguishable_values.py`). The
 file also finds reads of time for which no such grid is enough.
 Non-goals: choosing times (the explorer), costs.
 
@@ -22,7 +22,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from soter.language.elaborate.distinguished import FINEST, ReadClocks, releases, together
+from soter.language.elaborate.distinguishable_values import (
+    FINEST,
+    ReadClocks,
+    grid_parts,
+    release_count,
+)
 from soter.language.model import typed
 from soter.language.model.tree_walk import children, nodes
 from soter.language.model.types import DurationType, IntType
@@ -82,13 +87,13 @@ class TimesRead:
 
 
 def times_read(system: System) -> TimesRead:
-    """How every component, decision and property of a flattened test uses time."""
+    """Gives how every component, decision and property of a flattened test uses time."""
     assert system.test is not None, f"{system.name} is no test"
-    thresholds = _ages_judged(system)
+    thresholds = _max_ages_read(system)
     opened: list[Span] = []
     watched: list[ReadClocks] = []
-    for reader, expressions, bodies in _all_code(system):
-        reader.run(expressions, bodies)
+    for reader, expressions, bodies in _code_with_readers(system):
+        reader.read_until_stable(expressions, bodies)
         thresholds |= reader.thresholds
         opened += reader.open
         watched.append(reader.watched)
@@ -99,14 +104,18 @@ def times_read(system: System) -> TimesRead:
     ]
     deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and thresholds})
     judged = thresholds or any(t.kind == "invariant" for t in system.test.timed)
-    parts = together(system, watched) if judged else 1
+    parts = grid_parts(system, watched) if judged else 1
     compared = [s for w in watched for s in w.compared] if parts > FINEST else []
     return TimesRead(
-        tuple(sorted(thresholds)), _in_order(opened), tuple(deadlines), parts, _in_order(compared)
+        tuple(sorted(thresholds)),
+        _in_order(opened),
+        tuple(deadlines),
+        parts,
+        _in_order(compared),
     )
 
 
-def _ages_judged(system: System) -> set[int]:
+def _max_ages_read(system: System) -> set[int]:
     """The `max_age` of every topic that a decision module reads."""
     reads = {t for m in system.modules if m.forced is None for t in m.reads}
     return {age for t in reads if (age := system.topics[t].max_age_ns) is not None}
@@ -119,12 +128,12 @@ def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
 
 
 def quantum_of(system: System, read: TimesRead | None = None) -> int:
-    """The quantum of a test's grid of times, in ns.
+    """Gives the quantum of a test's grid of times, in ns.
 
     Between zero and the first threshold or deadline, and between two neighbours, lies at least one
     time of the grid, as a clock may be above the one and below the other. If several clocks are
-    compared, the grid is cut into `TimesRead.together` parts; if these were more than `FINEST` it
-    is not, and no search on it may be called exhausted.
+    compared, the grid is cut into `TimesRead.together` parts; if these were more than `FINEST`, it
+    is not cut, and no search on it may be called exhausted.
     """
     plan = system.test
     assert plan is not None, f"{system.name} is no test"
@@ -150,8 +159,8 @@ def _least_divisor(n: int, least: int) -> int:
     return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
 
 
-def _all_code(system: System) -> Iterator[CodeToRead]:
-    """Yields all code that runs, of components, decision modules and properties."""
+def _code_with_readers(system: System) -> Iterator[CodeToRead]:
+    """Yields all code that runs, of components, modules and properties, with readers."""
     yield from _code_of_components(system)
     for m in system.modules:
         decides = ReadClocks(component=m.dm)
@@ -165,7 +174,7 @@ def _all_code(system: System) -> Iterator[CodeToRead]:
     assert system.test is not None
     for t in system.test.timed:
         ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
-        every = (releases(system, c.index) for c in system.components)
+        every = (release_count(system, c.index) for c in system.components)
         looks = sum(every) if ages else 2 if t.kind == "leadsto" else 1
         reader = _TimeReader(t.scope, watched=ReadClocks(looks=looks, deadline=t.kind))
         yield reader, [t.premise, t.condition], []
@@ -210,26 +219,26 @@ class _TimeReader:
         self.thresholds: set[int] = set()
         self.open: list[Span] = []
 
-    def run(
+    def read_until_stable(
         self,
         expressions: Iterable[typed.TypedExpr | None],
         bodies: Sequence[tuple[typed.TypedStmt, ...]],
     ) -> None:
-        """Reads all of it again until no more locals turn out to be clocks."""
+        """Reads the code again and again until no more locals turn out to be clocks."""
         every = [e for e in expressions if e is not None]
         for _ in range(PASSES):
-            before = self._counts()
+            before = self._counts_of_known()
             for known in (self.thresholds, self.others, self.open):
                 known.clear()
             for body in bodies:
                 self._read_body(body)
             for e in every:
                 self._read_as_value(e)
-            if self._counts() == before:
+            if self._counts_of_known() == before:
                 return
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
 
-    def _counts(self) -> tuple[int, int, int]:
+    def _counts_of_known(self) -> tuple[int, int, int]:
         """How many clocks, constants and terms of locals are known: they only ever rise."""
         offsets = sum(map(len, self.offsets.values()))
         return len(self.clocks), offsets, sum(map(len, self.terms.values()))
@@ -264,7 +273,7 @@ class _TimeReader:
             if variable in self.others:
                 self.open.append(value.span)
             self._add_offsets(variable, value)
-        elif self._constant(value) is not None:
+        elif self._constant_in_s(value) is not None:
             self._add_offsets(variable, value)
         else:
             self.others.add(variable)
@@ -326,22 +335,22 @@ class _TimeReader:
     def _clocks_of_two(
         self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
     ) -> list[bool]:
-        """Whether each part is a clock; `e` is open if the other one is no constant either."""
+        """Tells which of two parts are clocks; `e` is open if the other part is no constant."""
         clocks = [self._is_clock(one), self._is_clock(other)]
         beside = other if clocks[0] else one
-        if any(clocks) and not all(clocks) and self._constant(beside) is None:
+        if any(clocks) and not all(clocks) and self._constant_in_s(beside) is None:
             self.open.append(e.span)
         return clocks
 
     def _note_combination(self, e: typed.TypedBinary, *, both: bool) -> bool:
-        """Notes thresholds of a sum, difference or comparison of clocks; False for the last."""
+        """Notes thresholds of a sum, difference or comparison of clocks; False for a comparison."""
         self.watched.crossed |= both
         left, right = self._added_constants(e.left), self._added_constants(e.right)
         if e.op in COMPARISONS:
             self.watched.compared.append(e.span)
             for a, b in itertools.product(left, right):
                 self._add_threshold(b - a)
-            if any(map(_is_sum, self._sums(e.left, e.right, -1))):
+            if any(map(_has_several_times, self._sums(e.left, e.right, -1))):
                 self.open.append(e.span)
             return False
         for constant in left | right:
@@ -365,7 +374,7 @@ class _TimeReader:
             if len(off) > OFFSETS:
                 self.open.append(e.span)
             return set(off[:OFFSETS])
-        return {self._constant(e) or 0.0}
+        return {self._constant_in_s(e) or 0.0}
 
     def _terms(self, e: typed.TypedExpr) -> set[ClockTerms]:
         """The terms that an expression may have, CONSTANT for one that is no clock."""
@@ -389,7 +398,7 @@ class _TimeReader:
             sums.add(_cut_terms(a.now + sign * b.now, a.added + added, a.taken_off + off))
         return sums
 
-    def _constant(self, e: typed.TypedExpr) -> float | None:
+    def _constant_in_s(self, e: typed.TypedExpr) -> float | None:
         """The value of a constant expression, durations in seconds; None for any other."""
         if isinstance(e, (typed.Literal, typed.ParamRead)):
             value = e.value if isinstance(e, typed.Literal) else self.scope.params.get(e.param)
@@ -399,16 +408,16 @@ class _TimeReader:
         if isinstance(e, typed.PeriodRead):
             return self.period_ns / 1e9
         if isinstance(e, typed.Builtin) and e.name in {"seconds", "float"}:
-            return self._constant(e.arguments[0])
+            return self._constant_in_s(e.arguments[0])
         if isinstance(e, typed.TypedUnary) and e.op == "-":
-            value = self._constant(e.operand)
+            value = self._constant_in_s(e.operand)
             return None if value is None else -value
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", "*", "/"}:
             return self._computed_constant(e)
         return None
 
     def _computed_constant(self, e: typed.TypedBinary) -> float | None:
-        left, right = self._constant(e.left), self._constant(e.right)
+        left, right = self._constant_in_s(e.left), self._constant_in_s(e.right)
         if left is None or right is None:
             return None
         if e.op == "+":
@@ -432,6 +441,6 @@ def _cut_terms(now: int, added: int, taken_off: int) -> ClockTerms:
     return ClockTerms(max(-MANY, min(now, MANY)), min(added, MANY), min(taken_off, MANY))
 
 
-def _is_sum(terms: ClockTerms) -> bool:
-    """Whether more than one time is added, or more than one taken off."""
+def _has_several_times(terms: ClockTerms) -> bool:
+    """Whether a clock adds more than one time, or takes more than one off."""
     return terms.added + max(terms.now, 0) >= MANY or terms.taken_off + max(-terms.now, 0) >= MANY

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.faults import named, refuse_path
+from soter.language.elaborate.faults import components_named, refuse_path
 from soter.language.elaborate.passes.memory_topics import refuse_overrun
 from soter.language.model.system import TimingFault
 
@@ -26,7 +26,7 @@ _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
 
 
 def overruns_of_takes(flat: Flattening, system: System) -> Iterator[TimingFault]:
-    """Yields an overrun for each node that `takes` time: every step of it is one."""
+    """Yields an overrun for each node that declares `takes`: each of its steps overruns."""
     for c in system.components:
         if c.takes_ns is not None:
             assert c.node is not None
@@ -43,9 +43,9 @@ def timing_faults(
     """Yields the faults that a test declares, one for each component."""
     seen: dict[tuple[str, int], typed.FaultSymbol] = {}
     for item in test.faults:
-        by = flat.duration(item.by, f"`by` of `{item.path}`") if item.by is not None else 0
+        by = flat.duration_ns(item.by, f"`by` of `{item.path}`") if item.by is not None else 0
         at_most = flat.count(item.at_most, "`at most`", 1, MAX_SKIPS)
-        for component in _fault_components(flat, system, item):
+        for component in _components_of_fault(flat, system, item):
             first = seen.setdefault((item.kind, component.index), item)
             if first is not item:
                 flat.diagnostics.error(
@@ -56,14 +56,16 @@ def timing_faults(
                     also=((first.span, "the first time"),),
                 )
             elif item.kind == "overrun":
-                _check_overrun(flat, system, component, item)
+                _refuse_overrun(flat, system, component, item)
             skips = (at_most or 1) if item.kind == "skip" else 0
             yield TimingFault(item.kind, component.index, by or 0, skips, item.span)
 
 
-def _fault_components(flat: Flattening, system: System, item: typed.FaultSymbol) -> list[Component]:
-    """The components that a path names; reports E009 if none, or one without such faults."""
-    components = named(system, item.path)
+def _components_of_fault(
+    flat: Flattening, system: System, item: typed.FaultSymbol
+) -> list[Component]:
+    """Gives the components that a path names; reports E009 if none can have such a fault."""
+    components = components_named(system, item.path)
     if not components:
         if not flat.partial:
             verb = _VERBS[item.kind]
@@ -89,7 +91,9 @@ def _fault_components(flat: Flattening, system: System, item: typed.FaultSymbol)
     return []
 
 
-def _check_overrun(flat: Flattening, system: System, c: Component, item: typed.FaultSymbol) -> None:
+def _refuse_overrun(
+    flat: Flattening, system: System, c: Component, item: typed.FaultSymbol
+) -> None:
     assert c.node is not None
     refuse_overrun(system, c, f"overrun {item.path}", flat.diagnostics)
     if c.takes_ns is None:
@@ -119,10 +123,10 @@ def _require_no_queue(
         if not topic.queues:
             continue
         queue = system.topics[topic.queues[0]]
-        what = "cannot overrun" if instead else "takes time, which no test can try"
+        problem = "cannot overrun" if instead else "takes time, which no test can try"
         flat.diagnostics.error(
             "E010",
-            f"`{c.name}` {what}: it publishes `{topic.name}`, which is queued",
+            f"`{c.name}` {problem}: it publishes `{topic.name}`, which is queued",
             span,
             also=((topic.symbol.span, f"collected in `{queue.name}`"),),
             notes=("a publication that takes effect later has no place in a queue",),

@@ -4,7 +4,7 @@ Purpose: `systems_by_view`: a view keeps the parts of `safe`, `ttf` and `safer` 
 its plants only (proof-sets.md, Views): every part of `safe` and of `safer` must be kept by some
 view (R023), and a part of `ttf` that none keeps is dropped: that makes a proof harder, not wrong.
 `moved_by_others` replaces each topic that a plant reads and the module does not publish by a
-disturbance. `start_behind` computes where an abstraction starts.
+disturbance. `start_of_proof_plant` computes where an abstraction starts.
 Non-goals: proofs; who keeps topics in their sets (`verify/scope.py`); initial states that are
 drawn. The re-checker has its own views (`certificate/extras/views.py`), on purpose.
 """
@@ -44,19 +44,19 @@ Topics = frozenset[typed.TopicSymbol]
 
 
 def systems_by_view(flat: System, module: Module) -> list[tuple[System, Module]]:
-    """The module with its system, once for each of its views; unchanged if it has none.
+    """Gives a module with its system once for each of its views; unchanged if it has none.
 
     Raises `SoterError` R023 if the views together do not cover the module.
     """
     symbol = module.symbol
     if not symbol.verify.views:
         return [(flat, module)]
-    _judge(symbol)
-    return [_seen(flat, module, view) for view in symbol.verify.views]
+    _require_usable_views(symbol)
+    return [_module_in_view(flat, module, view) for view in symbol.verify.views]
 
 
 def refuse_views(module: Module) -> None:
-    """Raises `SoterError` R023 for a module with views, where a proof takes one set of plants."""
+    """Raises `SoterError` R023 for a module with views, as the caller needs one set of plants."""
     if not module.symbol.verify.views:
         return
     diagnostics = Diagnostics()
@@ -71,34 +71,34 @@ def refuse_views(module: Module) -> None:
     raise SoterError(diagnostics.items)
 
 
-def speaks_of(block: typed.TypedVerifyBlock) -> Topics:
+def topics_of_view(block: typed.TypedVerifyBlock) -> Topics:
     """The topics that the plants of a view drive."""
     return frozenset(topic for link in block.abstracts for topic, _ in link.plant.drives)
 
 
-def _seen(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System, Module]:
-    symbol, topics = module.symbol, speaks_of(view.block)
+def _module_in_view(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System, Module]:
+    symbol, topics = module.symbol, topics_of_view(view.block)
     assert symbol.ttf is not None
     assert symbol.safer is not None
     enters = symbol.verify.enters
     if enters is not None:
-        enters = joined("&&", _kept(conjuncts(enters), topics), enters.span)
+        enters = joined("&&", _parts_that_read(conjuncts(enters), topics), enters.span)
     part = replace(
         symbol,
         verify=replace(view.block, enters=enters),
-        safe=joined("&&", _kept(conjuncts(symbol.safe), topics), symbol.safe.span),
-        ttf=joined("||", _kept(disjuncts(symbol.ttf), topics), symbol.ttf.span),
-        safer=joined("&&", _kept(conjuncts(symbol.safer), topics), symbol.safer.span),
+        safe=joined("&&", _parts_that_read(conjuncts(symbol.safe), topics), symbol.safe.span),
+        ttf=joined("||", _parts_that_read(disjuncts(symbol.ttf), topics), symbol.ttf.span),
+        safer=joined("&&", _parts_that_read(conjuncts(symbol.safer), topics), symbol.safer.span),
     )
     module_view = replace(module, symbol=part, view=view.name, whole=symbol)
     return with_module(flat, module_view), module_view
 
 
-def _kept(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[typed.TypedExpr]:
+def _parts_that_read(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[typed.TypedExpr]:
     return [e for e in parts if topics.issuperset(topic_reads(e))]
 
 
-def _judge(symbol: typed.ModuleSymbol) -> None:
+def _require_usable_views(symbol: typed.ModuleSymbol) -> None:
     """Raises R023 for clauses beside views, missing plants or predicates, and uncovered parts."""
     diagnostics, verify = Diagnostics(), symbol.verify
     *methods, last = VIEW_ITEMS
@@ -126,16 +126,16 @@ def _judge(symbol: typed.ModuleSymbol) -> None:
                 notes=("no predicates are computed for several views",),
                 helps=(f"write `{name}`",),
             )
-    _judge_parts(symbol, diagnostics)
+    _require_covered_parts(symbol, diagnostics)
     diagnostics.raise_errors()
 
 
-def _judge_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
+def _require_covered_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
     """Reports R023 for every part of `safe` and `safer` that no view keeps."""
-    every = [speaks_of(view.block) for view in symbol.verify.views]
+    every = [topics_of_view(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         for part in conjuncts(predicate) if predicate is not None else ():
-            if not any(_kept([part], topics) for topics in every):
+            if not any(_parts_that_read([part], topics) for topics in every):
                 read = ", ".join(f"`{t.name}`" for t in dict.fromkeys(topic_reads(part)))
                 diagnostics.error(
                     "R023",
@@ -163,46 +163,43 @@ class Influence:
         return f"{system.components[self.component].name}.{self.variable.name}"
 
 
-def foreign(c: Component, outputs: tuple[int, ...]) -> list[typed.TopicSymbol]:
-    """Topics that the equations of a plant read and that are no outputs of the module."""
+def topics_of_others(c: Component, outputs: tuple[int, ...]) -> list[typed.TopicSymbol]:
+    """Gives the topics that the equations of a plant read and the module does not publish."""
     assert c.plant is not None
     lets = (e for _, e in c.plant.lets)
     read = topic_reads(*lets, *c.plant.der.values(), *c.plant.next.values())
     return [t for t in c.plant.reads if t in read and c.scope.topics[t] not in outputs]
 
 
-def can_be_any(system: System, topic: int) -> bool:
+def can_be_drawn(system: System, topic: int) -> bool:
     """Whether every leaf of a topic is a float in a declared set: else it is no disturbance."""
-    there = system.topics[topic]
-    leaf_bounds = zip(leaves(there.type), there.bounds, strict=True)
+    flat = system.topics[topic]
+    leaf_bounds = zip(leaves(flat.type), flat.bounds, strict=True)
     floats = all(isinstance(t, FloatType) and isinstance(b, Bound) for (_, t), b in leaf_bounds)
-    return floats and not has_list(there.type)
+    return floats and not has_list(flat.type)
 
 
 def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
-    """The system in which topics of others that plants read are disturbances in their sets.
-
-    Also returns these leaves. A topic that is more than floats in a declared set stays as it is.
-    """
+    """Makes topics of others disturbances where possible; gives the system and their leaves."""
     moved: list[Component] = []
     all_influences: list[Influence] = []
     for c in system.components:
         if c.plant is not None and not c.plant.extern:
-            plant, influences = _moved_by_any(system, c, tuple(module.outputs))
+            plant, influences = _with_drawn_topics(system, c, tuple(module.outputs))
             moved.append(plant)
             all_influences += influences
     return with_components(system, moved), tuple(all_influences)
 
 
-def _moved_by_any(
+def _with_drawn_topics(
     system: System, c: Component, outputs: tuple[int, ...]
 ) -> tuple[Component, tuple[Influence, ...]]:
-    """The plant with such disturbances, and the leaves that move it."""
-    topics = [t for t in foreign(c, outputs) if can_be_any(system, c.scope.topics[t])]
+    """Gives the plant with disturbances for topics of others, and the leaves that move it."""
+    topics = [t for t in topics_of_others(c, outputs) if can_be_drawn(system, c.scope.topics[t])]
     if not topics:
         return c, ()
     assert c.plant is not None
-    plant, variables = _open_plant(c.plant, tuple(topics))
+    plant, variables = _with_disturbances_for(c.plant, tuple(topics))
     drawn, influences = [], []
     for topic in topics:
         index = c.scope.topics[topic]
@@ -220,18 +217,18 @@ Variables = dict[typed.TopicSymbol, tuple[typed.Variable, ...]]
 
 
 @lru_cache(maxsize=256)
-def _open_plant(
+def _with_disturbances_for(
     plant: typed.PlantSymbol, topics: tuple[typed.TopicSymbol, ...]
 ) -> tuple[typed.PlantSymbol, Variables]:
-    """The plant with disturbances for `topics`; cached, as symbols are compared by identity."""
+    """Gives the plant with disturbances for `topics`; cached by identity of the symbols."""
     made: Variables = {}
     for topic in topics:
         names = [".".join((topic.name, *path)) for path, _ in leaves(topic.type)]
         made[topic] = tuple(typed.Variable(n, FLOAT, "disturbance", topic.span) for n in names)
-    whole = {t: _value(t.type, iter(made[t]), t) for t in topics}
+    whole = {t: _value_of(t.type, iter(made[t]), t) for t in topics}
 
     def value(e: typed.TypedExpr) -> typed.TypedExpr:
-        return _replace_topics(e, whole)
+        return _replace_topic_read(e, whole)
 
     opened = replace(
         plant,
@@ -241,21 +238,23 @@ def _open_plant(
         der={v: rewritten(e, value) for v, e in plant.der.items()},
         next={v: rewritten(e, value) for v, e in plant.next.items()},
         drives=tuple((t, rewritten(e, value)) for t, e in plant.drives),
-        disturbances=(*plant.disturbances, *_declared(made)),
+        disturbances=(*plant.disturbances, *_disturbance_symbols(made)),
     )
     return opened, made
 
 
-def _declared(made: Variables) -> Iterator[typed.DisturbanceSymbol]:
+def _disturbance_symbols(made: Variables) -> Iterator[typed.DisturbanceSymbol]:
     for topic, variables in made.items():
         for v in variables:
             zero = typed.Literal(FLOAT, topic.span, 0.0)
             yield typed.DisturbanceSymbol(v, zero, zero, None)  # the component has its range
 
 
-def _value(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) -> typed.TypedExpr:
+def _value_of(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) -> typed.TypedExpr:
     if isinstance(t, (RecordType, ArrayType)):
-        return typed.Aggregate(t, topic.span, tuple(_value(p, left, topic) for p in _part_types(t)))
+        return typed.Aggregate(
+            t, topic.span, tuple(_value_of(p, left, topic) for p in _part_types(t))
+        )
     return typed.VarRead(t, topic.span, next(left))
 
 
@@ -263,7 +262,7 @@ def _part_types(t: RecordType | ArrayType) -> list[Type]:
     return [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
 
 
-def _replace_topics(
+def _replace_topic_read(
     e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> typed.TypedExpr:
     """Replaces a read of a topic, or of a field of one, by the value that stands for it."""
@@ -272,25 +271,25 @@ def _replace_topics(
     if (
         isinstance(e, typed.TypedField)
         and isinstance(e.target, typed.Aggregate)
-        and _plain(e.target)
+        and _is_made_of_variables(e.target)
     ):
         return e.target.elements[e.index]
     return e
 
 
-def _plain(e: typed.TypedExpr) -> bool:
-    """Whether `e` consists of variables only, so that leaving parts of it out drops no fault."""
+def _is_made_of_variables(e: typed.TypedExpr) -> bool:
+    """Whether `e` consists of variables only, so that no fault is lost with a part left out."""
     if isinstance(e, typed.Aggregate):
-        return all(_plain(x) for x in e.elements)
+        return all(_is_made_of_variables(x) for x in e.elements)
     return isinstance(e, typed.VarRead)
 
 
-def start_behind(
+def start_of_proof_plant(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> tuple[Value, ...] | None:
-    """The states of the proof's plant, one by one, at the start of the flying system.
+    """Gives the states of the proof's plant, one by one, at the start of the flying system.
 
-    Topics have their defaults then. None without a map, if a flying plant's state is drawn, or if
+    Topics have their defaults. None if there is no map, if a flying plant's state is drawn, or if
     the map reads ages, times or modes, which do not exist yet.
     """
     name = ".".join((*module.name.split(".")[:-1], link.instance))

@@ -29,7 +29,7 @@ HELPS_MAX = 2
 """With at most so many topics the help names each and what to do with it."""
 
 
-def check_declaration(
+def check_module_declaration(
     module: ModuleSymbol,
     diagnostics: Diagnostics,
     damaged: Collection[object] = (),
@@ -83,8 +83,8 @@ def _require_same_outputs(
     parts = [f"only `{ac.name}` publishes `{n}`" for n in only_ac]
     parts += [f"only `{sc.name}` publishes `{n}`" for n in only_sc]
     drivers = {t.name: n.name for n in others for t in n.publishes}
-    helps = [_same_outputs(n, ac, sc, drivers) for n in only_ac]
-    helps += [_same_outputs(n, sc, ac, drivers) for n in only_sc]
+    helps = [_same_outputs_help(n, ac, sc, drivers) for n in only_ac]
+    helps += [_same_outputs_help(n, sc, ac, drivers) for n in only_sc]
     diagnostics.error(
         "P1b",
         f"AC and SC of module `{module.name}` publish different topics",
@@ -96,8 +96,9 @@ def _require_same_outputs(
     )
 
 
-def _same_outputs(topic: str, by: NodeSymbol, other: NodeSymbol, drivers: Mapping[str, str]) -> str:
-    """Help for a topic that only one of the two publishes."""
+def _same_outputs_help(
+    topic: str, by: NodeSymbol, other: NodeSymbol, drivers: Mapping[str, str]
+) -> str:
     driver = drivers.get(topic)
     if driver is not None:
         return f"leave `{topic}` out of `{by.name}`: `{driver}` publishes it"
@@ -142,8 +143,8 @@ def _report_slower(module: Module, role: str, node: Component, diagnostics: Diag
     symbol = module.symbol
     replaced = node.node not in (symbol.ac, symbol.sc)
     at = symbol.ac_span if role == "AC" else symbol.sc_span
-    own, delta = node.period_ns, module.period_ns
-    steps = f"steps every {show_ns(own)}"
+    period, delta = node.period_ns, module.period_ns
+    steps = f"steps every {show_ns(period)}"
     why = (
         "a switch could come too late: P1a needs period(SC) <= Δ"
         if role == "SC"
@@ -157,7 +158,7 @@ def _report_slower(module: Module, role: str, node: Component, diagnostics: Diag
         also=((symbol.period.span, f"the decision module samples every {show_ns(delta)}"),),
         notes=(why,),
         helps=(
-            f"set the node's period to {write_ns(delta)} or less, or raise Δ to {write_ns(own)}",
+            f"set the node's period to {write_ns(delta)} or less, or raise Δ to {write_ns(period)}",
         ),
     )
 
@@ -168,11 +169,8 @@ DIFFERENCES_SHOWN = 8
 # ---------------------------------------------------------------- the world outside
 
 
-def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> None:
-    """Reports M024 for an external topic that no part of the system publishes or reads.
-
-    Also for one that a part publishes though the program says how it comes from outside.
-    """
+def check_external_topics(system: System, read: set[int], diagnostics: Diagnostics) -> None:
+    """Reports M024 for an external topic that nobody has, or that is declared wrongly."""
     for e in system.externals:
         topic = system.topics[e.topic]
         if topic.driver not in {"", "input"}:
@@ -191,20 +189,20 @@ def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> 
 
 
 def _check_outgoing(system: System, e: External, diagnostics: Diagnostics) -> None:
-    """Reports M024 if a topic that goes out has an `every`, a delay or errors of incoming ones."""
-    said = [
+    """Reports M024 for a topic that goes out and has `every`, `delayed` or `measured`."""
+    words_here = [
         word
-        for word, given in (
+        for word, is_declared in (
             ("every", e.every_ns is not None),
             ("delayed", e.delay_ns is not None),
             ("measured", any(x is not None for x in e.errors)),
         )
-        if given
+        if is_declared
     ]
-    if not said:
+    if not words_here:
         return
     topic = system.topics[e.topic]
-    words = ", ".join(f"`{w}`" for w in said)
+    words = ", ".join(f"`{w}`" for w in words_here)
     diagnostics.error(
         "M024",
         f"`{topic.name}` does not come from outside: {topic.driver} publishes it",
@@ -217,25 +215,27 @@ def _check_outgoing(system: System, e: External, diagnostics: Diagnostics) -> No
 
 
 def from_outside(system: System) -> tuple[External, ...]:
-    """The external topics of a system that something outside publishes."""
+    """Gives the external topics of a system that something outside publishes."""
     return tuple(e for e in system.externals if system.topics[e.topic].driver == "input")
 
 
 def allowed_lateness(system: System) -> dict[int, int]:
     """Component -> how late it may start after its release, in ns, as `verify` blocks declare.
 
-    A DM or SC of a module that declares nothing may not be late at all: proofs assume so. Others
-    are included if a block names them; of several blocks the strictest counts.
+    A DM or SC of a module that declares nothing may not be late; others are included if a block
+    names them. Of several blocks the strictest counts.
     """
     lateness_by_component: dict[int, int] = {}
     for m in system.modules:
         block = m.symbol.verify
         prefix = m.name[: len(m.name) - len(m.name.rpartition(".")[2])]
         calculator = Calculator(Diagnostics(), m.scope.params)
-        said = [(m.dm, block.late_dm), (m.sc, block.late_sc)]
+        declared = [(m.dm, block.late_dm), (m.sc, block.late_sc)]
         names = {c.name: c.index for c in system.components}
-        said += [(names[prefix + n], e) for n, e in block.late_of.items() if prefix + n in names]
-        for index, expr in said:
+        declared += [
+            (names[prefix + n], e) for n, e in block.late_of.items() if prefix + n in names
+        ]
+        for index, expr in declared:
             late = 0 if expr is None else int(calculator.value(expr, "`late`") or 0)
             lateness_by_component[index] = min(late, lateness_by_component.get(index, late))
     return lateness_by_component
@@ -245,7 +245,7 @@ def allowed_lateness(system: System) -> dict[int, int]:
 
 
 def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagnostics) -> None:
-    """Reports M025 if `here` differs from the system that it deploys, apart from plants."""
+    """Reports M025 if `here` differs from the system that it deploys in more than plants."""
     there = here.proved
     if there is None or symbol.deploys is None:
         return
@@ -268,20 +268,20 @@ def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagno
 
 
 def _all_differences(here: System, there: System) -> Iterator[str]:
-    yield from _plants(here)
-    yield from _components(here, there)
+    yield from _unwanted_parts(here)
+    yield from _differences_of_components(here, there)
     theirs = {m.name: m for m in there.modules}
     for m in here.modules:
         if m.name in theirs:
-            yield from _module(here, m, there, theirs[m.name])
+            yield from _differences_of_module(here, m, there, theirs[m.name])
     topics = {t.name: t for t in there.topics}
     for t in here.topics:
         if t.queue_of is None and not t.held and t.name in topics:
-            yield from _topic(t, topics[t.name])
-    yield from _outside(here, there)
+            yield from _differences_of_topic(t, topics[t.name])
+    yield from _differences_outside(here, there)
 
 
-def _components(here: System, there: System) -> Iterator[str]:
+def _differences_of_components(here: System, there: System) -> Iterator[str]:
     mine = {c.name: c for c in here.components if c.plant is None}
     proved = {c.name: c for c in there.components if c.plant is None}
     for name in [*proved, *(n for n in mine if n not in proved)]:
@@ -290,12 +290,12 @@ def _components(here: System, there: System) -> Iterator[str]:
         elif name not in proved:
             yield f"`{name}` is not part of `{there.name}`"
         else:
-            yield from _component(here, mine[name], there, proved[name])
+            yield from _differences_of_component(here, mine[name], there, proved[name])
     if mine.keys() == proved.keys() and list(mine) != list(proved):
         yield f"its parts step in another order: {', '.join(mine)}; there {', '.join(proved)}"
 
 
-def _plants(here: System) -> Iterator[str]:
+def _unwanted_parts(here: System) -> Iterator[str]:
     for c in here.components:
         if c.plant is not None:
             yield f"it has a plant, `{c.name}`: the world itself takes its place"
@@ -305,16 +305,17 @@ def _plants(here: System) -> Iterator[str]:
         yield "it has `faults`, which only runs have"
 
 
-def _topics_of(system: System, c: Component) -> dict[str, str]:
-    """Topic name in a component's declaration -> the topic's name in the system."""
+def _topic_names(system: System, c: Component) -> dict[str, str]:
     return {t.name: system.topics[i].name for t, i in c.scope.topics.items()}
 
 
-def _params(c: Component | Module) -> dict[str, str]:
+def _parameter_texts(c: Component | Module) -> dict[str, str]:
     return {p.name: repr(v) for p, v in c.scope.params.items()}
 
 
-def _component(here: System, mine: Component, there: System, proved: Component) -> Iterator[str]:
+def _differences_of_component(
+    here: System, mine: Component, there: System, proved: Component
+) -> Iterator[str]:
     pairs = (
         ("another declaration", mine.node, proved.node),
         ("another role", mine.role, proved.role),
@@ -323,63 +324,69 @@ def _component(here: System, mine: Component, there: System, proved: Component) 
         ("other times of a step", mine.takes_ns, proved.takes_ns),
         ("another thread (`inline`)", mine.inline, proved.inline),
         ("other first values", repr(mine.initial), repr(proved.initial)),
-        ("other parameters", _params(mine), _params(proved)),
-        ("other topics", _topics_of(here, mine), _topics_of(there, proved)),
-        ("other fail-safe values", _failsafe(here, mine), _failsafe(there, proved)),
-        ("other modes to read", _modes(here, mine), _modes(there, proved)),
+        ("other parameters", _parameter_texts(mine), _parameter_texts(proved)),
+        ("other topics", _topic_names(here, mine), _topic_names(there, proved)),
+        ("other fail-safe values", _failsafe_texts(here, mine), _failsafe_texts(there, proved)),
+        ("other modes to read", _module_names(here, mine), _module_names(there, proved)),
     )
-    yield from _unequal(f"`{mine.name}`", pairs)
+    yield from _differences_in(f"`{mine.name}`", pairs)
 
 
-def _failsafe(system: System, c: Component) -> dict[str, str]:
+def _failsafe_texts(system: System, c: Component) -> dict[str, str]:
     return {system.topics[i].name: repr(v) for i, v in c.failsafe.items()}
 
 
-def _modes(system: System, c: Component) -> dict[str, str]:
+def _module_names(system: System, c: Component) -> dict[str, str]:
     return {
         m if isinstance(m, str) else m.name: system.modules[i].name
         for m, i in c.scope.modules.items()
     }
 
 
-def _module(here: System, mine: Module, there: System, proved: Module) -> Iterator[str]:
-    def around(m: Module) -> dict[str, str]:
+def _differences_of_module(
+    here: System, mine: Module, there: System, proved: Module
+) -> Iterator[str]:
+    def texts_around(m: Module) -> dict[str, str]:
         return {p.name: repr(v) for p, v in m.around.items()}
 
-    def cells(m: Module) -> int:
+    def shield_cells(m: Module) -> int:
         return 0 if m.shield is None else m.shield.cells
 
     pairs = (
         ("another declaration", mine.symbol, proved.symbol),
         ("another period", mine.period_ns, proved.period_ns),
         ("another `clean`", mine.clean, proved.clean),
-        ("another `shield`", cells(mine), cells(proved)),
-        ("other parameters", (_params(mine), around(mine)), (_params(proved), around(proved))),
+        ("another `shield`", shield_cells(mine), shield_cells(proved)),
+        (
+            "other parameters",
+            (_parameter_texts(mine), texts_around(mine)),
+            (_parameter_texts(proved), texts_around(proved)),
+        ),
     )
-    yield from _unequal(f"module `{mine.name}`", pairs)
+    yield from _differences_in(f"module `{mine.name}`", pairs)
     for name, forced in ((here.name, mine.forced), (there.name, proved.forced)):
         if forced is not None:
             yield f"module `{mine.name}` is forced to {forced.upper()} in `{name}`"
 
 
-def _topic(mine: Topic, proved: Topic) -> Iterator[str]:
+def _differences_of_topic(mine: Topic, proved: Topic) -> Iterator[str]:
     pairs = (
         ("another declaration", mine.symbol, proved.symbol),
         ("another set", repr(mine.bounds), repr(proved.bounds)),
         ("another `max_age`", mine.max_age_ns, proved.max_age_ns),
         ("another first value", repr(mine.default), repr(proved.default)),
     )
-    yield from _unequal(f"topic `{mine.name}`", pairs)
+    yield from _differences_in(f"topic `{mine.name}`", pairs)
 
 
-def _unequal(who: str, pairs: Sequence[tuple[str, object, object]]) -> Iterator[str]:
-    for what, a, b in pairs:
+def _differences_in(who: str, pairs: Sequence[tuple[str, object, object]]) -> Iterator[str]:
+    for difference, a, b in pairs:
         if a != b:
-            yield f"{who} has {what} there"
+            yield f"{who} has {difference} there"
 
 
-def _outside(here: System, there: System) -> Iterator[str]:
-    """Yields differences: a topic from outside must come from a plant or an input there."""
+def _differences_outside(here: System, there: System) -> Iterator[str]:
+    """Yields a difference for a topic from outside that no plant or input publishes there."""
     proved = {t.name: t for t in there.topics}
     for e in from_outside(here):
         name = here.topics[e.topic].name

@@ -78,7 +78,7 @@ class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" woul
 # ---------------------------------------------------------------- int
 
 
-def checked(result: int, span: Span | None = None) -> int:
+def checked_int(result: int, span: Span | None = None) -> int:
     """`result` if it fits 64 bits; StepFault, an overflow, otherwise."""
     if INT_MIN <= result <= INT_MAX:
         return result
@@ -87,27 +87,27 @@ def checked(result: int, span: Span | None = None) -> int:
 
 def add_int(a: int, b: int, span: Span | None = None) -> int:
     """`a + b`."""
-    return checked(a + b, span)
+    return checked_int(a + b, span)
 
 
 def sub_int(a: int, b: int, span: Span | None = None) -> int:
     """`a - b`."""
-    return checked(a - b, span)
+    return checked_int(a - b, span)
 
 
 def mul_int(a: int, b: int, span: Span | None = None) -> int:
     """`a * b`."""
-    return checked(a * b, span)
+    return checked_int(a * b, span)
 
 
 def neg_int(a: int, span: Span | None = None) -> int:
     """`-a`; overflows on the smallest int."""
-    return checked(-a, span)
+    return checked_int(-a, span)
 
 
 def abs_int(a: int, span: Span | None = None) -> int:
     """`|a|`; overflows on the smallest int."""
-    return checked(abs(a), span)
+    return checked_int(abs(a), span)
 
 
 def div_int(a: int, b: int, span: Span | None = None) -> int:
@@ -115,7 +115,7 @@ def div_int(a: int, b: int, span: Span | None = None) -> int:
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     quotient = abs(a) // abs(b)
-    return checked(quotient if (a < 0) == (b < 0) else -quotient, span)
+    return checked_int(quotient if (a < 0) == (b < 0) else -quotient, span)
 
 
 def mod_int(a: int, b: int, span: Span | None = None) -> int:
@@ -127,10 +127,7 @@ def mod_int(a: int, b: int, span: Span | None = None) -> int:
 
 
 def narrow(a: int, low: int, high: int, span: Span | None = None) -> int:
-    """`a` if it lies in `[low, high]`, the range of the place it goes to.
-
-    StepFault, an overflow, otherwise.
-    """
+    """Gives `a` if it lies in `[low, high]`; StepFault, an overflow, otherwise."""
     if low <= a <= high:
         return a
     raise StepFault(FaultKind.OVERFLOW, span)
@@ -170,7 +167,7 @@ def seconds(ns: int) -> float:
     return float(ns) / 1e9
 
 
-def canonical(x: float) -> float:
+def with_stored_nan(x: float) -> float:
     """`x`, with every NaN turned into the one that is stored."""
     return x if x == x else NAN  # noqa: PLR0124  only NaN differs from itself
 
@@ -205,7 +202,7 @@ def _is_flat(t: Type) -> bool:
 
 
 def zipper(t: Type) -> Callable[[Binary, Value, Value], Value]:
-    """`(op, a, b) -> value`: `op` on each pair of components of two values of type `t`."""
+    """Gives `(op, a, b) -> value`, which applies `op` to each pair of components of type `t`."""
     if isinstance(t, FloatType):
         return lambda op, a, b: op(a, b)
     if _is_flat(t):
@@ -215,7 +212,7 @@ def zipper(t: Type) -> Callable[[Binary, Value, Value], Value]:
 
 
 def mapper(t: Type) -> Callable[[Unary, Value], Value]:
-    """`(op, a) -> value`: `op` on each component of a value of type `t`."""
+    """Gives `(op, a) -> value`, which applies `op` to each component of a value of type `t`."""
     if isinstance(t, FloatType):
         return lambda op, a: op(a)
     if _is_flat(t):
@@ -225,7 +222,7 @@ def mapper(t: Type) -> Callable[[Unary, Value], Value]:
 
 
 def flattener(t: Type) -> Callable[[Value], tuple[float, ...]]:
-    """`value -> leaves` of a value of type `t`, in declared order."""
+    """Gives `value -> leaves` for values of type `t`, with the leaves in declared order."""
     if isinstance(t, FloatType):
         return lambda a: (a,)
     if _is_flat(t):
@@ -248,8 +245,8 @@ ENVIRONMENT_BYTES = 512
 """A buffer of this size holds the `fenv_t` of any C library."""
 
 
-def changed() -> str:
-    """What is wrong with this thread's floats, in words; "" if nothing is."""
+def why_not_plain() -> str:
+    """Says what is wrong with this thread's floats; "" if nothing is."""
     if ONE + HALF_STEP != ONE or ODD + HALF_STEP == ODD or -ONE - HALF_STEP != -ONE:
         return "sums are not rounded to the nearest double"
     if not LEAST_NORMAL * HALF > 0.0:
@@ -259,7 +256,7 @@ def changed() -> str:
 
 def require_plain() -> None:
     """Raises SoterError X012 if this thread's floats do not follow the default IEEE rules."""
-    wrong = changed()
+    wrong = why_not_plain()
     if wrong:
         raise SoterError(
             (
@@ -273,20 +270,20 @@ def require_plain() -> None:
         )
 
 
-def put_back() -> None:
+def restore_plain() -> None:
     """Restores the floating-point settings of the module's load if they are changed now."""
-    if _PLAIN is not None and changed():
+    if _PLAIN is not None and why_not_plain():
         _PLAIN[0].fesetenv(_PLAIN[1])
 
 
-def _kept() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
-    """The C library and its present environment; None if that is not plain or cannot be read."""
+def _plain_settings() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
+    """Gives the C library and its present settings; None if they are not plain or not readable."""
     with suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
         kept = ctypes.create_string_buffer(ENVIRONMENT_BYTES)
-        if not changed() and library.fegetenv(kept) == 0 and library.fesetenv(kept) == 0:
+        if not why_not_plain() and library.fegetenv(kept) == 0 and library.fesetenv(kept) == 0:
             return library, kept
     return None
 
 
-_PLAIN = _kept()
+_PLAIN = _plain_settings()

@@ -90,17 +90,17 @@ MAX_FAIR = 64
 """Most alternatives of a fair choice; 2 * 64 - 1 is the greatest age, which fits a byte."""
 
 
-def taken(ages: Sequence[int], pick: int) -> tuple[int, ...]:
+def ages_after(ages: Sequence[int], pick: int) -> tuple[int, ...]:
     """Computes the ages after alternative `pick` was taken."""
     return tuple(0 if i == pick else age + 1 for i, age in enumerate(ages))
 
 
-def allowed(ages: Sequence[int]) -> list[int]:
+def allowed_picks(ages: Sequence[int]) -> list[int]:
     """The alternatives that may be taken now, ascending; never empty from the start on."""
-    return [i for i in range(len(ages)) if _can_be_kept(taken(ages, i), i)]
+    return [i for i in range(len(ages)) if _can_keep_deadlines(ages_after(ages, i), i)]
 
 
-def _can_be_kept(ages: Sequence[int], pick: int) -> bool:
+def _can_keep_deadlines(ages: Sequence[int], pick: int) -> bool:
     """Whether for every s >= 0 at most s + 1 of the others have to be taken within s."""
     last = 2 * len(ages) - 1
     slack = sorted(last - age for i, age in enumerate(ages) if i != pick)

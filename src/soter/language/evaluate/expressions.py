@@ -101,9 +101,9 @@ class ExpressionEvaluator(ABC):
         """`(environment, arguments) -> value` of a function with a body."""
 
     def value(self, expr: t.TypedExpr, env: Environment | None = None) -> Value:
-        """The value of an expression in `env`, None for closed ones; `StepFault`, `BudgetExceeded`.
+        """Gives the value of an expression in `env`, None for closed ones; see `BudgetExceeded`.
 
-        Calls that nest deeper than Python's stack exceed any budget.
+        Raises `StepFault`. Calls that nest deeper than Python's stack exceed any budget.
         """
         self._left, self._reserve = 0, self._budget or 0
         try:
@@ -133,9 +133,9 @@ class ExpressionEvaluator(ABC):
     def _spend(self, operations: int) -> None:
         self._left -= operations
         if self._left < 0:
-            self._take_more()
+            self._take_slice()
 
-    def _take_more(self) -> None:
+    def _take_slice(self) -> None:
         """Takes a slice from the budget's reserve, and calls `tell` with the operations so far."""
         if self.tell is not None and self.spent > SLICE:
             self.tell(self.spent)
@@ -145,7 +145,7 @@ class ExpressionEvaluator(ABC):
         if self._left < 0:
             raise BudgetExceeded
 
-    def _counted(self, operations: int, compiled: Compiled) -> Compiled:
+    def _with_cost(self, operations: int, compiled: Compiled) -> Compiled:
         """`compiled` so that each call costs `operations`, if there is a budget."""
         if self._budget is None:
             return compiled
@@ -161,23 +161,23 @@ class ExpressionEvaluator(ABC):
     def _expr(self, expr: t.TypedExpr) -> Compiled:
         return self._EXPRESSIONS[type(expr)](self, expr)
 
-    def _literal(self, expr: t.Literal) -> Compiled:
+    def _compile_literal(self, expr: t.Literal) -> Compiled:
         value = expr.value
         return lambda _: value
 
-    def _param_read(self, expr: t.ParamRead) -> Compiled:
+    def _compile_param_read(self, expr: t.ParamRead) -> Compiled:
         value = self._params[expr.param]
         return lambda _: value
 
-    def _var_read(self, expr: t.VarRead) -> Compiled:
+    def _compile_var_read(self, expr: t.VarRead) -> Compiled:
         variable = expr.variable
         return lambda env: env.variables[variable]
 
-    def _topic_read(self, expr: t.TopicRead) -> Compiled:
+    def _compile_topic_read(self, expr: t.TopicRead) -> Compiled:
         index = self._topics[expr.topic]
         return lambda env: env.topics[index]
 
-    def _truth_read(self, expr: t.TruthRead) -> Compiled:
+    def _compile_truth_read(self, expr: t.TruthRead) -> Compiled:
         index = self._plants[expr.instance]
 
         def truth(env: Environment) -> Value:
@@ -186,7 +186,7 @@ class ExpressionEvaluator(ABC):
 
         return truth
 
-    def _mode_read(self, expr: t.ModeRead) -> Compiled:
+    def _compile_mode_read(self, expr: t.ModeRead) -> Compiled:
         index = self._modules[expr.module]
 
         def mode(env: Environment) -> Value:
@@ -195,7 +195,7 @@ class ExpressionEvaluator(ABC):
 
         return mode
 
-    def _margin_read(self, expr: t.MarginRead) -> Compiled:
+    def _compile_margin_read(self, expr: t.MarginRead) -> Compiled:
         index = self._modules[expr.module]
 
         def margin(env: Environment) -> Value:
@@ -204,22 +204,22 @@ class ExpressionEvaluator(ABC):
 
         return margin
 
-    def _in_control(self, _: t.InControl) -> Compiled:
+    def _compile_in_control(self, _: t.InControl) -> Compiled:
         return lambda env: env.in_control
 
-    def _time_read(self, _: t.TimeRead) -> Compiled:
+    def _compile_time_read(self, _: t.TimeRead) -> Compiled:
         return lambda env: arithmetic.seconds(env.time_ns)
 
-    def _period_read(self, _: t.PeriodRead) -> Compiled:
+    def _compile_period_read(self, _: t.PeriodRead) -> Compiled:
         return lambda env: arithmetic.seconds(env.period_ns)
 
-    def _age_read(self, expr: t.AgeRead) -> Compiled:
+    def _compile_age_read(self, expr: t.AgeRead) -> Compiled:
         index = self._topics[expr.topic]
         return lambda env: arithmetic.seconds(env.time_ns - env.stamps[index])
 
     # ------------------------------------------------------------ expressions: operations
 
-    def _unary(self, expr: t.TypedUnary) -> Compiled:
+    def _compile_unary(self, expr: t.TypedUnary) -> Compiled:
         operand = self._expr(expr.operand)
         span = expr.span
         if expr.op == "!":
@@ -231,7 +231,7 @@ class ExpressionEvaluator(ABC):
         each = arithmetic.mapper(expr.type)
         return lambda env: each(operator.neg, operand(env))
 
-    def _binary(self, expr: t.TypedBinary) -> Compiled:
+    def _compile_binary(self, expr: t.TypedBinary) -> Compiled:
         left, right = self._expr(expr.left), self._expr(expr.right)
         if expr.op == "&&":
             return lambda env: left(env) and right(env)
@@ -246,13 +246,13 @@ class ExpressionEvaluator(ABC):
             return _apply2_checked(arithmetic.div_float, left, right, span)
         return _apply2(_FLOAT_OPERATIONS[op], left, right)
 
-    def _vector(self, expr: t.Vector) -> Compiled:
+    def _compile_vector(self, expr: t.Vector) -> Compiled:
         left, right = self._expr(expr.left), self._expr(expr.right)
         op, span = expr.op, expr.span
         if op in ("+", "-"):
             zipped, operation = arithmetic.zipper(expr.type), _FLOAT_OPERATIONS[op]
             compiled: Compiled = lambda env: zipped(operation, left(env), right(env))  # noqa: E731
-            return self._counted(leaf_count(expr.type), compiled)
+            return self._with_cost(leaf_count(expr.type), compiled)
 
         each = arithmetic.mapper(expr.type)
         scalar_first = isinstance(expr.left.type, FloatType)
@@ -265,14 +265,14 @@ class ExpressionEvaluator(ABC):
                 return each(lambda x: a * x, b)
             return each(lambda x: x * b, a)
 
-        return self._counted(leaf_count(expr.type), scaled)
+        return self._with_cost(leaf_count(expr.type), scaled)
 
-    def _conditional(self, expr: t.Conditional) -> Compiled:
+    def _compile_conditional(self, expr: t.Conditional) -> Compiled:
         condition = self._expr(expr.condition)
         then, otherwise = self._expr(expr.then), self._expr(expr.otherwise)
         return lambda env: then(env) if condition(env) else otherwise(env)
 
-    def _narrow(self, expr: t.Narrow) -> Compiled:
+    def _compile_narrow(self, expr: t.Narrow) -> Compiled:
         operand, span = self._expr(expr.operand), expr.span
         assert isinstance(expr.type, IntType)
         low, high = expr.type.low, expr.type.high
@@ -280,15 +280,15 @@ class ExpressionEvaluator(ABC):
 
     # ------------------------------------------------------------ expressions: calls
 
-    def _call(self, expr: t.TypedCall) -> Compiled:
+    def _compile_call(self, expr: t.TypedCall) -> Compiled:
         arguments = [self._expr(a) for a in expr.arguments]
         if expr.fun.extern:
-            return self._call_extern(expr, arguments)
+            return self._compile_call_extern(expr, arguments)
         call = self.function(expr.fun)
         compiled: Compiled = lambda env: call(env, [a(env) for a in arguments])  # noqa: E731
-        return self._counted(1, compiled)
+        return self._with_cost(1, compiled)
 
-    def _call_extern(self, expr: t.TypedCall, arguments: list[Compiled]) -> Compiled:
+    def _compile_call_extern(self, expr: t.TypedCall, arguments: list[Compiled]) -> Compiled:
         fun, span = expr.fun, expr.span
         extern = self._externs.get(fun)
         if extern is None:
@@ -308,7 +308,7 @@ class ExpressionEvaluator(ABC):
 
         return call
 
-    def _builtin(self, expr: t.Builtin) -> Compiled:
+    def _compile_builtin(self, expr: t.Builtin) -> Compiled:
         arguments = [self._expr(a) for a in expr.arguments]
         first, span = arguments[0], expr.span
         of = expr.arguments[0].type
@@ -322,7 +322,7 @@ class ExpressionEvaluator(ABC):
         if name == "int":
             return lambda env: arithmetic.int_of_float(first(env), span)
         if name in ("dot", "norm"):
-            return self._dot(name, of, arguments)
+            return self._compile_dot(name, of, arguments)
         if name == "saturate":
             each, limit = arithmetic.mapper(of), arguments[1]
 
@@ -330,11 +330,11 @@ class ExpressionEvaluator(ABC):
                 x, most = first(env), limit(env)
                 return each(lambda component: arithmetic.saturate(component, most), x)
 
-            return self._counted(leaf_count(of), saturate)
+            return self._with_cost(leaf_count(of), saturate)
         operation = _FLOAT_FUNCTIONS[name]
         return lambda env: operation(first(env))
 
-    def _dot(self, name: str, of: Type, arguments: list[Compiled]) -> Compiled:
+    def _compile_dot(self, name: str, of: Type, arguments: list[Compiled]) -> Compiled:
         flat, first = arithmetic.flattener(of), arguments[0]
         if name == "norm":
 
@@ -342,38 +342,38 @@ class ExpressionEvaluator(ABC):
                 x = flat(first(env))
                 return arithmetic.sqrt(arithmetic.dot(x, x))
 
-            return self._counted(leaf_count(of), norm)
+            return self._with_cost(leaf_count(of), norm)
         second = arguments[1]
         compiled: Compiled = lambda env: arithmetic.dot(flat(first(env)), flat(second(env)))  # noqa: E731
-        return self._counted(leaf_count(of), compiled)
+        return self._with_cost(leaf_count(of), compiled)
 
     # ------------------------------------------------------------ expressions: structure
 
-    def _field(self, expr: t.TypedField) -> Compiled:
+    def _compile_field(self, expr: t.TypedField) -> Compiled:
         target, index = self._expr(expr.target), expr.index
         return lambda env: target(env)[index]
 
-    def _index(self, expr: t.Index) -> Compiled:
+    def _compile_index(self, expr: t.Index) -> Compiled:
         target, index, span = self._expr(expr.target), self._expr(expr.index), expr.span
 
         def element(env: Environment) -> Value:
             sequence = target(env)
-            return sequence[in_range(index(env), sequence, span)]
+            return sequence[checked_index(index(env), sequence, span)]
 
         return element
 
-    def _length(self, expr: t.TypedLength) -> Compiled:
+    def _compile_length(self, expr: t.TypedLength) -> Compiled:
         of = expr.target.type
         if isinstance(of, ArrayType):
             return lambda _: of.size
         target = self._expr(expr.target)
         return lambda env: len(target(env))
 
-    def _aggregate(self, expr: t.Aggregate) -> Compiled:
+    def _compile_aggregate(self, expr: t.Aggregate) -> Compiled:
         elements = [self._expr(e) for e in expr.elements]
         if expr.order is None:
             compiled: Compiled = lambda env: tuple([e(env) for e in elements])  # noqa: E731
-            return self._counted(len(elements), compiled)
+            return self._with_cost(len(elements), compiled)
         position = {field: written for written, field in enumerate(expr.order)}
         declared = [position[i] for i in range(len(elements))]
 
@@ -381,9 +381,9 @@ class ExpressionEvaluator(ABC):
             values = [e(env) for e in elements]
             return tuple([values[i] for i in declared])
 
-        return self._counted(len(elements), aggregate)
+        return self._with_cost(len(elements), aggregate)
 
-    def _choose(self, expr: t.TypedChoose) -> Compiled:
+    def _compile_choose(self, expr: t.TypedChoose) -> Compiled:
         """Evaluates the options, then asks `choose`; a fair choice asks among allowed ones."""
         options = [self._expr(o) for o in expr.options]
         count, low, ages = expr.count, expr.low, expr.ages
@@ -395,9 +395,9 @@ class ExpressionEvaluator(ABC):
                 pick = env.choose(count)
             else:
                 before = env.variables[ages]
-                allowed = environment.allowed(before)
+                allowed = environment.allowed_picks(before)
                 pick = allowed[env.choose(len(allowed))]
-                env.variables[ages] = environment.taken(before, pick)
+                env.variables[ages] = environment.ages_after(before, pick)
             if values:
                 return values[pick]
             return bool(pick) if boolean else low + pick
@@ -407,29 +407,29 @@ class ExpressionEvaluator(ABC):
     _EXPRESSIONS: ClassVar[
         dict[type[t.TypedExpr], Callable[[ExpressionEvaluator, Any], Compiled]]
     ] = {
-        t.Literal: _literal,
-        t.ParamRead: _param_read,
-        t.VarRead: _var_read,
-        t.TopicRead: _topic_read,
-        t.TruthRead: _truth_read,
-        t.ModeRead: _mode_read,
-        t.MarginRead: _margin_read,
-        t.InControl: _in_control,
-        t.TimeRead: _time_read,
-        t.PeriodRead: _period_read,
-        t.AgeRead: _age_read,
-        t.TypedUnary: _unary,
-        t.TypedBinary: _binary,
-        t.Vector: _vector,
-        t.Conditional: _conditional,
-        t.TypedCall: _call,
-        t.Builtin: _builtin,
-        t.TypedField: _field,
-        t.Index: _index,
-        t.TypedLength: _length,
-        t.Aggregate: _aggregate,
-        t.TypedChoose: _choose,
-        t.Narrow: _narrow,
+        t.Literal: _compile_literal,
+        t.ParamRead: _compile_param_read,
+        t.VarRead: _compile_var_read,
+        t.TopicRead: _compile_topic_read,
+        t.TruthRead: _compile_truth_read,
+        t.ModeRead: _compile_mode_read,
+        t.MarginRead: _compile_margin_read,
+        t.InControl: _compile_in_control,
+        t.TimeRead: _compile_time_read,
+        t.PeriodRead: _compile_period_read,
+        t.AgeRead: _compile_age_read,
+        t.TypedUnary: _compile_unary,
+        t.TypedBinary: _compile_binary,
+        t.Vector: _compile_vector,
+        t.Conditional: _compile_conditional,
+        t.TypedCall: _compile_call,
+        t.Builtin: _compile_builtin,
+        t.TypedField: _compile_field,
+        t.Index: _compile_index,
+        t.TypedLength: _compile_length,
+        t.Aggregate: _compile_aggregate,
+        t.TypedChoose: _compile_choose,
+        t.Narrow: _compile_narrow,
     }
 
 
@@ -451,7 +451,7 @@ def _apply2_checked(
     return lambda env: op(left(env), right(env), span)
 
 
-def in_range(index: int, sequence: tuple[Value, ...], span: Span) -> int:
+def checked_index(index: int, sequence: tuple[Value, ...], span: Span) -> int:
     """`index` if `sequence` has it; StepFault, an index fault, otherwise."""
     if 0 <= index < len(sequence):
         return index

@@ -1,6 +1,6 @@
 """Finds plants for which the integration scheme diverges though the solution does not.
 
-Purpose: `diverging` finds states of a plant whose rates, times the step, lie outside of the region
+Purpose: `groups_that_diverge` finds states whose rates, times the step, lie outside of the region
 in which the scheme is stable. `Slopes` bounds the Jacobian for it: it evaluates expressions to
 intervals with intervals of their partial derivatives, without NumPy and without running anything.
 Non-goals: the error of a stable scheme; claims that a proof rests on (`verify/enclose/`), as
@@ -74,55 +74,57 @@ class Slopes:
         self.topic = topic
         self.param = param
 
-    def of(self, e: typed.TypedExpr) -> Tree:
+    def slopes_of(self, e: typed.TypedExpr) -> Tree:
         """The slopes of an expression, in the shape of its type."""
         if isinstance(e, typed.Literal):
-            return fixed(e.value)
+            return constant_tree(e.value)
         if isinstance(e, typed.ParamRead):
-            return fixed(self.param(e.param))
+            return constant_tree(self.param(e.param))
         if isinstance(e, typed.VarRead):
             slopes = self.variables.get(e.variable)
-            return unknown(e.type, {}) if slopes is None else slopes
+            return unknown_tree(e.type, {}) if slopes is None else slopes
         if isinstance(e, typed.TopicRead):
             return self.topic(e.topic)
         if isinstance(e, typed.TypedField):
-            target = self.of(e.target)
-            return target[e.index] if isinstance(target, tuple) else unknown(e.type, target.by)
+            target = self.slopes_of(e.target)
+            return target[e.index] if isinstance(target, tuple) else unknown_tree(e.type, target.by)
         if isinstance(e, typed.Aggregate):
-            parts = [self.of(x) for x in e.elements]
+            parts = [self.slopes_of(x) for x in e.elements]
             order = e.order or tuple(range(len(parts)))
             return tuple(parts[order.index(k)] for k in range(len(parts)))
-        return self._computed(e)
+        return self._slopes_of_operation(e)
 
-    def _computed(self, e: typed.TypedExpr) -> Tree:
+    def _slopes_of_operation(self, e: typed.TypedExpr) -> Tree:
         if isinstance(e, typed.TypedUnary) and e.op == "-":
-            return each(self.of(e.operand), lambda x: times(x, Slope(-1.0, -1.0)))
+            return mapped_tree(
+                self.slopes_of(e.operand), lambda x: slope_product(x, Slope(-1.0, -1.0))
+            )
         if isinstance(e, typed.TypedBinary) and isinstance(e.type, (FloatType, IntType)):
-            a, b = self.of(e.left), self.of(e.right)
+            a, b = self.slopes_of(e.left), self.slopes_of(e.right)
             if isinstance(a, Slope) and isinstance(b, Slope):
-                return arithmetic(e.op, a, b)
+                return operation_slope(e.op, a, b)
         if isinstance(e, typed.Vector):
-            return self._vector(e)
+            return self._slopes_of_vector(e)
         if isinstance(e, typed.Conditional):
-            return union(self.of(e.then), self.of(e.otherwise))
+            return union_tree(self.slopes_of(e.then), self.slopes_of(e.otherwise))
         if isinstance(e, typed.Builtin):
-            return self._builtin(e)
+            return self._slopes_of_builtin(e)
         if isinstance(e, typed.TypedCall):
-            return self._call(e)
-        return unknown(e.type, self._touched_states(e))
+            return self._slopes_of_call(e)
+        return unknown_tree(e.type, self._states_read(e))
 
-    def _call(self, e: typed.TypedCall) -> Tree:
+    def _slopes_of_call(self, e: typed.TypedCall) -> Tree:
         inner = returned(e)
         if inner is not None:
-            return self.of(inner)
+            return self.slopes_of(inner)
         bound = BOUNDED.get(e.fun.name) if e.fun.prelude else None
-        x = self.of(e.arguments[0]) if e.arguments else None
+        x = self.slopes_of(e.arguments[0]) if e.arguments else None
         if bound is not None and isinstance(x, Slope):
-            return Slope(-2.0, 2.0, {k: product(bound, d) for k, d in x.by.items()})
-        return unknown(e.type, self._touched_states(e))
+            return Slope(-2.0, 2.0, {k: range_product(bound, d) for k, d in x.by.items()})
+        return unknown_tree(e.type, self._states_read(e))
 
-    def _vector(self, e: typed.Vector) -> Tree:
-        a, b = self.of(e.left), self.of(e.right)
+    def _slopes_of_vector(self, e: typed.Vector) -> Tree:
+        a, b = self.slopes_of(e.left), self.slopes_of(e.right)
         if isinstance(a, tuple) and isinstance(b, tuple):
             pairs = list(zip(a, b, strict=True))
         elif isinstance(a, tuple):
@@ -132,94 +134,94 @@ class Slopes:
             pairs = [(a, y) for y in b]
         slopes = [(x, y) for x, y in pairs if isinstance(x, Slope) and isinstance(y, Slope)]
         if len(slopes) < len(pairs):
-            return unknown(e.type, self._touched_states(e))
-        return tuple(arithmetic(e.op, x, y) for x, y in slopes)
+            return unknown_tree(e.type, self._states_read(e))
+        return tuple(operation_slope(e.op, x, y) for x, y in slopes)
 
-    def _builtin(self, e: typed.Builtin) -> Tree:
-        parts = [self.of(x) for x in e.arguments]
+    def _slopes_of_builtin(self, e: typed.Builtin) -> Tree:
+        parts = [self.slopes_of(x) for x in e.arguments]
         if e.name in ("min", "max") and all(isinstance(p, Slope) for p in parts):
-            return union(parts[0], parts[1])
+            return union_tree(parts[0], parts[1])
         if e.name == "abs" and isinstance(parts[0], Slope):
-            return union(parts[0], times(parts[0], Slope(-1.0, -1.0)))
+            return union_tree(parts[0], slope_product(parts[0], Slope(-1.0, -1.0)))
         if e.name == "float" and isinstance(parts[0], Slope):
             return parts[0]
-        return unknown(e.type, self._touched_states(e))
+        return unknown_tree(e.type, self._states_read(e))
 
-    def _touched_states(self, e: typed.TypedExpr) -> dict[int, Range]:
+    def _states_read(self, e: typed.TypedExpr) -> dict[int, Range]:
         """Every state that an expression may depend on -> any derivative."""
         read = [n.variable for n in nodes([e]) if isinstance(n, typed.VarRead)]
         trees = (self.variables[v] for v in read if v in self.variables)
-        return dict.fromkeys((k for t in trees for k in _states(t)), ANY)
+        return dict.fromkeys((k for t in trees for k in _states_in(t)), ANY)
 
 
-def _states(t: Tree) -> set[int]:
+def _states_in(t: Tree) -> set[int]:
     if isinstance(t, Slope):
         return set(t.by)
-    return {k for part in t for k in _states(part)}
+    return {k for part in t for k in _states_in(part)}
 
 
-def fixed(value: Value) -> Tree:
+def constant_tree(value: Value) -> Tree:
     """The tree of a constant."""
     if isinstance(value, tuple):
-        return tuple(fixed(v) for v in value)
+        return tuple(constant_tree(v) for v in value)
     if isinstance(value, (int, float)):
         return Slope(float(value), float(value))
     return Slope(*ANY)
 
 
-def unknown(t: Type, by: Mapping[int, Range]) -> Tree:
+def unknown_tree(t: Type, by: Mapping[int, Range]) -> Tree:
     """The tree of an unknown value of type `t` with the derivatives `by`."""
-    return alike(t, Slope(*ANY, dict.fromkeys(by, ANY)))
+    return uniform_tree(t, Slope(*ANY, dict.fromkeys(by, ANY)))
 
 
-def alike(t: Type, slope: Slope) -> Tree:
+def uniform_tree(t: Type, slope: Slope) -> Tree:
     """The tree of a value of type `t` whose numbers all have this slope."""
     if isinstance(t, RecordType):
-        return tuple(alike(f, slope) for _, f in t.fields)
-    return (alike(t.element, slope),) * t.size if isinstance(t, ArrayType) else slope
+        return tuple(uniform_tree(f, slope) for _, f in t.fields)
+    return (uniform_tree(t.element, slope),) * t.size if isinstance(t, ArrayType) else slope
 
 
-def each(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
+def mapped_tree(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
     """The tree with `change` applied to every slope."""
-    return change(t) if isinstance(t, Slope) else tuple(each(part, change) for part in t)
+    return change(t) if isinstance(t, Slope) else tuple(mapped_tree(part, change) for part in t)
 
 
-def union(a: Tree, b: Tree) -> Tree:
+def union_tree(a: Tree, b: Tree) -> Tree:
     """A tree that covers two of one type; an unknown one if their lists differ in length."""
     if isinstance(a, Slope) and isinstance(b, Slope):
         by = {k: hull(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
         return Slope(*hull(a.range, b.range), by)
     if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
-        return tuple(union(x, y) for x, y in zip(a, b, strict=True))
-    return Slope(*ANY, dict.fromkeys(_states(a) | _states(b), ANY))
+        return tuple(union_tree(x, y) for x, y in zip(a, b, strict=True))
+    return Slope(*ANY, dict.fromkeys(_states_in(a) | _states_in(b), ANY))
 
 
-def arithmetic(op: str, a: Slope, b: Slope) -> Slope:
+def operation_slope(op: str, a: Slope, b: Slope) -> Slope:
     """The slope of `a op b`."""
     if op == "+":
-        return plus(a, b)
+        return slope_sum(a, b)
     if op == "-":
-        return plus(a, times(b, Slope(-1.0, -1.0)))
+        return slope_sum(a, slope_product(b, Slope(-1.0, -1.0)))
     if op == "*":
-        return times(a, b)
+        return slope_product(a, b)
     if op == "/" and not b.by and (b.low > 0.0 or b.high < 0.0):
-        return times(a, Slope(1.0 / b.high, 1.0 / b.low))
+        return slope_product(a, Slope(1.0 / b.high, 1.0 / b.low))
     return Slope(*ANY, dict.fromkeys([*a.by, *b.by], ANY))
 
 
-def plus(a: Slope, b: Slope) -> Slope:
+def slope_sum(a: Slope, b: Slope) -> Slope:
     """The slope of the sum."""
-    by = {k: total(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
-    return Slope(*total(a.range, b.range), by)
+    by = {k: range_sum(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
+    return Slope(*range_sum(a.range, b.range), by)
 
 
-def times(a: Slope, b: Slope) -> Slope:
+def slope_product(a: Slope, b: Slope) -> Slope:
     """The slope of the product."""
     by = {}
     for k in {*a.by, *b.by}:
         left, right = a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))
-        by[k] = total(product(left, b.range), product(a.range, right))
-    return Slope(*product(a.range, b.range), by)
+        by[k] = range_sum(range_product(left, b.range), range_product(a.range, right))
+    return Slope(*range_product(a.range, b.range), by)
 
 
 def hull(a: Range, b: Range) -> Range:
@@ -227,12 +229,12 @@ def hull(a: Range, b: Range) -> Range:
     return min(a[0], b[0]), max(a[1], b[1])
 
 
-def total(a: Range, b: Range) -> Range:
+def range_sum(a: Range, b: Range) -> Range:
     """The range of x + y, with x and y in these ranges."""
     return a[0] + b[0], a[1] + b[1]
 
 
-def product(a: Range, b: Range) -> Range:
+def range_product(a: Range, b: Range) -> Range:
     """The range of products of one number of each; 0 times anything is 0."""
     ends = [0.0 if 0.0 in (x, y) else x * y for x in a for y in b]
     return min(ends), max(ends)
@@ -268,7 +270,7 @@ class Diverging:
     """A scheme that would be stable with the same step; None: there is none."""
 
 
-def diverging(
+def groups_that_diverge(
     system: System, c: Component, ranges: Mapping[tuple[str, tuple[str, ...]], Range] | None = None
 ) -> list[Diverging]:
     """The groups of a plant's states that diverge; none where no bound is known.
@@ -278,21 +280,21 @@ def diverging(
     plant = c.plant
     if plant is None or plant.extern or not plant.der:
         return []
-    leaves = [(v, at) for v in plant.der for at in _places(v.type)]
+    leaves = [(v, at) for v in plant.der for at in _float_places(v.type)]
     jacobian = _jacobian(system, c, leaves, ranges or {})
     scheme = SCHEMES[plant.method]
     step = c.period_ns / 1e9 / c.substeps
     divergences = []
-    for block in _circles(jacobian):
+    for block in _groups(jacobian):
         growths = [(_growth(a, step, scheme.order), a) for a in _matrices(jacobian, block)]
         known = [(growth, a) for growth, a in growths if growth is not None]
         if known and len(known) == len(growths):
             _, slowest = min(known, key=lambda pair: pair[0])
-            divergences.append(_told(leaves, block, slowest, step, c.substeps, plant.method))
+            divergences.append(_divergence(leaves, block, slowest, step, c.substeps, plant.method))
     return divergences
 
 
-def _told(
+def _divergence(
     leaves: Sequence[Leaf],
     block: Sequence[int],
     a: Matrix,
@@ -301,16 +303,19 @@ def _told(
     method: str,
 ) -> Diverging:
     order = SCHEMES[method].order
-    names = tuple(leaf_name(leaves[k][0].name, _path(*leaves[k])) for k in block)
+    names = tuple(leaf_name(leaves[k][0].name, _path_of(*leaves[k])) for k in block)
     room = SPARE * step * substeps
-    parts = next((n for n in _tried(substeps) if _growth(a, room / n, order) is None), None)
+    parts = next(
+        (n for n in _more_substeps(substeps) if _growth(a, room / n, order) is None),
+        None,
+    )
     other = next((s.name for s in SCHEMES.values() if _growth(a, step, s.order) is None), None)
     growth = _growth(a, step, order)
     assert growth is not None
-    return Diverging(names, leaves[block[0]][0], _radius(a), step, growth, parts, other)
+    return Diverging(names, leaves[block[0]][0], _spectral_radius(a), step, growth, parts, other)
 
 
-def _tried(substeps: int) -> Iterator[int]:
+def _more_substeps(substeps: int) -> Iterator[int]:
     n = substeps
     while n < PARTS_MAX * substeps:
         n = max(n + 1, n * 5 // 4)
@@ -320,7 +325,7 @@ def _tried(substeps: int) -> Iterator[int]:
 # ---------------------------------------------------------------- the Jacobian
 
 
-def _places(t: Type) -> Iterator[tuple[int, ...]]:
+def _float_places(t: Type) -> Iterator[tuple[int, ...]]:
     """Yields the places of a type's floats, as indices of fields and elements."""
     if isinstance(t, RecordType):
         parts = [f for _, f in t.fields]
@@ -331,11 +336,11 @@ def _places(t: Type) -> Iterator[tuple[int, ...]]:
             yield ()
         return
     for k, part in enumerate(parts):
-        for rest in _places(part):
+        for rest in _float_places(part):
             yield (k, *rest)
 
 
-def _path(variable: typed.Variable, place: tuple[int, ...]) -> tuple[str, ...]:
+def _path_of(variable: typed.Variable, place: tuple[int, ...]) -> tuple[str, ...]:
     path, t = [], variable.type
     for k in place:
         if isinstance(t, RecordType):
@@ -364,19 +369,19 @@ def _jacobian(
             return tuple(state(v, f, (*at, k)) for k, (_, f) in enumerate(t.fields))
         if isinstance(t, ArrayType):
             return tuple(state(v, t.element, (*at, k)) for k in range(t.size))
-        span = ranges.get((v.name, _path(v, at)), ANY)
+        span = ranges.get((v.name, _path_of(v, at)), ANY)
         return Slope(*span, {number[v, at]: (1.0, 1.0)} if (v, at) in number else {})
 
     variables: dict[typed.Variable, Tree] = {v: state(v, v.type) for v in plant.states}
     for d in c.disturbances:
-        variables[d.variable] = alike(d.variable.type, Slope(d.low, d.high))
-    slopes = Slopes(variables, lambda t: _topic(system, c, t), lambda p: c.scope.params[p])
+        variables[d.variable] = uniform_tree(d.variable.type, Slope(d.low, d.high))
+    slopes = Slopes(variables, lambda t: _topic_tree(system, c, t), lambda p: c.scope.params[p])
     for variable, value in plant.lets:
-        slopes.variables[variable] = slopes.of(value)
+        slopes.variables[variable] = slopes.slopes_of(value)
     rows: list[list[Range]] = []
     for v, e in plant.der.items():
-        tree = slopes.of(e)
-        for place in _places(v.type):
+        tree = slopes.slopes_of(e)
+        for place in _float_places(v.type):
             at = tree
             for k in place:
                 at = at[k] if isinstance(at, tuple) else at
@@ -385,18 +390,18 @@ def _jacobian(
     return rows
 
 
-def _topic(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
+def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
     """The tree of a topic: its declared set if it is a float, else an unknown value."""
     bounds = system.topics[c.scope.topics[symbol]].bounds
     if isinstance(symbol.type, FloatType) and bounds[0] is not None:
         return Slope(bounds[0].low, bounds[0].high)
-    return unknown(symbol.type, {})
+    return unknown_tree(symbol.type, {})
 
 
 # ---------------------------------------------------------------- what belongs together
 
 
-def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
+def _groups(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
     """Groups of states that depend on each other in a circle; each state is in one group."""
     n = len(jacobian)
     reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
@@ -431,10 +436,10 @@ def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list
 def _growth(a: Matrix, step: float, order: int) -> float | None:
     """The factor of a step that diverges though the solution does not; else None."""
     z = [[x * step for x in row] for row in a]
-    scheme = _radius(_polynomial(z, order))
-    parts = 2 ** max(0, math.ceil(math.log2(max(_norm(z), 1e-300))) + 4)
+    scheme = _spectral_radius(_polynomial(z, order))
+    parts = 2 ** max(0, math.ceil(math.log2(max(_matrix_norm(z), 1e-300))) + 4)
     small = [[x / parts for x in row] for row in z]
-    exact = parts * math.log(max(_radius(_polynomial(small, 12)), 1e-300))
+    exact = parts * math.log(max(_spectral_radius(_polynomial(small, 12)), 1e-300))
     grows = math.log(max(scheme, 1e-300))
     return scheme if grows > max(exact, 0.0) + GROWS else None
 
@@ -445,33 +450,33 @@ def _polynomial(z: Matrix, order: int) -> Matrix:
     total = [[float(i == j) for j in range(n)] for i in range(n)]
     power = [row[:] for row in total]
     for k in range(1, order + 1):
-        power = [[x / k for x in row] for row in _product(power, z)]
+        power = [[x / k for x in row] for row in _matrix_product(power, z)]
         total = [
             [x + y for x, y in zip(a, b, strict=True)] for a, b in zip(total, power, strict=True)
         ]
     return total
 
 
-def _product(a: Matrix, b: Matrix) -> Matrix:
+def _matrix_product(a: Matrix, b: Matrix) -> Matrix:
     columns = list(zip(*b, strict=True))
     return [
         [sum(x * y for x, y in zip(row, column, strict=True)) for column in columns] for row in a
     ]
 
 
-def _norm(a: Matrix) -> float:
+def _matrix_norm(a: Matrix) -> float:
     return max(sum(abs(x) for x in row) for row in a)
 
 
-def _radius(a: Matrix) -> float:
+def _spectral_radius(a: Matrix) -> float:
     """The spectral radius: |a^(2^k)|^(1/2^k), scaled at every squaring."""
     scale = 0.0
     for k in range(SQUARINGS):
-        size = _norm(a)
+        size = _matrix_norm(a)
         if size == 0.0:
             return 0.0
         scale += math.log(size) / 2**k
         a = [[x / size for x in row] for row in a]
-        a = _product(a, a)
-    size = _norm(a)
+        a = _matrix_product(a, a)
+    size = _matrix_norm(a)
     return math.exp(scale + math.log(size) / 2**SQUARINGS) if size else 0.0

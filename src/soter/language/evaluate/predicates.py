@@ -29,7 +29,7 @@ from soter.language.evaluate.range_evaluation import (
 )
 from soter.language.evaluate.ranges import ANY_FLOAT, TOTAL, Range, range_of_prelude
 from soter.language.evaluate.statements import Evaluator
-from soter.language.evaluate.topic_ranges import MOST, published
+from soter.language.evaluate.topic_ranges import MOST, range_in_set
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import (
@@ -99,9 +99,9 @@ class PredicateEvaluator(Evaluator):
         if self.looked_at is not None:
             compared = tuple([x for x in compared if x in self.looked_at])
         if isinstance(e, t.Builtin):
-            e = replace(e, arguments=_looked_at(e.arguments, compared))
+            e = replace(e, arguments=_with_nan_checks(e.arguments, compared))
         else:
-            left, right = _looked_at((e.left, e.right), compared)
+            left, right = _with_nan_checks((e.left, e.right), compared)
             e = replace(e, left=left, right=right)
         return ExpressionEvaluator._EXPRESSIONS[type(e)](self, e)  # noqa: SLF001
 
@@ -126,7 +126,7 @@ class PredicateEvaluator(Evaluator):
     }
 
 
-def _looked_at(
+def _with_nan_checks(
     operands: tuple[t.TypedExpr, ...], compared: tuple[t.TypedExpr, ...]
 ) -> tuple[t.TypedExpr, ...]:
     return tuple([_Operand(e.type, e.span, e) if e in compared else e for e in operands])
@@ -177,14 +177,14 @@ def all_operands(*roots: object) -> set[t.TypedExpr]:
     while todo:
         for n in nodes([todo.pop()]):
             if isinstance(n, t.TypedExpr):
-                found |= {e for e in compared_operands(n) if not _is_number(e)}
+                found |= {e for e in compared_operands(n) if not _is_number_literal(e)}
             if isinstance(n, t.TypedCall) and n.fun not in seen and not n.fun.prelude:
                 seen.add(n.fun)
                 todo += n.fun.body or ()
     return found
 
 
-def _is_number(e: t.TypedExpr) -> bool:
+def _is_number_literal(e: t.TypedExpr) -> bool:
     return isinstance(e, t.Literal) and not has_nan(e.value)
 
 
@@ -192,7 +192,7 @@ class _NanFinder(RangeEvaluator):
     """Evaluates code over ranges, and collects in `found` compared operands that may be NaN."""
 
     def __init__(self, system: System, module: Module) -> None:
-        super().__init__(module.scope, module.period_ns, lambda place: _read(system, place))
+        super().__init__(module.scope, module.period_ns, lambda place: _range_read(system, place))
         self.system = system
         self.left = BUDGET
         self.compared: set[t.TypedExpr] = set()
@@ -201,7 +201,7 @@ class _NanFinder(RangeEvaluator):
     def evaluate(self, e: t.TypedExpr) -> Known:
         """As `RangeEvaluator.evaluate`; also notes `e` if it is compared and may be NaN."""
         known = super().evaluate(e)
-        if e in self.compared and any(r.nan for r in self._flat(known, e.type)):
+        if e in self.compared and any(r.nan for r in self._leaves(known, e.type)):
             self.found.add(e)
         return known
 
@@ -211,9 +211,9 @@ class _NanFinder(RangeEvaluator):
 
     # ------------------------------------------------------------ calls
 
-    def _call(self, e: t.TypedCall) -> Known:
+    def _range_of_call(self, e: t.TypedCall) -> Known:
         if e.fun.body is not None and not e.fun.prelude:
-            return super()._call(e)
+            return super()._range_of_call(e)
         values = [self.evaluate(a) for a in e.arguments]
         if e.fun.body is None:
             return anything(e.type)
@@ -230,24 +230,24 @@ class _NanFinder(RangeEvaluator):
 
     # ------------------------------------------------------------ arrays and lists
 
-    def _literal(self, e: t.Literal) -> Known:
+    def _range_of_literal(self, e: t.Literal) -> Known:
         if leaf_count(e.type) <= ELEMENTS:
-            return super()._literal(e)
+            return super()._range_of_literal(e)
         return UNKNOWN
 
-    def _index(self, e: t.Index) -> Known:
+    def _range_of_index(self, e: t.Index) -> Known:
         target = e.target
         if isinstance(target, t.Literal) and isinstance(e.type, FloatType):
             self.number(e.index)
-            return self._row_of(target)
+            return self._table_range(target)
         known, of = self.evaluate(target), target.type
         long = isinstance(of, ListType) or (isinstance(of, ArrayType) and of.size > ELEMENTS)
         if long and isinstance(known, ReadPlace) and known.kind == "topic":
             self.number(e.index)
-            return _finite(e.type)
-        return super()._index(e)
+            return _finite_values(e.type)
+        return super()._range_of_index(e)
 
-    def _row_of(self, table: t.Literal) -> Range:
+    def _table_range(self, table: t.Literal) -> Range:
         known = self._literals.get(table)
         if known is None:
             values = [float(v) for v in table.value]
@@ -256,25 +256,25 @@ class _NanFinder(RangeEvaluator):
             self._literals[table] = known
         return known
 
-    def _length(self, e: t.TypedLength) -> Known:
+    def _range_of_length(self, e: t.TypedLength) -> Known:
         if isinstance(e.target.type, ListType):
             self.evaluate(e.target)
-        return super()._length(e)
+        return super()._range_of_length(e)
 
-    def _plain(self, s: t.TypedStmt) -> bool:
+    def _run_plain(self, s: t.TypedStmt) -> bool:
         if not isinstance(s, (t.TypedAssign, t.TypedPush)):
-            return super()._plain(s)
+            return super()._run_plain(s)
         variable, path = s.place.variable, s.place.path
         steps = [Range(k, k) if isinstance(k, int) else self.number(k) for k in path]
         value = self.evaluate(s.value)
         if isinstance(s, t.TypedAssign):
             old = self.variables.get(variable, UNKNOWN)
-            self.variables[variable] = self._put(old, variable.type, steps, value)
+            self.variables[variable] = self._with_part(old, variable.type, steps, value)
         else:
             self.variables[variable] = anything(variable.type)
         return True
 
-    def _put(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
+    def _with_part(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
         """The value `old` in which a part, at one of the places `steps`, may be `value` now."""
         if not steps:
             return value
@@ -285,24 +285,24 @@ class _NanFinder(RangeEvaluator):
             if not at.has(k):
                 parts.append(part)
                 continue
-            new = self._put(part, t_, rest, value)
+            new = self._with_part(part, t_, rest, value)
             parts.append(new if at.single else self._joined(part, new, t_))
         return tuple(parts)
 
-    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+    def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
         """Runs the body until what holds before every round no longer changes."""
         if isinstance(s, t.ForRange):
             item: Known = Range(s.low, s.high - 1)
             if s.high <= s.low:
                 return returned, True
         else:
-            item = self._element(self.evaluate(s.sequence), s.sequence.type)
+            item = self._element_range(self.evaluate(s.sequence), s.sequence.type)
         turns = 0
         while True:
             before = dict(self.variables)
             self.variables[s.variable] = item
             returned, falls = self._run(s.body, returned, of)
-            after = self._merged([before, *([self.variables] if falls else [])], before)
+            after = self._merged_ends([before, *([self.variables] if falls else [])], before)
             if after == before:
                 self.variables = before
                 return returned, True
@@ -311,11 +311,11 @@ class _NanFinder(RangeEvaluator):
                 after = {v: k if k == before[v] else anything(v.type) for v, k in after.items()}
             self.variables = after
 
-    def _element(self, whole: Known, of: Type) -> Known:
+    def _element_range(self, whole: Known, of: Type) -> Known:
         """What an element of an array or a list may be."""
         assert isinstance(of, (ArrayType, ListType))
         if isinstance(whole, ReadPlace) and whole.kind == "topic":
-            return _finite(of.element)
+            return _finite_values(of.element)
         if not isinstance(whole, tuple) or not whole or isinstance(of, ListType):
             return anything(of.element)
         return self._union(whole, of.element)
@@ -324,31 +324,31 @@ class _NanFinder(RangeEvaluator):
         **RangeEvaluator.EXPRESSIONS,
         t.TypedBinary: _comparing,
         t.Builtin: _comparing,
-        t.TypedCall: _call,
-        t.Literal: _literal,
-        t.Index: _index,
-        t.TypedLength: _length,
+        t.TypedCall: _range_of_call,
+        t.Literal: _range_of_literal,
+        t.Index: _range_of_index,
+        t.TypedLength: _range_of_length,
     }
 
 
-def _read(system: System, place: ReadPlace) -> Range:
+def _range_read(system: System, place: ReadPlace) -> Range:
     """The range of what may be read at a place: finite numbers, for a topic those of its set."""
     if place.kind == "topic" and not has_list(system.topics[place.index].type):
-        return published(system.topics[place.index], place)
+        return range_in_set(system.topics[place.index], place)
     if place.kind in ("time", "age", "margin"):
         return TIMES
-    known = anything(place.type) if place.kind == "truth" else _finite(place.type)
+    known = anything(place.type) if place.kind == "truth" else _finite_values(place.type)
     if not isinstance(known, Range):
         raise TooHardError
     return known
 
 
-def _finite(of: Type) -> Known:
+def _finite_values(of: Type) -> Known:
     """All values of a type that a topic may hold: their numbers are finite."""
     if isinstance(of, FloatType):
         return Range(-MOST, MOST)
     if isinstance(of, RecordType) and of.scalars <= ELEMENTS:
-        return tuple([_finite(f) for _, f in of.fields])
+        return tuple([_finite_values(f) for _, f in of.fields])
     if isinstance(of, ArrayType) and of.size <= ELEMENTS:
-        return (_finite(of.element),) * of.size
+        return (_finite_values(of.element),) * of.size
     return anything(of)

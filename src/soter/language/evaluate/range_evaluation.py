@@ -79,11 +79,11 @@ def anything(of: Type) -> Known:
     return UNKNOWN
 
 
-def constant(of: Type, value: Value) -> Known:
+def constant_range(of: Type, value: Value) -> Known:
     """One value of a type, in ranges of a single number."""
     if isinstance(of, (RecordType, ArrayType)):
         parts = [f for _, f in of.fields] if isinstance(of, RecordType) else [of.element] * of.size
-        return tuple([constant(p, v) for p, v in zip(parts, value, strict=True)])
+        return tuple([constant_range(p, v) for p, v in zip(parts, value, strict=True)])
     if isinstance(value, tuple):
         return UNKNOWN
     if isinstance(value, float) and math.isnan(value):
@@ -133,61 +133,61 @@ class RangeEvaluator:
 
     # ------------------------------------------------------------ reads
 
-    def _literal(self, e: t.Literal) -> Known:
+    def _range_of_literal(self, e: t.Literal) -> Known:
         known = self._literals.get(e)
         if known is None:
-            known = self._literals[e] = constant(e.type, e.value)
+            known = self._literals[e] = constant_range(e.type, e.value)
         return known
 
-    def _param_read(self, e: t.ParamRead) -> Known:
-        return constant(e.type, self.scope.params[e.param])
+    def _range_of_param_read(self, e: t.ParamRead) -> Known:
+        return constant_range(e.type, self.scope.params[e.param])
 
-    def _var_read(self, e: t.VarRead) -> Known:
+    def _range_of_var_read(self, e: t.VarRead) -> Known:
         known = self.variables.get(e.variable)
         return anything(e.type) if known is None else known
 
-    def _topic_read(self, e: t.TopicRead) -> Known:
+    def _range_of_topic_read(self, e: t.TopicRead) -> Known:
         return ReadPlace("topic", self.scope.topics[e.topic], e.type)
 
-    def _truth_read(self, e: t.TruthRead) -> Known:
+    def _range_of_truth_read(self, e: t.TruthRead) -> Known:
         return ReadPlace("truth", self.scope.plants[e.instance], e.type)
 
-    def _mode_read(self, e: t.ModeRead) -> Known:
+    def _range_of_mode_read(self, e: t.ModeRead) -> Known:
         return ReadPlace("mode", self.scope.modules[e.module], e.type)
 
-    def _margin_read(self, e: t.MarginRead) -> Known:
+    def _range_of_margin_read(self, e: t.MarginRead) -> Known:
         return ReadPlace("margin", self.scope.modules[e.module], e.type)
 
-    def _time_read(self, e: t.TimeRead) -> Known:
+    def _range_of_time_read(self, e: t.TimeRead) -> Known:
         return ReadPlace("time", 0, e.type)
 
-    def _age_read(self, e: t.AgeRead) -> Known:
+    def _range_of_age_read(self, e: t.AgeRead) -> Known:
         return ReadPlace("age", self.scope.topics[e.topic], e.type)
 
-    def _period_read(self, _: t.PeriodRead) -> Known:
+    def _range_of_period_read(self, _: t.PeriodRead) -> Known:
         return Range(self._period_ns / 1e9, self._period_ns / 1e9)
 
     # ------------------------------------------------------------ operations
 
-    def _unary(self, e: t.TypedUnary) -> Known:
+    def _range_of_unary(self, e: t.TypedUnary) -> Known:
         if e.op == "!":
-            return ranges.negated(self.number(e.operand))
+            return ranges.not_range(self.number(e.operand))
         if isinstance(e.type, FloatType):
             a = self.number(e.operand)
             return Range(-a.high, -a.low, a.nan)
         if isinstance(e.type, (IntType, DurationType)):
             a = self.number(e.operand)
-            return ranges.whole(-int(a.high), -int(a.low), self.faults)
-        return self._each(self.evaluate(e.operand), e.type, lambda a: Range(-a.high, -a.low, a.nan))
+            return ranges.int_range(-int(a.high), -int(a.low), self.faults)
+        return self._map(self.evaluate(e.operand), e.type, lambda a: Range(-a.high, -a.low, a.nan))
 
-    def _binary(self, e: t.TypedBinary) -> Known:
+    def _range_of_binary(self, e: t.TypedBinary) -> Known:
         if e.op in {"&&", "||"}:
-            return self._logical(e)
+            return self._range_of_logical(e)
         a, b = self.number(e.left), self.number(e.right)
         if e.op in COMPARISONS:
-            return ranges.compared(e.op, a, b, same=same_expression(e.left, e.right))
+            return ranges.comparison_range(e.op, a, b, same=same_expression(e.left, e.right))
         if e.op == "-" and same_expression(e.left, e.right):
-            return ranges.cancelled(a)
+            return ranges.zero_difference(a)
         if not isinstance(e.type, FloatType):
             return ranges.int_operation(e.op, a, b, self.faults)
         if e.op == "/":
@@ -196,7 +196,7 @@ class RangeEvaluator:
             return ranges.float_multiply(a, b, same=same_expression(e.left, e.right))
         return (ranges.float_add if e.op == "+" else ranges.float_subtract)(a, b)
 
-    def _logical(self, e: t.TypedBinary) -> Known:
+    def _range_of_logical(self, e: t.TypedBinary) -> Known:
         """Evaluates && or ||; a fault on the right counts only if the left may not decide."""
         decides = FALSE if e.op == "&&" else TRUE
         a = self.number(e.left)
@@ -205,34 +205,34 @@ class RangeEvaluator:
         b = self.number(e.right)
         return b if a.single else decides if b == decides else EITHER
 
-    def _vector(self, e: t.Vector) -> Known:
+    def _range_of_vector(self, e: t.Vector) -> Known:
         left, right = self.evaluate(e.left), self.evaluate(e.right)
         if e.op in {"+", "-"}:
             of = ranges.float_add if e.op == "+" else ranges.float_subtract
-            pairs = zip(self._flat(left, e.type), self._flat(right, e.type), strict=True)
+            pairs = zip(self._leaves(left, e.type), self._leaves(right, e.type), strict=True)
             return self._shaped(e.type, iter([of(a, b) for a, b in pairs]))
         if isinstance(e.left.type, FloatType):
             x = self._scalar(left, e.left.type)
-            return self._each(right, e.type, lambda a: ranges.float_multiply(x, a))
+            return self._map(right, e.type, lambda a: ranges.float_multiply(x, a))
         x = self._scalar(right, e.right.type)
         if e.op == "/":
-            return self._each(left, e.type, lambda a: ranges.float_divide(a, x, self.faults))
-        return self._each(left, e.type, lambda a: ranges.float_multiply(a, x))
+            return self._map(left, e.type, lambda a: ranges.float_divide(a, x, self.faults))
+        return self._map(left, e.type, lambda a: ranges.float_multiply(a, x))
 
-    def _conditional(self, e: t.Conditional) -> Known:
+    def _range_of_conditional(self, e: t.Conditional) -> Known:
         c = self.number(e.condition)
         if c.single:
             return self.evaluate(e.then if c == TRUE else e.otherwise)
         return self._joined(self.evaluate(e.then), self.evaluate(e.otherwise), e.type)
 
-    def _narrow(self, e: t.Narrow) -> Known:
+    def _range_of_narrow(self, e: t.Narrow) -> Known:
         assert isinstance(e.type, IntType)
-        return ranges.narrowed(self.number(e.operand), e.type.low, e.type.high, self.faults)
+        return ranges.range_in_type(self.number(e.operand), e.type.low, e.type.high, self.faults)
 
-    def _builtin(self, e: t.Builtin) -> Known:
+    def _range_of_builtin(self, e: t.Builtin) -> Known:
         name, of = e.name, e.arguments[0].type
         if name in {"dot", "norm", "saturate"}:
-            return self._vector_builtin(e)
+            return self._range_of_vector_builtin(e)
         a = self.number(e.arguments[0])
         if name in {"min", "max"}:
             b = self.number(e.arguments[1])
@@ -241,7 +241,7 @@ class RangeEvaluator:
             magnitude = ranges.absolute(a)
             if isinstance(of, FloatType):
                 return magnitude
-            return ranges.whole(int(magnitude.low), int(magnitude.high), self.faults)
+            return ranges.int_range(int(magnitude.low), int(magnitude.high), self.faults)
         if name == "sqrt":
             return ranges.square_root(a)
         if name == "floor":
@@ -252,17 +252,17 @@ class RangeEvaluator:
         scale = 1e9 if name == "seconds" else 1.0
         return Range(float(a.low) / scale, float(a.high) / scale)
 
-    def _vector_builtin(self, e: t.Builtin) -> Known:
+    def _range_of_vector_builtin(self, e: t.Builtin) -> Known:
         first = self.evaluate(e.arguments[0])
         if e.name == "saturate":
             limit = self.number(e.arguments[1])
             below = Range(-limit.high, -limit.low, limit.nan)
             of = e.arguments[0].type
-            return self._each(first, of, lambda a: ranges.minimum(ranges.maximum(a, below), limit))
+            return self._map(first, of, lambda a: ranges.minimum(ranges.maximum(a, below), limit))
         norm = e.name == "norm"
         second = first if norm else self.evaluate(e.arguments[1])
         total: Range | None = None
-        xs, ys = (self._flat(v, e.arguments[0].type) for v in (first, second))
+        xs, ys = (self._leaves(v, e.arguments[0].type) for v in (first, second))
         for a, b in zip(xs, ys, strict=True):
             product = ranges.float_multiply(a, b, same=norm)
             total = product if total is None else ranges.float_add(total, product)
@@ -270,7 +270,7 @@ class RangeEvaluator:
             raise TooHardError
         return ranges.square_root(total) if norm else total
 
-    def _call(self, e: t.TypedCall) -> Known:
+    def _range_of_call(self, e: t.TypedCall) -> Known:
         if e.fun.body is None:
             self.faults.possible = True
             return anything(e.type)
@@ -295,10 +295,10 @@ class RangeEvaluator:
 
     # ------------------------------------------------------------ structure
 
-    def _field(self, e: t.TypedField) -> Known:
+    def _range_of_field(self, e: t.TypedField) -> Known:
         return self._part(self.evaluate(e.target), e.index, e.type)
 
-    def _index(self, e: t.Index) -> Known:
+    def _range_of_index(self, e: t.Index) -> Known:
         target, at = self.evaluate(e.target), self.number(e.index)
         of = e.target.type
         if not isinstance(of, ArrayType) or of.size > ELEMENTS or target is UNKNOWN:
@@ -312,12 +312,12 @@ class RangeEvaluator:
             union = part if union is None else self._joined(union, part, e.type)
         return anything(e.type) if union is None else union
 
-    def _length(self, e: t.TypedLength) -> Known:
+    def _range_of_length(self, e: t.TypedLength) -> Known:
         of = e.target.type
         size = of.size if isinstance(of, ArrayType) else 0
         return Range(size, size) if size else Range(0, getattr(of, "capacity", 0))
 
-    def _aggregate(self, e: t.Aggregate) -> Known:
+    def _range_of_aggregate(self, e: t.Aggregate) -> Known:
         values = [self.evaluate(x) for x in e.elements]
         if not isinstance(e.type, (RecordType, ArrayType)):
             return UNKNOWN
@@ -326,7 +326,7 @@ class RangeEvaluator:
         position = {field: written for written, field in enumerate(e.order)}
         return tuple([values[position[i]] for i in range(len(values))])
 
-    def _choose(self, e: t.TypedChoose) -> Known:
+    def _range_of_choose(self, e: t.TypedChoose) -> Known:
         if not e.options:
             return Range(e.low, e.low + e.count - 1)
         return self._union(map(self.evaluate, e.options), e.type)
@@ -351,9 +351,9 @@ class RangeEvaluator:
         self.left -= len(types)
         return [(self._part(whole, i, part), part) for i, part in enumerate(types)]
 
-    def _flat(self, whole: Known, of: Type) -> list[Range]:
+    def _leaves(self, whole: Known, of: Type) -> list[Range]:
         if isinstance(of, (RecordType, ArrayType)):
-            return [x for part, at in self._parts(whole, of) for x in self._flat(part, at)]
+            return [x for part, at in self._parts(whole, of) for x in self._leaves(part, at)]
         return [self._scalar(whole, of)]
 
     def _shaped(self, of: Type, flat: Any) -> Known:  # noqa: ANN401 - an iterator of ranges
@@ -361,8 +361,8 @@ class RangeEvaluator:
             return tuple([self._shaped(at, flat) for _, at in self._parts(UNKNOWN, of)])
         return next(flat)
 
-    def _each(self, whole: Known, of: Type, do: Callable[[Range], Range]) -> Known:
-        return self._shaped(of, iter([do(a) for a in self._flat(whole, of)]))
+    def _map(self, whole: Known, of: Type, do: Callable[[Range], Range]) -> Known:
+        return self._shaped(of, iter([do(a) for a in self._leaves(whole, of)]))
 
     def _joined(self, a: Known, b: Known, of: Type) -> Known:
         """What covers both `a` and `b`, two values of one type."""
@@ -393,16 +393,16 @@ class RangeEvaluator:
                 value = self.evaluate(s.value)
                 return value if returned is None else self._joined(returned, value, of), False
             if isinstance(s, t.TypedIf):
-                returned, falls = self._if(s, returned, of)
+                returned, falls = self._run_if(s, returned, of)
             elif isinstance(s, (t.ForRange, t.ForEach)):
-                returned, falls = self._loop(s, returned, of)
+                returned, falls = self._run_loop(s, returned, of)
             else:
-                falls = self._plain(s)
+                falls = self._run_plain(s)
             if not falls:
                 return returned, False
         return returned, True
 
-    def _plain(self, s: t.TypedStmt) -> bool:
+    def _run_plain(self, s: t.TypedStmt) -> bool:
         """Runs a statement that contains no others; returns whether the next one is reachable."""
         if isinstance(s, t.TypedDeclare):
             self.variables[s.variable] = self.evaluate(s.value)
@@ -424,7 +424,7 @@ class RangeEvaluator:
             raise TooHardError
         return True
 
-    def _if(self, s: t.TypedIf, returned: Known, of: Type) -> tuple[Known, bool]:
+    def _run_if(self, s: t.TypedIf, returned: Known, of: Type) -> tuple[Known, bool]:
         before, ends = self.variables, []
         open_ = True
         for condition, body in s.arms:
@@ -441,10 +441,10 @@ class RangeEvaluator:
             self.variables = dict(before)
             returned, falls = self._run(s.otherwise, returned, of)
             ends += [self.variables] if falls else []
-        self.variables = self._merged(ends, before)
+        self.variables = self._merged_ends(ends, before)
         return returned, bool(ends)
 
-    def _merged(
+    def _merged_ends(
         self, ends: list[dict[t.Variable, Known]], before: Mapping[t.Variable, Known]
     ) -> dict[t.Variable, Known]:
         if not ends:
@@ -455,7 +455,7 @@ class RangeEvaluator:
             merged = {v: self._joined(merged[v], other[v], v.type) for v in shared}
         return merged
 
-    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+    def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
         if isinstance(s, t.ForRange):
             rounds: list[Known] = [Range(i, i) for i in range(s.low, s.high)[: ROUNDS + 1]]
         else:
@@ -471,26 +471,26 @@ class RangeEvaluator:
         return returned, True
 
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[RangeEvaluator, Any], Known]]] = {
-        t.Literal: _literal,
-        t.ParamRead: _param_read,
-        t.VarRead: _var_read,
-        t.TopicRead: _topic_read,
-        t.TruthRead: _truth_read,
-        t.ModeRead: _mode_read,
-        t.MarginRead: _margin_read,
-        t.TimeRead: _time_read,
-        t.PeriodRead: _period_read,
-        t.AgeRead: _age_read,
-        t.TypedUnary: _unary,
-        t.TypedBinary: _binary,
-        t.Vector: _vector,
-        t.Conditional: _conditional,
-        t.TypedCall: _call,
-        t.Builtin: _builtin,
-        t.TypedField: _field,
-        t.Index: _index,
-        t.TypedLength: _length,
-        t.Aggregate: _aggregate,
-        t.TypedChoose: _choose,
-        t.Narrow: _narrow,
+        t.Literal: _range_of_literal,
+        t.ParamRead: _range_of_param_read,
+        t.VarRead: _range_of_var_read,
+        t.TopicRead: _range_of_topic_read,
+        t.TruthRead: _range_of_truth_read,
+        t.ModeRead: _range_of_mode_read,
+        t.MarginRead: _range_of_margin_read,
+        t.TimeRead: _range_of_time_read,
+        t.PeriodRead: _range_of_period_read,
+        t.AgeRead: _range_of_age_read,
+        t.TypedUnary: _range_of_unary,
+        t.TypedBinary: _range_of_binary,
+        t.Vector: _range_of_vector,
+        t.Conditional: _range_of_conditional,
+        t.TypedCall: _range_of_call,
+        t.Builtin: _range_of_builtin,
+        t.TypedField: _range_of_field,
+        t.Index: _range_of_index,
+        t.TypedLength: _range_of_length,
+        t.Aggregate: _range_of_aggregate,
+        t.TypedChoose: _range_of_choose,
+        t.Narrow: _range_of_narrow,
     }

@@ -73,13 +73,13 @@ class Faults:
         self.possible |= not fine
 
 
-def truth(surely: bool, never: bool) -> Range:
+def truth_range(surely: bool, never: bool) -> Range:
     """The range of a truth value that is surely true, never true, or unknown."""
     return TRUE if surely else FALSE if never else EITHER
 
 
-def negated(a: Range) -> Range:
-    """`!a` of a truth value."""
+def not_range(a: Range) -> Range:
+    """Gives the range of `!a`."""
     return Range(1 - a.high, 1 - a.low)
 
 
@@ -99,21 +99,21 @@ def range_of_prelude(name: str, arguments: list[Range]) -> Range:
 # ---------------------------------------------------------------- comparisons
 
 
-def compared(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
+def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
     """The truth of a comparison; `same`: both sides are one expression, equal unless NaN."""
     if op == "!=":
-        return negated(compared("==", a, b, same=same))
+        return not_range(comparison_range("==", a, b, same=same))
     if op in {">", ">="}:
-        return compared({">": "<", ">=": "<="}[op], b, a, same=same)
+        return comparison_range({">": "<", ">=": "<="}[op], b, a, same=same)
     number = not (a.nan or b.nan)
     if same and op == "<":
         return FALSE
     if op == "==":
         surely = number and (same or (a.low == a.high == b.low == b.high))
-        return truth(surely, a.high < b.low or b.high < a.low)
+        return truth_range(surely, a.high < b.low or b.high < a.low)
     if op == "<":
-        return truth(number and a.high < b.low, a.low >= b.high)
-    return truth(number and (same or a.high <= b.low), a.low > b.high)
+        return truth_range(number and a.high < b.low, a.low >= b.high)
+    return truth_range(number and (same or a.high <= b.low), a.low > b.high)
 
 
 # ---------------------------------------------------------------- floats
@@ -132,7 +132,7 @@ def float_add(a: Range, b: Range) -> Range:
     return _monotone_range(lambda x, y: x + y, a, b)
 
 
-def cancelled(a: Range) -> Range:
+def zero_difference(a: Range) -> Range:
     """`a - a` of one expression: 0, unless it may be infinite or NaN."""
     return Range(0, 0, a.nan or math.isinf(a.low) or math.isinf(a.high))
 
@@ -192,26 +192,26 @@ def absolute(a: Range) -> Range:
 # ---------------------------------------------------------------- ints
 
 
-def whole(low: int, high: int, faults: Faults) -> Range:
+def int_range(low: int, high: int, faults: Faults) -> Range:
     """A result cut to 64 bits; a fault is possible if it may lie outside."""
     faults.note_fault_unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
 
 def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
-    """`+ - * / %` of ints."""
+    """Gives the range of `+`, `-`, `*`, `/` or `%` of ints, and notes possible faults."""
     xs, ys = (int(a.low), int(a.high)), (int(b.low), int(b.high))
     if op in "+-*":
         of = {"+": int.__add__, "-": int.__sub__, "*": int.__mul__}[op]
         ends = [of(x, y) for x in xs for y in ys]
-        return whole(min(ends), max(ends), faults)
+        return int_range(min(ends), max(ends), faults)
     faults.note_fault_unless(not b.has(0))
     divisors = [d for d in {*ys, 1, -1} if d and b.has(d)]
     if not divisors:
         return ANY_INT
     if op == "/":
         ends = [_quotient(x, d) for x in (*xs, *([0] if a.has(0) else [])) for d in divisors]
-        return whole(min(ends), max(ends), faults)
+        return int_range(min(ends), max(ends), faults)
     if a.single and b.single:
         only = arithmetic.mod_int(xs[0], ys[0])
         return Range(only, only)
@@ -232,7 +232,7 @@ def int_of_float(a: Range, faults: Faults) -> Range:
     return Range(int(a.low), int(a.high)) if fits else ANY_INT
 
 
-def narrowed(a: Range, low: int, high: int, faults: Faults) -> Range:
+def range_in_type(a: Range, low: int, high: int, faults: Faults) -> Range:
     """An int that is put into a place of [low, high]; a fault if it may lie outside."""
     faults.note_fault_unless(low <= a.low and a.high <= high)
     return Range(min(max(a.low, low), high), max(min(a.high, high), low))

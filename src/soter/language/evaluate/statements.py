@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
-from soter.language.evaluate.expressions import ExpressionEvaluator, in_range
+from soter.language.evaluate.expressions import ExpressionEvaluator, checked_index
 from soter.language.model import typed as t
 from soter.language.model.types import leaf_count
 from soter.language.model.values import from_python, to_python
@@ -108,25 +108,25 @@ class Evaluator(ExpressionEvaluator):
 
     # ------------------------------------------------------------ statements
 
-    def _declare(self, stmt: t.TypedDeclare) -> Executed:
-        return self._counted(1, _store(stmt.variable, self._expr(stmt.value)))
+    def _compile_declare(self, stmt: t.TypedDeclare) -> Executed:
+        return self._with_cost(1, _store(stmt.variable, self._expr(stmt.value)))
 
-    def _assign(self, stmt: t.TypedAssign) -> Executed:
+    def _compile_assign(self, stmt: t.TypedAssign) -> Executed:
         place, value = stmt.place, self._expr(stmt.value)
         if not place.path:
-            return self._counted(1, _store(place.variable, value))
-        keys, variable = self._keys(place), place.variable
+            return self._with_cost(1, _store(place.variable, value))
+        keys, variable = self._path_reader(place), place.variable
 
         def assign(env: Environment) -> None:
             path = keys(env)
             new = value(env)
-            env.variables[variable] = replaced(env.variables[variable], path, new)
+            env.variables[variable] = with_part(env.variables[variable], path, new)
 
-        return self._counted(_moved_most(place), assign)
+        return self._with_cost(_moved_at_most(place), assign)
 
-    def _push(self, stmt: t.TypedPush) -> Executed:
+    def _compile_push(self, stmt: t.TypedPush) -> Executed:
         place, value, span = stmt.place, self._expr(stmt.value), stmt.span
-        keys, variable = self._keys(place), place.variable
+        keys, variable = self._path_reader(place), place.variable
         capacity: int = place.type.capacity  # type: ignore[attr-defined]
 
         def push(env: Environment) -> None:
@@ -137,11 +137,11 @@ class Evaluator(ExpressionEvaluator):
                 current = current[key]
             if len(current) >= capacity:
                 raise StepFault(FaultKind.CAPACITY, span)
-            env.variables[variable] = replaced(whole, path, (*current, new))
+            env.variables[variable] = with_part(whole, path, (*current, new))
 
-        return self._counted(_moved_most(place) + capacity, push)
+        return self._with_cost(_moved_at_most(place) + capacity, push)
 
-    def _keys(self, place: t.Place) -> Callable[[Environment], list[int]]:
+    def _path_reader(self, place: t.Place) -> Callable[[Environment], list[int]]:
         """The positions along a place's path; every index is checked when it is evaluated."""
         steps = [(p, None) if isinstance(p, int) else (0, self._expr(p)) for p in place.path]
         variable, span = place.variable, place.span
@@ -150,14 +150,14 @@ class Evaluator(ExpressionEvaluator):
             path = []
             current = env.variables[variable]
             for field, index in steps:
-                key = field if index is None else in_range(index(env), current, span)
+                key = field if index is None else checked_index(index(env), current, span)
                 path.append(key)
                 current = current[key]
             return path
 
         return keys
 
-    def _publish(self, stmt: t.TypedPublish) -> Executed:
+    def _compile_publish(self, stmt: t.TypedPublish) -> Executed:
         index, value = self._topics[stmt.topic], self._expr(stmt.value)
         limit, span = stmt.limit, stmt.span
 
@@ -165,7 +165,7 @@ class Evaluator(ExpressionEvaluator):
             env.published[index] = value(env)
 
         if limit is None:
-            return self._counted(1, publish)
+            return self._with_cost(1, publish)
 
         def publish_also(env: Environment) -> None:
             new = value(env)
@@ -174,21 +174,21 @@ class Evaluator(ExpressionEvaluator):
                 raise StepFault(FaultKind.CAPACITY, span, f"more than {limit} messages")
             env.published[index] = (*earlier, new)
 
-        return self._counted(1, publish_also)
+        return self._with_cost(1, publish_also)
 
-    def _return(self, stmt: t.TypedReturn) -> Executed:
-        return self._counted(1, self._expr(stmt.value))
+    def _compile_return(self, stmt: t.TypedReturn) -> Executed:
+        return self._with_cost(1, self._expr(stmt.value))
 
-    def _assert(self, stmt: t.Assert) -> Executed:
+    def _compile_assert(self, stmt: t.Assert) -> Executed:
         condition, span, message = self._expr(stmt.condition), stmt.span, stmt.message
 
         def check(env: Environment) -> None:
             if not condition(env):
                 raise StepFault(FaultKind.ASSERT, span, message or "")
 
-        return self._counted(1, check)
+        return self._with_cost(1, check)
 
-    def _if(self, stmt: t.TypedIf) -> Executed:
+    def _compile_if(self, stmt: t.TypedIf) -> Executed:
         arms = [(self._expr(c), self.block(body)) for c, body in stmt.arms]
         otherwise = self.block(stmt.otherwise)
 
@@ -198,19 +198,19 @@ class Evaluator(ExpressionEvaluator):
                     return body(env)
             return otherwise(env)
 
-        return self._counted(1, choose)
+        return self._with_cost(1, choose)
 
-    def _for_range(self, stmt: t.ForRange) -> Executed:
+    def _compile_for_range(self, stmt: t.ForRange) -> Executed:
         rounds = range(stmt.low, stmt.high)
-        return self._loop(stmt.variable, lambda _: rounds, stmt.body)
+        return self._compile_loop(stmt.variable, lambda _: rounds, stmt.body)
 
-    def _for_each(self, stmt: t.ForEach) -> Executed:
-        return self._loop(stmt.variable, self._expr(stmt.sequence), stmt.body)
+    def _compile_for_each(self, stmt: t.ForEach) -> Executed:
+        return self._compile_loop(stmt.variable, self._expr(stmt.sequence), stmt.body)
 
-    def _loop(
+    def _compile_loop(
         self, variable: t.Variable, sequence: Compiled, statements: tuple[t.TypedStmt, ...]
     ) -> Executed:
-        body = self._counted(1, self.block(statements))
+        body = self._with_cost(1, self.block(statements))
 
         def loop(env: Environment) -> Value | None:
             for item in sequence(env):
@@ -220,18 +220,18 @@ class Evaluator(ExpressionEvaluator):
                     return result
             return None
 
-        return self._counted(1, loop)
+        return self._with_cost(1, loop)
 
     _STATEMENTS: ClassVar[dict[type[t.TypedStmt], Callable[[Evaluator, Any], Executed]]] = {
-        t.TypedDeclare: _declare,
-        t.TypedAssign: _assign,
-        t.TypedPush: _push,
-        t.TypedPublish: _publish,
-        t.TypedReturn: _return,
-        t.Assert: _assert,
-        t.TypedIf: _if,
-        t.ForRange: _for_range,
-        t.ForEach: _for_each,
+        t.TypedDeclare: _compile_declare,
+        t.TypedAssign: _compile_assign,
+        t.TypedPush: _compile_push,
+        t.TypedPublish: _compile_publish,
+        t.TypedReturn: _compile_return,
+        t.Assert: _compile_assert,
+        t.TypedIf: _compile_if,
+        t.ForRange: _compile_for_range,
+        t.ForEach: _compile_for_each,
     }
 
 
@@ -245,15 +245,15 @@ def _store(variable: t.Variable, value: Compiled) -> Executed:
     return store
 
 
-def replaced(whole: Value, path: Sequence[int], new: Value) -> Value:
+def with_part(whole: Value, path: Sequence[int], new: Value) -> Value:
     """`whole` with `new` at the end of a path of positions."""
     if not path:
         return new
     at, *rest = path
-    return (*whole[:at], replaced(whole[at], rest, new), *whole[at + 1 :])
+    return (*whole[:at], with_part(whole[at], rest, new), *whole[at + 1 :])
 
 
-def _moved_most(place: t.Place) -> int:
+def _moved_at_most(place: t.Place) -> int:
     """An upper bound on the components that an assignment to the place moves."""
     return leaf_count(place.variable.type)
 

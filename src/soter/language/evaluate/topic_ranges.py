@@ -1,9 +1,9 @@
 """Gives ranges of what code reads, from the sets declared for topics; and limits of signals.
 
-Purpose: `declared` turns the set and the type of a topic into a `Range` for a place that an
-expression reads; `narrowed` also limits ages and some leaves; `always` and `always_by_parts` say
-whether these ranges decide a condition. For reports `limits` reads `abs(motion.x) < WALL`, also
-inside of functions that only return it, as two levels of the signal `motion.x`.
+Purpose: `reader_of_sets` turns the set and type of a topic into a `Range` for a place that an
+expression reads; `reader_with_limits` also limits ages and some leaves; `constant_truth` and
+`truth_by_parts` say whether these ranges decide a condition. For reports `signal_limits` reads
+`abs(x.y) < WALL`, also inside of functions that only return it, as two levels of `x.y`.
 Non-goals: what steps compute, queues and times (`explore/vacuous_tests.py`); limits of several
 signals together, so a report without a limit says nothing.
 """
@@ -51,13 +51,13 @@ PARTS_MAX, CUTS_MAX = 64, 12
 MOST = sys.float_info.max
 
 
-def narrowed(
+def reader_with_limits(
     system: System,
     ages_ns: Mapping[int, int | None],
     leaves_within: Mapping[tuple[int, int], tuple[float, float]] | None = None,
 ) -> Callable[[ReadPlace], Range]:
-    """As `declared`, with greatest ages of topics in ns, and ranges of some (topic, leaf)."""
-    otherwise, within = declared(system), leaves_within or {}
+    """As `reader_of_sets`, with greatest ages of topics in ns, and ranges of some (topic, leaf)."""
+    otherwise, within = reader_of_sets(system), leaves_within or {}
 
     def read(place: ReadPlace) -> Range:
         if place.kind == "age" and place.index in ages_ns:
@@ -76,12 +76,12 @@ def narrowed(
     return read
 
 
-def declared(system: System) -> Callable[[ReadPlace], Range]:
+def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
     """A `read` for a `RangeEvaluator` by the declared sets; `TooHardError` for lists."""
 
     def read(place: ReadPlace) -> Range:
         if place.kind == "topic" and not has_list(system.topics[place.index].type):
-            return published(system.topics[place.index], place)
+            return range_in_set(system.topics[place.index], place)
         known = anything(place.type)
         if not isinstance(known, Range):
             raise TooHardError
@@ -90,9 +90,9 @@ def declared(system: System) -> Callable[[ReadPlace], Range]:
     return read
 
 
-def always(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
-    """Whether a condition is always true or always false by the declared sets; None: unknown."""
-    evaluator = RangeEvaluator(scope, 0, declared(system))
+def constant_truth(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
+    """Says whether the declared sets make a condition always True or always False; or None."""
+    evaluator = RangeEvaluator(scope, 0, reader_of_sets(system))
     evaluator.left = BUDGET
     try:
         truth = evaluator.number(condition)
@@ -101,18 +101,18 @@ def always(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
     return bool(truth.low) if truth.single and not evaluator.faults.possible else None
 
 
-def always_by_parts(
+def truth_by_parts(
     condition: TypedExpr,
     system: System,
     scope: Scope,
     read: Callable[[ReadPlace], Range] | None = None,
 ) -> bool | None:
-    """As `always`, but the ranges of read values are cut at the numbers in the condition.
+    """As `constant_truth`, but the ranges of read values are cut at the numbers in the condition.
 
     So it recognizes comparisons that exclude each other, or of which one always holds. `read`: a
-    function as from `narrowed`; None: the declared sets.
+    function as from `reader_with_limits`; None: the declared sets.
     """
-    read, cuts = read or declared(system), _numbers(condition, scope)
+    read, cuts = read or reader_of_sets(system), _constants_in(condition, scope)
     found: bool | None = None
     parts: list[dict[ReadPlace, Range]] = [{}]
     for _ in range(PARTS_MAX):
@@ -132,7 +132,7 @@ def always_by_parts(
                 return None
             found = bool(truth.low)
         else:
-            pieces = next(((k, p) for k, r in part.items() if len(p := _cut(r, cuts)) > 1), None)
+            pieces = next(((k, p) for k, r in part.items() if len(p := _pieces(r, cuts)) > 1), None)
             if pieces is None:
                 return None
             parts += [{**part, pieces[0]: piece} for piece in pieces[1]]
@@ -141,7 +141,7 @@ def always_by_parts(
     return None
 
 
-def _numbers(condition: TypedExpr, scope: Scope) -> list[float]:
+def _constants_in(condition: TypedExpr, scope: Scope) -> list[float]:
     """The constants in a condition and its calls, with either sign, in rising order."""
     todo: list[object] = [condition]
     called, found = set(), set()
@@ -159,7 +159,7 @@ def _numbers(condition: TypedExpr, scope: Scope) -> list[float]:
     return sorted(found)
 
 
-def _cut(of: Range, cuts: Sequence[float]) -> list[Range]:
+def _pieces(of: Range, cuts: Sequence[float]) -> list[Range]:
     """A range in pieces: each cut inside it as a piece of one number, and those between cuts."""
     whole = isinstance(of.low, int)
     if whole and of.high - of.low < CUTS_MAX:
@@ -179,9 +179,9 @@ def _cut(of: Range, cuts: Sequence[float]) -> list[Range]:
     return [*pieces, Range(low, of.high)] if low <= of.high else pieces
 
 
-def published(topic: Topic, place: ReadPlace) -> Range:
+def range_in_set(topic: Topic, place: ReadPlace) -> Range:
     """The range of values that may be published at a place; they are finite."""
-    return _inside(place.type, topic.bounds[leaf_index(topic, place.path)])
+    return _range_inside(place.type, topic.bounds[leaf_index(topic, place.path)])
 
 
 def leaf_index(topic: Topic, path: tuple[int, ...]) -> int:
@@ -199,7 +199,7 @@ def leaf_index(topic: Topic, path: tuple[int, ...]) -> int:
     return at
 
 
-def _inside(of: Type, bound: Bound | None) -> Range:
+def _range_inside(of: Type, bound: Bound | None) -> Range:
     if isinstance(of, FloatType):
         low, high = (-MOST, MOST) if bound is None else (bound.low, bound.high)
         return Range(float(low), float(high))
@@ -237,11 +237,11 @@ class _ScaledSignal:
     folded: bool = False
 
 
-def limits(system: System) -> list[Limit]:
+def signal_limits(system: System) -> list[Limit]:
     """The limits in every module's `safe` and in every `always`, without duplicates."""
     demanded = [(m.scope, m.symbol.safe, f"safe of {m.name}") for m in system.modules]
     demanded += [(p.scope, p.condition, "always") for p in system.properties if p.kind == "always"]
-    readers = (_LimitReader(system, scope).limits(e, by) for scope, e, by in demanded)
+    readers = (_LimitReader(system, scope).signal_limits(e, by) for scope, e, by in demanded)
     return list(dict.fromkeys(chain.from_iterable(readers)))
 
 
@@ -253,17 +253,17 @@ class _LimitReader:
         self.scope = scope
         self.evaluator = Evaluator.of(scope)
 
-    def limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
+    def signal_limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
         """Yields the limits that conjuncts of a predicate set to single signals."""
-        for part in conjuncts(_inline_call(predicate)):
-            opened = _inline_call(part)
+        for part in conjuncts(_inlined(predicate)):
+            opened = _inlined(part)
             parts = conjuncts(opened) if opened is not part else [part]
             for each in parts:
                 if isinstance(each, typed.TypedBinary) and each.op in BELOW | ABOVE:
                     yield from self._comparison(each, by)
 
     def _comparison(self, e: typed.TypedBinary, by: str) -> Iterator[Limit]:
-        left, right = self._line(e.left), self._line(e.right)
+        left, right = self._line_of(e.left), self._line_of(e.right)
         if left is None or right is None or bool(left.signal) == bool(right.signal):
             return
         line, constant = (left, right.offset) if left.signal else (right, left.offset)
@@ -277,9 +277,9 @@ class _LimitReader:
             yield Limit(line.signal, -value, by)
             yield Limit(line.signal, value, by)
 
-    def _line(self, e: typed.TypedExpr) -> _ScaledSignal | None:
+    def _line_of(self, e: typed.TypedExpr) -> _ScaledSignal | None:
         """A side of a comparison as a line over one signal, or over none; None: it is no line."""
-        e = _inline_call(e)
+        e = _inlined(e)
         constant = self._constant(e)
         if constant is not None:
             return _ScaledSignal("", 0.0, constant)
@@ -287,9 +287,9 @@ class _LimitReader:
         if signal is not None:
             return _ScaledSignal(signal, 1.0, 0.0)
         if isinstance(e, typed.TypedUnary) and e.op == "-":
-            return _scaled(self._line(e.operand), -1.0)
+            return _scaled_line(self._line_of(e.operand), -1.0)
         if isinstance(e, typed.Builtin) and e.name == "abs":
-            inner = self._line(e.arguments[0])
+            inner = self._line_of(e.arguments[0])
             plain = inner is not None and not inner.folded and inner.offset == 0.0
             return (
                 _ScaledSignal(inner.signal, abs(inner.scale), 0.0, True)
@@ -297,17 +297,17 @@ class _LimitReader:
                 else None
             )
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", "*"}:
-            return self._combined(e)
+            return self._combined_line(e)
         return None
 
-    def _combined(self, e: typed.TypedBinary) -> _ScaledSignal | None:
-        left, right = self._line(e.left), self._line(e.right)
+    def _combined_line(self, e: typed.TypedBinary) -> _ScaledSignal | None:
+        left, right = self._line_of(e.left), self._line_of(e.right)
         if left is None or right is None or (left.signal and right.signal):
             return None
         if e.op == "*":
             line, factor = (left, right.offset) if left.signal else (right, left.offset)
-            return _scaled(line, factor)
-        right = right if e.op == "+" else _scaled(right, -1.0)
+            return _scaled_line(line, factor)
+        right = right if e.op == "+" else _scaled_line(right, -1.0)
         assert right is not None
         line, other = (left, right) if left.signal else (right, left)
         return _ScaledSignal(line.signal, line.scale, line.offset + other.offset, line.folded)
@@ -347,13 +347,13 @@ class _LimitReader:
         return leaf_name(root, path)
 
 
-def _scaled(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
+def _scaled_line(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
     if line is None:
         return None
     return _ScaledSignal(line.signal, line.scale * by, line.offset * by, line.folded)
 
 
-def _inline_call(e: typed.TypedExpr) -> typed.TypedExpr:
+def _inlined(e: typed.TypedExpr) -> typed.TypedExpr:
     """The expression that a call of a function which only returns something stands for."""
     for _ in range(OPENED_MAX):
         inner = returned(e) if isinstance(e, typed.TypedCall) else None

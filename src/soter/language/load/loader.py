@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.diagnostics.system_texts import utf8_text
 from soter.language.load.identified_data import IDENTIFIED, DataError, held_out
-from soter.language.load.named_files import ReadError, near_names, parse_json, read_bytes
+from soter.language.load.named_files import ReadError, near_name_helps, parse_json, read_bytes
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -70,11 +70,11 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
     raw = read_bytes(path, MAX_TABLE_BYTES if is_table(t) else MAX_DATA_BYTES)
     tell(f"reading `{path.name}`")
     if suffix == ".json":
-        document = _json(raw)
+        document = _json_document(raw)
     elif suffix == ".csv":
-        document = _csv(raw, t)
+        document = _csv_document(raw, t)
     else:
-        document = _npy(raw, t)
+        document = _npy_document(raw, t)
     try:
         value = _value(t, document, lambda n: tell(f"reading `{path.name}`: {n} elements"))
     except (ValueShapeError, RecursionError) as error:
@@ -121,7 +121,7 @@ def _not_finite(t: Type, value: Value, path: str) -> str | None:
     return next((w for at, f, v in parts if (w := _not_finite(f, v, at))), None)
 
 
-def _json(raw: bytes) -> object:
+def _json_document(raw: bytes) -> object:
     """The document without what it says of itself: `"$comment"`, for people, and `IDENTIFIED`."""
     try:
         document: object = parse_json(raw.decode("utf-8-sig"))
@@ -134,7 +134,7 @@ def _json(raw: bytes) -> object:
     return document
 
 
-def _csv(raw: bytes, t: Type) -> object:
+def _csv_document(raw: bytes, t: Type) -> object:
     """The rows of a csv file: records with a header line, or plain numbers without one."""
     if not isinstance(t, (ArrayType, ListType)):
         raise DataError(f"a csv file gives an array or a list, not `{t}`")
@@ -145,13 +145,13 @@ def _csv(raw: bytes, t: Type) -> object:
         raise DataError(f"it is not a csv file: {error}") from error
     element = t.element
     if isinstance(element, RecordType):
-        return _records(rows, element)
+        return _row_records(rows, element)
     if isinstance(element, (ArrayType, ListType)):
-        return [[_cell(c, element.element, n) for c in row] for n, row in enumerate(rows, 1)]
-    return [_cell(c, element, n) for n, row in enumerate(rows, 1) for c in row]
+        return [[_cell_value(c, element.element, n) for c in row] for n, row in enumerate(rows, 1)]
+    return [_cell_value(c, element, n) for n, row in enumerate(rows, 1) for c in row]
 
 
-def _records(rows: list[list[str]], element: RecordType) -> list[dict[str, object]]:
+def _row_records(rows: list[list[str]], element: RecordType) -> list[dict[str, object]]:
     """An object for each row; the header names the field of a column, others are left out."""
     if not rows:
         raise DataError("it is empty: a header line is expected")
@@ -168,11 +168,11 @@ def _records(rows: list[list[str]], element: RecordType) -> list[dict[str, objec
         if len(row) != len(header):
             raise DataError(f"row {number} has {len(row)} columns, the header {len(header)}")
         cells = zip(header, row, strict=True)
-        records.append({h: _cell(cell, types[h], number) for h, cell in cells if h in types})
+        records.append({h: _cell_value(cell, types[h], number) for h, cell in cells if h in types})
     return records
 
 
-def _cell(text: str, t: Type, row: int) -> object:
+def _cell_value(text: str, t: Type, row: int) -> object:
     text = text.strip()
     if isinstance(t, (FloatType, IntType)):
         kind = "a number" if isinstance(t, FloatType) else "a whole number"
@@ -190,7 +190,7 @@ def _cell(text: str, t: Type, row: int) -> object:
     raise DataError(f"a cell of a csv file cannot hold a `{t}`")
 
 
-def _npy(raw: bytes, t: Type) -> object:
+def _npy_document(raw: bytes, t: Type) -> object:
     if not raw.startswith(NPY_MAGIC):
         raise DataError("it is not an npy file")
     import numpy as np  # noqa: PLC0415 - only programs with npy data pay for it
@@ -207,17 +207,17 @@ def _npy(raw: bytes, t: Type) -> object:
     if sum(accumulate(array.shape, mul)) > MAX_ITEMS:
         raise DataError(f"its shape {array.shape} is too large")
     if is_table(t) and array.dtype.itemsize <= NUMBER_BYTES:
-        shape = _shape(t.element)
+        shape = _array_shape(t.element)
         if shape == array.shape[1:] and array.dtype.kind in "iuf":
             return Table(t.element, array.astype("<f8", order="C").tobytes())
     return array.tolist()
 
 
-def _shape(t: Type) -> tuple[int, ...] | None:
+def _array_shape(t: Type) -> tuple[int, ...] | None:
     """The shape of a value that is a float or nested arrays of floats; None for any other type."""
     if isinstance(t, FloatType):
         return ()
-    inner = _shape(t.element) if isinstance(t, ArrayType) else None
+    inner = _array_shape(t.element) if isinstance(t, ArrayType) else None
     return (t.size, *inner) if isinstance(t, ArrayType) and inner is not None else None
 
 
@@ -324,7 +324,7 @@ def read_text(
         data = read_bytes(path, MAX_FILE_BYTES, special=span is None)
     except ReadError as error:
         if error.missing:
-            diagnostics.error("D001", f"cannot find `{shown}`", span, helps=near_names(path))
+            diagnostics.error("D001", f"cannot find `{shown}`", span, helps=near_name_helps(path))
         else:
             diagnostics.error("D005", f"cannot read `{shown}`: {error}", span)
         return None

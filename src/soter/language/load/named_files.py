@@ -46,7 +46,7 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
     with opened(path, limit, pipes=special, devices=special) as file:
         try:
             size = 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
-            data = _read(file, limit + 1, size) if size <= limit else None
+            data = _read_at_most(file, limit + 1, size) if size <= limit else None
         except OSError as error:
             raise ReadError(reason(error)) from error
     if data is None or len(data) > limit:
@@ -54,7 +54,7 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
     return data
 
 
-def _read(file: BinaryIO, most: int, size: int) -> bytes:
+def _read_at_most(file: BinaryIO, most: int, size: int) -> bytes:
     """Reads at most `most` bytes, with memory for those that are there only."""
     parts, room = [], most
     while part := file.read(min(room, size + MIB)):
@@ -128,7 +128,7 @@ def beside(path: Path, name: str) -> Path | None:
     return at if name and stays and not Path(name).is_absolute() else None
 
 
-def near_names(path: Path) -> tuple[str, ...]:
+def near_name_helps(path: Path) -> tuple[str, ...]:
     """A help line for a missing file: a file with a similar name, or that the folder is missing."""
     try:
         with os.scandir(path.parent) as entries:

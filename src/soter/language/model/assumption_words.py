@@ -1,7 +1,7 @@
 """The assumptions that prover or re-checker may make, in words with a number each.
 
-Purpose: `words` gives an assumption the same text wherever it is printed, and `numbered` the same
-number.
+Purpose: `in_words` gives an assumption the same text wherever it is printed, and
+`numbered_assumptions` the same number.
 Non-goals: which assumptions a proof makes: the prover (`verify/problem/assumptions.py`) and the
 re-checker (`certificate/scope.py`) each derive that.
 """
@@ -63,11 +63,11 @@ WORDS = {
 }
 
 
-def words(kind: str, *about: object) -> str:
+def in_words(kind: str, *about: object) -> str:
     """The text of an assumption of a kind of `WORDS`; `about`: what its places stand for."""
     return WORDS[kind].format(*about)
 
 
-def numbered(*lists: Iterable[str]) -> dict[str, str]:
+def numbered_assumptions(*lists: Iterable[str]) -> dict[str, str]:
     """Each text with its number, A1, A2, ...: the first list in its order, then what others add."""
     return {text: f"A{k}" for k, text in enumerate(dict.fromkeys(chain(*lists)), 1)}

@@ -284,9 +284,9 @@ class _Counter:
             if fun not in self.costs:
                 self.count_function(fun)
         self._said = any(f in self._absurd for f in called)
-        operations = self._bounded(self._block(body), owner, span)
+        operations = self._limited(self._block(body), owner, span)
         below = [self.costs[f] for f in called]
-        size += BYTES * sum(_declared(s) for s in nodes(body))
+        size += BYTES * sum(_numbers_declared(s) for s in nodes(body))
         externs = dict.fromkeys(name for c in below for name in c.externs)
         return typed.Cost(
             operations, size + max((c.bytes for c in below), default=0), tuple(externs)
@@ -296,15 +296,15 @@ class _Counter:
         """The cost of evaluating all of the expressions."""
         return self.body([typed.TypedReturn(e.span, e) for e in exprs], owner, span, 0)
 
-    def _bounded(self, count: int, owner: str, span: Span) -> int:
+    def _limited(self, count: int, owner: str, span: Span) -> int:
         if count <= MAX_OPERATIONS or self._said:
             return min(count, MAX_OPERATIONS)
         self._said = True
         self.diagnostics.error(
             "T007",
-            f"{owner} may take {_shown(count)} operations",
+            f"{owner} may take {_count_text(count)} operations",
             span,
-            f"at most {_shown(MAX_OPERATIONS)} are possible",
+            f"at most {_count_text(MAX_OPERATIONS)} are possible",
             notes=("a step has to end long before its period does",),
         )
         return MAX_OPERATIONS
@@ -328,7 +328,7 @@ class _Counter:
         return moved + sum(self._expr(e) for e in children(s))
 
     def _loop(self, times: int, start: int, s: typed.ForRange | typed.ForEach) -> int:
-        return self._bounded(times * (start + self._block(s.body)), "this loop", s.span)
+        return self._limited(times * (start + self._block(s.body)), "this loop", s.span)
 
     def _expr(self, e: object) -> int:
         """Operations of an expression, or of the path of a place."""
@@ -354,12 +354,10 @@ def _callees(fun: typed.FunSymbol) -> list[typed.FunSymbol]:
 
 
 def _numbers_copied(parameters: Iterable[typed.Variable]) -> int:
-    """How many numbers a call copies for its arguments."""
     return sum(min(leaf_count(p.type), ARGUMENT) for p in parameters)
 
 
-def _declared(s: object) -> int:
-    """How many numbers a statement needs room for."""
+def _numbers_declared(s: object) -> int:
     if isinstance(s, (typed.TypedDeclare, typed.ForRange)):
         return leaf_count(s.variable.type)
     if isinstance(s, typed.ForEach):
@@ -368,7 +366,7 @@ def _declared(s: object) -> int:
     return 0
 
 
-def _shown(count: int) -> str:
+def _count_text(count: int) -> str:
     return f"{count:,}".replace(",", " ") if count < 10**12 else f"about 10^{len(str(count)) - 1}"
 
 
@@ -436,10 +434,10 @@ def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
 
 def same_expression(a: typed.TypedExpr, b: typed.TypedExpr) -> bool:
     """Whether two expressions are written alike, and so have the same value at one moment."""
-    return _form(a) == _form(b)
+    return _structure_of(a) == _structure_of(b)
 
 
-def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
+def _structure_of(e: Any) -> object:  # noqa: ANN401 - any part of an expression
     """The structure of an expression without its place, to be compared.
 
     That of a choice, or of an extern's answer, equals no other.
@@ -455,7 +453,7 @@ def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
         form += [name, value if isinstance(value, str) else id(value)]
     if isinstance(e, typed.Literal):
         form.append(repr(e.value))
-    return (*form, *[_form(child) for child in children(e)])
+    return (*form, *[_structure_of(child) for child in children(e)])
 
 
 def _may_differ(fun: typed.FunSymbol) -> bool:

@@ -288,7 +288,7 @@ HOUR = 3600 * 10**9
 UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 
 
-def _parts(ns: int) -> tuple[str, str]:
+def _number_and_unit(ns: int) -> tuple[str, str]:
     """The exact number and its unit, the largest one that is not larger than the duration."""
     if ns and ns % HOUR == 0:
         return f"{ns // HOUR}", "h"
@@ -302,12 +302,12 @@ def _parts(ns: int) -> tuple[str, str]:
 
 def show_ns(ns: int) -> str:
     """A duration in a sentence: `10 ms`, `1.5 us`, `0 s`."""
-    return " ".join(_parts(ns))
+    return " ".join(_number_and_unit(ns))
 
 
 def write_ns(ns: int) -> str:
     """A duration as Soter source: `10ms`, `1.5us`."""
-    return "".join(_parts(ns))
+    return "".join(_number_and_unit(ns))
 
 
 class WrongTextError(Exception):

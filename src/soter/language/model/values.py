@@ -81,15 +81,15 @@ class Table(Sequence[Value]):
     def __init__(self, element: Type, packed: bytes) -> None:
         self.element = element
         self.packed = packed
-        self._row = struct.Struct("<" + _format(element))
-        self._read = _reader(element)
+        self._row = struct.Struct("<" + _struct_format(element))
+        self._read = _value_reader(element)
         self._size = len(packed) // self._row.size
         self._sha256 = ""
 
     @classmethod
     def of(cls, element: Type, values: Iterable[Value]) -> Table:
         """The table of these values."""
-        row, flat = struct.Struct("<" + _format(element)), _flattener(element)
+        row, flat = struct.Struct("<" + _struct_format(element)), _flattener(element)
         return cls(element, b"".join([row.pack(*flat(v)) for v in values]))
 
     @property
@@ -142,30 +142,30 @@ class Table(Sequence[Value]):
         return f"<table of {self._size} {self.element} {self.sha256}>"
 
 
-def _format(t: Type) -> str:
+def _struct_format(t: Type) -> str:
     """How `struct` packs the leaves of a value."""
     if isinstance(t, RecordType):
-        return "".join(_format(f) for _, f in t.fields)
+        return "".join(_struct_format(f) for _, f in t.fields)
     if isinstance(t, ArrayType):
-        inner = _format(t.element)
+        inner = _struct_format(t.element)
         return f"{t.size}{inner}" if len(inner) == 1 else inner * t.size
     if isinstance(t, ListType):
-        return "q" + _format(t.element) * t.capacity
+        return "q" + _struct_format(t.element) * t.capacity
     return "d" if isinstance(t, FloatType) else "?" if isinstance(t, BoolType) else "q"
 
 
-def _reader(t: Type) -> Callable[[Iterator[Value]], Value]:
+def _value_reader(t: Type) -> Callable[[Iterator[Value]], Value]:
     """The function from an iterator over a value's leaves, in order, to the value."""
     if isinstance(t, RecordType):
-        readers = [_reader(f) for _, f in t.fields]
+        readers = [_value_reader(f) for _, f in t.fields]
         return lambda leaves: tuple([read(leaves) for read in readers])
     if isinstance(t, ArrayType):
-        size, element = t.size, _reader(t.element)
+        size, element = t.size, _value_reader(t.element)
         if leaf_count(t.element) == 1 and not isinstance(t.element, (RecordType, ArrayType)):
             return lambda leaves: tuple(islice(leaves, size))
         return lambda leaves: tuple([element(leaves) for _ in range(size)])
     if isinstance(t, ListType):
-        capacity, element = t.capacity, _reader(t.element)
+        capacity, element = t.capacity, _value_reader(t.element)
 
         def read_list(leaves: Iterator[Value]) -> Value:
             length = next(leaves)
@@ -186,8 +186,8 @@ def _flattener(t: Type) -> Callable[[Value], list[Value]]:
             return list
         return lambda v: [x for each in v for x in element(each)]
     if isinstance(t, ListType):
-        inner, width, capacity = _flattener(t.element), len(_leaves(t.element)), t.capacity
-        padding = _leaves(t.element)
+        inner, width, capacity = _flattener(t.element), len(_zeros(t.element)), t.capacity
+        padding = _zeros(t.element)
 
         def flat_list(v: Value) -> list[Value]:
             elements = [x for each in v for x in inner(each)]
@@ -198,14 +198,14 @@ def _flattener(t: Type) -> Callable[[Value], list[Value]]:
     return lambda v: [v]
 
 
-def _leaves(t: Type) -> list[Value]:
+def _zeros(t: Type) -> list[Value]:
     """A list of as many zeros as a value has leaves in a table."""
     if isinstance(t, RecordType):
-        return [x for _, f in t.fields for x in _leaves(f)]
+        return [x for _, f in t.fields for x in _zeros(f)]
     if isinstance(t, ArrayType):
-        return _leaves(t.element) * t.size
+        return _zeros(t.element) * t.size
     if isinstance(t, ListType):
-        return [0, *(_leaves(t.element) * t.capacity)]
+        return [0, *(_zeros(t.element) * t.capacity)]
     return [0.0 if isinstance(t, FloatType) else False if isinstance(t, BoolType) else 0]
 
 
@@ -247,8 +247,8 @@ def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespac
 
             if isinstance(value, Table):
                 doubles = np.frombuffer(value.packed, dtype="<f8").astype(np.float64)
-                return doubles.reshape(len(value), *_shape(t.element))
-            return np.array(value, dtype=np.float64).reshape(len(value), *_shape(t.element))
+                return doubles.reshape(len(value), *_block_shape(t.element))
+            return np.array(value, dtype=np.float64).reshape(len(value), *_block_shape(t.element))
         return [to_python(t.element, v, record) for v in value]
     return value
 
@@ -258,8 +258,8 @@ def _is_block(t: Type) -> bool:
     return isinstance(t, FloatType) or (isinstance(t, ArrayType) and _is_block(t.element))
 
 
-def _shape(t: Type) -> tuple[int, ...]:
-    return (t.size, *_shape(t.element)) if isinstance(t, ArrayType) else ()
+def _block_shape(t: Type) -> tuple[int, ...]:
+    return (t.size, *_block_shape(t.element)) if isinstance(t, ArrayType) else ()
 
 
 # ---------------------------------------------------------------- Python -> Soter
@@ -277,39 +277,39 @@ def from_python(t: Type, value: object, path: str = "") -> Value:
     if hasattr(value, "tolist") and hasattr(value, "ndim"):
         value = cast("Any", value).tolist()
     if isinstance(t, FloatType):
-        return _float(value, path)
+        return _float_from(value, path)
     if isinstance(t, BoolType):
         if isinstance(value, bool):
             return value
-        raise _wrong(path, "a bool", value)
+        raise _shape_error(path, "a bool", value)
     if isinstance(t, (IntType, DurationType)):
-        return _int(t if isinstance(t, IntType) else DURATION_BITS, value, path)
+        return _int_from(t if isinstance(t, IntType) else DURATION_BITS, value, path)
     if isinstance(t, EnumType):
         if isinstance(value, str) and value in t.members:
             return t.members.index(value)
-        raise _wrong(path, f"one of {', '.join(map(repr, t.members))}", value)
+        raise _shape_error(path, f"one of {', '.join(map(repr, t.members))}", value)
     if isinstance(t, RecordType):
-        return _record(t, value, path)
+        return _record_from(t, value, path)
     assert isinstance(t, (ArrayType, ListType)), t
     if not _is_sequence(value):
-        raise _wrong(path, f"a sequence for `{t}`", value, parts=True)
+        raise _shape_error(path, f"a sequence for `{t}`", value, parts=True)
     items = list(cast("Any", value))
     check_length(t, len(items), path)
     return tuple([from_python(t.element, v, f"{path}[{i}]") for i, v in enumerate(items)])
 
 
-def _float(value: object, path: str) -> float:
+def _float_from(value: object, path: str) -> float:
     if not hasattr(value, "__float__") and not hasattr(value, "__index__"):
-        raise _wrong(path, "a number", value)
+        raise _shape_error(path, "a number", value)
     try:
         return float(cast("SupportsFloat", value))
     except Exception as error:
         raise ValueShapeError(path, f"expected a number, but {error}") from error
 
 
-def _int(t: IntType, value: object, path: str) -> int:
+def _int_from(t: IntType, value: object, path: str) -> int:
     if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise _wrong(path, "an int", value)
+        raise _shape_error(path, "an int", value)
     try:
         number = int(cast("SupportsIndex", value).__index__())
     except Exception as error:
@@ -319,7 +319,7 @@ def _int(t: IntType, value: object, path: str) -> int:
     return number
 
 
-def _record(t: RecordType, value: object, path: str) -> Value:
+def _record_from(t: RecordType, value: object, path: str) -> Value:
     names = [n for n, _ in t.fields]
     if isinstance(value, Mapping):
         _check_keys(names, value, path)
@@ -332,7 +332,7 @@ def _record(t: RecordType, value: object, path: str) -> Value:
     else:
         missing = [n for n in names if not hasattr(value, n)]
         if missing:
-            raise _wrong(path, f"`{t}`", value, parts=True)
+            raise _shape_error(path, f"`{t}`", value, parts=True)
         parts = [getattr(value, n) for n in names]
     pairs = zip(t.fields, parts, strict=True)
     return tuple([from_python(f, v, _field_path(path, n)) for (n, f), v in pairs])
@@ -367,7 +367,7 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> li
         if not isinstance(answer, Mapping) or (answer and list(answer) != [name]):
             return [from_python(t, answer, name)]
     if not isinstance(answer, Mapping):
-        raise _wrong("", "a mapping from names to values", answer, parts=True)
+        raise _shape_error("", "a mapping from names to values", answer, parts=True)
     names = [name for name, _ in named]
     unknown = [str(key) for key in answer if key not in names]
     if unknown:
@@ -405,12 +405,12 @@ def from_json(t: Type, json: object, path: str = "") -> Value:
         return _float_from_json(json, path)
     if isinstance(t, RecordType):
         if not isinstance(json, dict):
-            raise _wrong(path, f"an object for `{t}`", json)
+            raise _shape_error(path, f"an object for `{t}`", json)
         _check_keys([n for n, _ in t.fields], json, path)
         return tuple([from_json(f, json[n], _field_path(path, n)) for n, f in t.fields])
     if isinstance(t, (ArrayType, ListType)):
         if not isinstance(json, list):
-            raise _wrong(path, f"an array for `{t}`", json)
+            raise _shape_error(path, f"an array for `{t}`", json)
         check_length(t, len(json), path)
         if isinstance(t.element, FloatType) and {float} == set(map(type, json)):
             return tuple(json)  # a fast path with the same result as below
@@ -422,8 +422,8 @@ def _float_from_json(json: object, path: str) -> float:
     if isinstance(json, str) and json in ("NaN", "Infinity", "-Infinity"):
         return float(json)
     if isinstance(json, bool) or not isinstance(json, (int, float)):
-        raise _wrong(path, "a number", json)
-    return _float(json, path)
+        raise _shape_error(path, "a number", json)
+    return _float_from(json, path)
 
 
 # ---------------------------------------------------------------- reasons
@@ -433,7 +433,9 @@ def _field_path(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _wrong(path: str, expected: str, value: object, *, parts: bool = False) -> ValueShapeError:
+def _shape_error(
+    path: str, expected: str, value: object, *, parts: bool = False
+) -> ValueShapeError:
     """The error for `value`; `parts`: a value of several parts was expected."""
     structure = parts or isinstance(value, Mapping) or _is_sequence(value)
     error = ValueStructureError if structure else ValueShapeError
@@ -476,12 +478,12 @@ def check_length(t: Type, length: int, path: str) -> None:
         raise ValueStructureError(path, f"at most {t.capacity} elements fit `{t}`, found {length}")
 
 
-def widened(t: Type) -> Type:
+def without_ranges(t: Type) -> Type:
     """The type with plain `int` for every ranged one, so that ranges are not checked."""
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):
-        return RecordType(tuple((n, widened(f)) for n, f in t.fields), t.name)
+        return RecordType(tuple((n, without_ranges(f)) for n, f in t.fields), t.name)
     if isinstance(t, ArrayType):
-        return ArrayType(widened(t.element), t.size)
-    return ListType(widened(t.element), t.capacity) if isinstance(t, ListType) else t
+        return ArrayType(without_ranges(t.element), t.size)
+    return ListType(without_ranges(t.element), t.capacity) if isinstance(t, ListType) else t

@@ -127,7 +127,7 @@ class _Layout:
         self.blocks = set(parser.opened)
         self.tight = set(parser.tight)
         self.spaced = set(parser.spaced)
-        self.match = _matching(self.tokens.kinds)
+        self.match = _closing_of(self.tokens.kinds)
         self.frames: list[_OpenBracket] = []
         self.lines: list[_Line] = []
         self.wrapped = False
@@ -145,7 +145,7 @@ class _Layout:
         for line in self.lines:
             if line.blank_before:
                 texts.append("")
-            texts.extend(_text(part) for part in self._fit(line))
+            texts.extend(_line_text(part) for part in self._fitted(line))
         return "\n".join(texts) + "\n" if texts else ""
 
     # ------------------------------------------------------------ elements
@@ -177,45 +177,43 @@ class _Layout:
     def _track(self, element: _Element) -> None:
         """Follows brackets that open and close, and where items end."""
         kind, index = element.kind, element.index
-        base = self._base()
+        base = self._base_indent()
         if kind in _OPEN:
             self.boundary = index in self.blocks
-            self.frames.append(self._open(index, base))
+            self.frames.append(self._open_bracket(index, base))
         elif kind in _CLOSE:
             self.boundary = self.frames.pop().block
         else:
             self.boundary = kind == ";" and not any(not f.block for f in self.frames)
 
-    def _open(self, index: int, base: int) -> _OpenBracket:
+    def _open_bracket(self, index: int, base: int) -> _OpenBracket:
         if index in self.blocks:
-            return _OpenBracket(True, self._broken_block(index), base + _INDENT, base)
+            return _OpenBracket(True, self._is_broken_block(index), base + _INDENT, base)
         line = self.lines[-1].indent
-        if self._broken_group(index):
+        if self._is_broken_group(index):
             return _OpenBracket(False, True, line + _INDENT, line)
         inside = self.frames[-1].content if self.frames and not self.frames[-1].block else 0
         content = max(inside, base + _HANGING)
         return _OpenBracket(False, False, content, content)
 
-    def _base(self) -> int:
-        """The indentation of the surrounding items."""
+    def _base_indent(self) -> int:
         for frame in reversed(self.frames):
             if frame.block:
                 return frame.content
         return 0
 
-    def _hanging(self) -> int:
-        """The indentation of a further line of the present item."""
+    def _hanging_indent(self) -> int:
         if self.frames and not self.frames[-1].block:
             return self.frames[-1].content
-        return self._base() + _HANGING
+        return self._base_indent() + _HANGING
 
-    def _broken_block(self, index: int) -> bool:
+    def _is_broken_block(self, index: int) -> bool:
         tokens = self.tokens
         close = self.match[index]
         inside = tokens.source.text[tokens.ends[index] : tokens.starts[close]]
         return "\n" in inside and bool(inside.strip())
 
-    def _broken_group(self, index: int) -> bool:
+    def _is_broken_group(self, index: int) -> bool:
         tokens = self.tokens
         return "\n" in tokens.source.text[tokens.ends[index] : tokens.starts[index + 1]]
 
@@ -240,7 +238,7 @@ class _Layout:
             self._append(element, space, None)
             return
         blank = self.boundary and element.breaks > 1 and not opened
-        indent = self._base() if self.boundary else self._hanging()
+        indent = self._base_indent() if self.boundary else self._hanging_indent()
         self._begin_line(indent, blank=blank)
         self._append(element, "", None)
 
@@ -261,17 +259,17 @@ class _Layout:
         top_level = not self.frames and previous.index >= 0
         fresh = self.frames[-1].expanded if opened else top_level or element.breaks > 0
         if fresh or commented:
-            self._begin_line(self._base(), blank=element.breaks > 1 and not opened)
+            self._begin_line(self._base_indent(), blank=element.breaks > 1 and not opened)
             self._append(element, "", None)
         else:
             self._append(element, " ", _ITEM_BOUNDARY)
 
     def _place_inside(self, element: _Element, previous: _Element) -> None:
-        space = self._space(element, previous)
+        space = self._space_between(element, previous)
         frame = self.frames[-1] if self.frames else None
         group = frame is not None and not frame.block
         fresh = previous.kind == "//"
-        indent = self._hanging()
+        indent = self._hanging_indent()
         if group and frame is not None and frame.expanded:
             if element.kind in _CLOSE:
                 fresh, indent = True, frame.close
@@ -283,13 +281,13 @@ class _Layout:
             self._begin_line(indent, blank=False)
             self._append(element, "", None)
         else:
-            self._append(element, space, self._level(element, previous) if space else None)
+            self._append(element, space, self._break_level(element, previous) if space else None)
 
     def _begin_line(self, indent: int, *, blank: bool) -> None:
         self.lines.append(_Line(indent, [], blank and bool(self.lines)))
 
     def _append(self, element: _Element, space: str, level: int | None) -> None:
-        hanging = self._base() if self.boundary else self._hanging()
+        hanging = self._base_indent() if self.boundary else self._hanging_indent()
         piece = _Piece(space, element.text, level, hanging, element.index < 0)
         if element.index in self.blocks:
             piece.block = "{"
@@ -298,7 +296,7 @@ class _Layout:
             piece.hanging = self.frames[-1].close
         self.lines[-1].pieces.append(piece)
 
-    def _level(self, element: _Element, previous: _Element) -> int:
+    def _break_level(self, element: _Element, previous: _Element) -> int:
         """How good it is to break here: better with fewer open brackets and looser operators."""
         depth = sum(not f.block for f in self.frames) * 10
         if previous.kind == ",":
@@ -309,7 +307,7 @@ class _Layout:
             return depth + _BEFORE_CLAUSE
         return depth + (_AFTER_ASSIGN if previous.kind == "=" else _ELSEWHERE)
 
-    def _space(self, element: _Element, previous: _Element) -> str:
+    def _space_between(self, element: _Element, previous: _Element) -> str:
         """The space between two elements of one line inside an item: "" or " "."""
         kind, before, index = element.kind, previous.kind, previous.index
         if index < 0:
@@ -323,12 +321,12 @@ class _Layout:
         if before in ("-", "!") and index in self.tight:
             return ""
         if kind in ("(", "["):
-            return "" if self._belongs(element, previous) else " "
+            return "" if self._belongs_to(element, previous) else " "
         if before == "<=" and self.tokens.kinds[index - 1] == "[":
             return ""
         return " "
 
-    def _belongs(self, bracket: _Element, previous: _Element) -> bool:
+    def _belongs_to(self, bracket: _Element, previous: _Element) -> bool:
         """Whether a bracket belongs to the element before it, as that of a call does."""
         if bracket.index in self.tight:
             return True
@@ -337,16 +335,16 @@ class _Layout:
 
     # ------------------------------------------------------------ long lines
 
-    def _fit(self, line: _Line) -> list[_Line]:
+    def _fitted(self, line: _Line) -> list[_Line]:
         """The line, or the shorter lines into which it is broken."""
-        if _width(line) <= WIDTH_MAX:
+        if _line_width(line) <= WIDTH_MAX:
             return [line]
         parts = _unfold(line)
         if len(parts) > 1:
             self.wrapped = True
             return parts
         parts = []
-        while _width(line) > WIDTH_MAX:
+        while _line_width(line) > WIDTH_MAX:
             at = _break_at(line)
             if at is None:
                 break
@@ -358,7 +356,7 @@ class _Layout:
         return [*parts, line]
 
 
-def _matching(kinds: list[str]) -> dict[int, int]:
+def _closing_of(kinds: list[str]) -> dict[int, int]:
     """Token index of every closing bracket by that of the opening one."""
     stack: list[int] = []
     match: dict[int, int] = {}
@@ -370,11 +368,11 @@ def _matching(kinds: list[str]) -> dict[int, int]:
     return match
 
 
-def _text(line: _Line) -> str:
+def _line_text(line: _Line) -> str:
     return " " * line.indent + "".join(piece.space + piece.text for piece in line.pieces)
 
 
-def _width(line: _Line) -> int:
+def _line_width(line: _Line) -> int:
     """Characters of a line; a comment at its end does not make it too long."""
     pieces = line.pieces
     last = len(pieces)
@@ -438,21 +436,21 @@ _ANYTHING, _CHOICE, _COMPARING, _PREFIX, _OPERAND = 0, 1, 4, 7, 8
 
 def print_expr(expr: tree.SyntaxExpr) -> str:
     """An expression as source text on one line, with no more parentheses than needed."""
-    return _print(expr, _ANYTHING)
+    return _expr_text(expr, _ANYTHING)
 
 
-def _print(expr: tree.SyntaxExpr, outer: int) -> str:
+def _expr_text(expr: tree.SyntaxExpr, outer: int) -> str:
     """The text of `expr` inside an expression that binds as tightly as `outer`."""
     if isinstance(expr, tree.BinaryExpr):
         binding = _BINDING[expr.op]
-        left = _print(expr.left, binding + 1 if binding == _COMPARING else binding)
-        text = f"{left} {expr.op} {_print(expr.right, binding + 1)}"
+        left = _expr_text(expr.left, binding + 1 if binding == _COMPARING else binding)
+        text = f"{left} {expr.op} {_expr_text(expr.right, binding + 1)}"
     elif isinstance(expr, tree.UnaryExpr):
-        binding, text = _PREFIX, expr.op + _print(expr.operand, _PREFIX)
+        binding, text = _PREFIX, expr.op + _expr_text(expr.operand, _PREFIX)
     elif isinstance(expr, tree.ConditionalExpr):
         binding = _CHOICE
-        then, otherwise = _print(expr.then, _ANYTHING), _print(expr.otherwise, _ANYTHING)
-        text = f"{_print(expr.condition, _CHOICE + 1)} ? {then} : {otherwise}"
+        then, otherwise = _expr_text(expr.then, _ANYTHING), _expr_text(expr.otherwise, _ANYTHING)
+        text = f"{_expr_text(expr.condition, _CHOICE + 1)} ? {then} : {otherwise}"
     else:
         binding, text = _OPERAND, _print_operand(expr)
     return f"({text})" if binding < outer else text
@@ -462,11 +460,11 @@ def _print_operand(expr: tree.SyntaxExpr) -> str:
     if isinstance(expr, tree.NameExpr):
         return expr.name.text
     if isinstance(expr, tree.FieldExpr):
-        return f"{_print(expr.target, _OPERAND)}.{expr.field.text}"
+        return f"{_expr_text(expr.target, _OPERAND)}.{expr.field.text}"
     if isinstance(expr, tree.IndexExpr):
-        return f"{_print(expr.target, _OPERAND)}[{_print(expr.index, _ANYTHING)}]"
+        return f"{_expr_text(expr.target, _OPERAND)}[{_expr_text(expr.index, _ANYTHING)}]"
     if isinstance(expr, tree.CallExpr):
-        return f"{_print(expr.callee, _OPERAND)}({_commas(expr.arguments)})"
+        return f"{_expr_text(expr.callee, _OPERAND)}({_comma_list(expr.arguments)})"
     if isinstance(expr, tree.IntLit):
         return str(expr.value)
     if isinstance(expr, tree.FloatLit | tree.DurationLit):
@@ -474,22 +472,22 @@ def _print_operand(expr: tree.SyntaxExpr) -> str:
     if isinstance(expr, tree.BoolLit):
         return "true" if expr.value else "false"
     if isinstance(expr, tree.ListExpr):
-        return f"[{_commas(expr.elements)}]"
+        return f"[{_comma_list(expr.elements)}]"
     if isinstance(expr, tree.RecordExpr):
-        pairs = (f"{name.text}: {_print(value, _ANYTHING)}" for name, value in expr.fields)
+        pairs = (f"{name.text}: {_expr_text(value, _ANYTHING)}" for name, value in expr.fields)
         return f"{{ {', '.join(pairs)} }}"
     if isinstance(expr, tree.ChooseExpr):
-        return f"{'fair ' if expr.fair else ''}choose {_choices(expr)}"
+        return f"{'fair ' if expr.fair else ''}choose {_choices_text(expr)}"
     return "..."
 
 
-def _choices(expr: tree.ChooseExpr) -> str:
+def _choices_text(expr: tree.ChooseExpr) -> str:
     if expr.type is not None:
         return expr.type.span.text
     if expr.interval is not None:
-        return f"[{_commas((expr.interval.low, expr.interval.high))}]"
-    return f"{{ {_commas(expr.options)} }}"
+        return f"[{_comma_list((expr.interval.low, expr.interval.high))}]"
+    return f"{{ {_comma_list(expr.options)} }}"
 
 
-def _commas(exprs: tuple[tree.SyntaxExpr, ...]) -> str:
-    return ", ".join(_print(e, _ANYTHING) for e in exprs)
+def _comma_list(exprs: tuple[tree.SyntaxExpr, ...]) -> str:
+    return ", ".join(_expr_text(e, _ANYTHING) for e in exprs)

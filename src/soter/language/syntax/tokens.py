@@ -227,7 +227,7 @@ def string_value(text: str) -> str:
     return _ESCAPE.sub(lambda m: _ESCAPES.get(m[1], m[0]), body)
 
 
-def visible(text: str, limit: int = 24) -> str:
+def printable(text: str, limit: int = 24) -> str:
     """`text` made safe to quote in a message: printable, on one line, not too long."""
     shown = "".join(c if c.isprintable() else _code_point(c) for c in text[:limit])
     return shown + "..." if len(text) > limit else shown
@@ -242,7 +242,7 @@ def _check_escapes(tokens: Tokens, token: str, start: int) -> None:
         if match[0][1:] not in _ESCAPES:
             tokens.report(
                 "L007",
-                f"unknown escape `{visible(match[0])}` in a string",
+                f"unknown escape `{printable(match[0])}` in a string",
                 start + match.start(),
                 start + match.end(),
                 helps=('the escapes are `\\"`, `\\\\`, `\\n` and `\\t`',),
@@ -255,10 +255,10 @@ def _report_wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
     at = start + token.index(wide)
     tokens.report(
         "L008",
-        f"`{visible(token)}` is not a name",
+        f"`{printable(token)}` is not a name",
         start,
         end,
-        f"`{visible(wide)}` ({_code_point(wide)[1:-1]}) at column "
+        f"`{printable(wide)}` ({_code_point(wide)[1:-1]}) at column "
         f"{tokens.source.column_of(at)} is not an ASCII letter",
         notes=("names are made of the letters a-z and A-Z, digits and `_`: they become C names",),
     )
@@ -267,7 +267,7 @@ def _report_wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 def _report_malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     code: Code = "L004"
-    message, label = f"malformed number `{visible(token)}`", ""
+    message, label = f"malformed number `{printable(token)}`", ""
     helps: tuple[Help, ...] = ()
     notes: tuple[str, ...] = ()
     span = Span(tokens.source, start, end)
@@ -282,9 +282,9 @@ def _report_malformed_number(tokens: Tokens, token: str, start: int, end: int) -
     elif re.match(r"0[xXbBoO]", token):
         label, helps = "numbers are decimal", _decimal_help(token, span)
     elif number and re.fullmatch(r"[^\W\d_]+", number[2]) and "__" not in number[1]:
-        code, message = "L006", f"`{visible(number[2])}` is not a unit of time"
+        code, message = "L006", f"`{printable(number[2])}` is not a unit of time"
         label = "units are ns, us, ms, s, min and h"
-        help_ = _instead_of_unit(number[1], number[2], span)
+        help_ = _unit_help(number[1], number[2], span)
         helps = () if help_ is None else (help_,)
         notes = () if helps else ("a quantity other than a time carries no unit: it is in SI",)
     elif suffixed := re.fullmatch(r"([0-9][0-9_.]*?)_?([fiu](?:8|16|32|64|size)|[uUlL]+)", token):
@@ -306,7 +306,7 @@ def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
         return ()
 
 
-def period_of(rate: float) -> str:
+def period_text(rate: float) -> str:
     """The period of a rate in Hz, as it would be written."""
     if not 1e-3 < rate < 1e9:
         return "10ms"
@@ -314,10 +314,10 @@ def period_of(rate: float) -> str:
     return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"
 
 
-def _instead_of_unit(number: str, unit: str, span: Span) -> Help | None:
+def _unit_help(number: str, unit: str, span: Span) -> Help | None:
     """The help for a unit of time spelt otherwise, a suffix, or a unit of something else."""
     if unit.lower() == "hz":
-        period = period_of(float(number.replace("_", "")))
+        period = period_text(float(number.replace("_", "")))
         return replace(span, period, f"a period is a time: `{period}`")
     if unit in ("f", "F", "d", "L", "l", "u", "U"):
         plain = f"{number}.0" if unit in "fFd" and number.isdigit() else number
@@ -327,7 +327,7 @@ def _instead_of_unit(number: str, unit: str, span: Span) -> Help | None:
     return None
 
 
-def _open_string(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_open_string(tokens: Tokens, token: str, start: int, end: int) -> None:
     body = token.rstrip()
     body = body[:-1] if body.endswith(";") and len(body) > 1 else body
     tokens.report(
@@ -346,7 +346,7 @@ def _open_string(tokens: Tokens, token: str, start: int, end: int) -> None:
     del end
 
 
-def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
     del token, end
     tokens.report(
         "L002",
@@ -362,11 +362,11 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
 def _report_foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     span = Span(tokens.source, start, end)
     if token[0] == "#":
-        line = preprocessed(tokens.source, token.rstrip(), start)
+        line = explain_hash_line(tokens.source, token.rstrip(), start)
         tokens.lost |= line.declares
         tokens.report("L001", line.message, line.span.start, line.span.end, helps=line.helps)
         return
-    helps: tuple[Help, ...] = (replace(span, f'"{visible(token[1:-1], 200)}"'),)
+    helps: tuple[Help, ...] = (replace(span, f'"{printable(token[1:-1], 200)}"'),)
     message = "strings are written with double quotes"
     if not (tokens.kinds and tokens.kinds[-1] in (NAME, "import", ",")):  # where strings follow
         message = "there are no characters and no texts at run time"
@@ -392,10 +392,10 @@ def _report_lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 def _report_unknown_characters(tokens: Tokens, token: str, start: int, end: int) -> None:
     if len(token) == 1:
-        name = _INVISIBLE.get(token, f"`{visible(token)}`")
+        name = _INVISIBLE.get(token, f"`{printable(token)}`")
         message = f"unexpected {name}" if token in _INVISIBLE else f"unexpected character {name}"
     else:
-        message = f"unexpected characters `{visible(token)}`"
+        message = f"unexpected characters `{printable(token)}`"
     label = "no token of Soter begins like this"
     word = "" if token[0] in "&|" else word_at(tokens.source.text, start)
     helps = helps_for(word, Span(tokens.source, start, start + len(word)))
@@ -405,8 +405,8 @@ def _report_unknown_characters(tokens: Tokens, token: str, start: int, end: int)
 _TROUBLE = {
     7: _report_wide_word,
     8: _report_malformed_number,
-    9: _open_string,
-    10: _open_comment,
+    9: _report_open_string,
+    10: _report_open_comment,
     11: _report_foreign,
     12: _report_lookalike,
     13: _report_unknown_characters,
@@ -428,7 +428,7 @@ class HashLine:
     declares: frozenset[str] = frozenset()
 
 
-def preprocessed(source: Source, token: str, start: int) -> HashLine:
+def explain_hash_line(source: Source, token: str, start: int) -> HashLine:
     """Explains the line `token`, which begins with `#` at offset `start`."""
     hash_, whole = Span(source, start, start + 1), Span(source, start, start + len(token))
     define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
@@ -440,7 +440,7 @@ def preprocessed(source: Source, token: str, start: int) -> HashLine:
         return HashLine(message, whole, helps, frozenset([name]))
     if include is not None:
         stem = include[1].rpartition("/")[2].partition(".")[0]
-        name = _called(stem, source.text)
+        name = _included_name(stem, source.text)
         if not include[1].endswith(".soter"):
             advice = ("the prelude needs no import: `sin`, `clamp`, `Vec3` are there",)
             return HashLine(message, whole, advice, frozenset([name]))
@@ -456,7 +456,7 @@ def preprocessed(source: Source, token: str, start: int) -> HashLine:
     return HashLine("`#` does not begin a comment", hash_, (comment,))
 
 
-def _called(stem: str, text: str) -> str:
+def _included_name(stem: str, text: str) -> str:
     """The name by which a text refers to an included file; the file's own if there is no use."""
     names = [stem, *reversed(stem.split("_"))]
     return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)

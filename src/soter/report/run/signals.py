@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.language.evaluate.topic_ranges import limits
+from soter.language.evaluate.topic_ranges import signal_limits
 from soter.language.model import typed
 from soter.language.model.types import (
     ArrayType,
@@ -115,7 +115,7 @@ def sorted_by_interest(system: System, series: Sequence[Series]) -> tuple[Series
 def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
     """The limits of each signal; a level that several properties demand is drawn once."""
     thresholds_by_signal: dict[str, list[Threshold]] = {}
-    for limit in limits(system):
+    for limit in signal_limits(system):
         levels = thresholds_by_signal.setdefault(limit.signal, [])
         same = [i for i, t in enumerate(levels) if t.value == limit.value]
         for i in same:

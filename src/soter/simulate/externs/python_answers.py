@@ -27,7 +27,7 @@ from soter.semantics.externs import (
     step_function,
     visible_error,
 )
-from soter.semantics.publication_gate import make_check, messages, rounded_to_ends
+from soter.semantics.publication_gate import make_check, messages_of, rounded_to_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -166,7 +166,9 @@ class _Gate:
             return
         for (topic, check), value in zip(self.checks, values, strict=False):
             try:
-                for message in () if value is None else messages(topic.index, value, self.bursts):
+                for message in (
+                    () if value is None else messages_of(topic.index, value, self.bursts)
+                ):
                     check(rounded_to_ends(topic, message), self.span)
             except StepFault as fault:
                 failures[self.name] = fault.detail

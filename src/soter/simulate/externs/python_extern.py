@@ -31,12 +31,12 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.similar_names import closest
 from soter.diagnostics.system_texts import reason
-from soter.language.evaluate.arithmetic import put_back
+from soter.language.evaluate.arithmetic import restore_plain
 from soter.language.load.named_files import read_bytes
-from soter.language.model.values import widened
+from soter.language.model.values import without_ranges
 from soter.native.bindings import FilePolicy
 from soter.semantics.externs import Converted, Stop, convert_answer, step_function
-from soter.semantics.publication_gate import clip
+from soter.semantics.publication_gate import clip_to_set
 from soter.simulate.externs.python_answers import MisuseError, PlainError, failure_text
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
         return call(*arguments)
     finally:
         end_copy(process)
-        put_back()
+        restore_plain()
         _ExternChanges.depth = sys.getrecursionlimit()
         sys.setrecursionlimit(depth)
         folder = _folder()
@@ -375,7 +375,7 @@ def clipping(target: object, answers: Sequence[Answered]) -> object:
 class _Clipping(FilePolicy):
     def __init__(self, target: object, answers: Sequence[Answered]) -> None:
         self._step, self._answers = step_function(target), answers
-        self._shapes = [(x.name, widened(x.given)) for x in answers]
+        self._shapes = [(x.name, without_ranges(x.given)) for x in answers]
         self._reset = getattr(target, "reset", None)
         self.assumed = target.assumed if isinstance(target, FilePolicy) else ()
 
@@ -390,8 +390,8 @@ class _Clipping(FilePolicy):
         return Converted(
             None
             if value is None
-            else tuple([clip(x.type, x.bounds, message) for message in value])
+            else tuple([clip_to_set(x.type, x.bounds, message) for message in value])
             if x.burst
-            else clip(x.type, x.bounds, value)
+            else clip_to_set(x.type, x.bounds, value)
             for x, value in zip(self._answers, values, strict=True)
         )

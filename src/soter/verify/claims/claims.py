@@ -25,7 +25,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import CancelledError, cancelled_when, passing_phase, telling
-from soter.language.evaluate.integration_stability import diverging
+from soter.language.evaluate.integration_stability import groups_that_diverge
 from soter.language.model.types import leaf_name, leaves, show_ns
 from soter.verify.claims import start
 from soter.verify.claims.product_sets import (
@@ -387,7 +387,7 @@ def scheme_diverges(problem: Problem) -> str:
     within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
     for c in problem.system.components:
         own = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
-        for d in diverging(problem.system, c, own):
+        for d in groups_that_diverge(problem.system, c, own):
             names = ", ".join(d.names)
             return (
                 f"the scheme of {c.name} makes {names} diverge: a step multiplies by {d.growth:.3g}"

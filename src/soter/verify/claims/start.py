@@ -201,7 +201,7 @@ def _without_plants(problem: Problem) -> tuple[System, int]:
     """The module's system without plants, so that nobody publishes what SC reads."""
     system = derived_systems.module_alone(problem.system, problem.module)
     system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
-    return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
+    return derived_systems.with_forced_mode(system, 0, "sc"), system.modules[0].sc
 
 
 def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:

@@ -164,7 +164,7 @@ def check_module(result: ModuleResult) -> DMCheck:
 
 def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMCheck:
     """Checks the DM of a module, with these tables for its computed predicates, if any."""
-    system = derived_systems.unbound(problem.whole or problem.system)
+    system = derived_systems.without_bindings(problem.whole or problem.system)
     module = system.modules[problem.module.index]
     if level_tables:
         install(system, module, problem, list(level_tables))

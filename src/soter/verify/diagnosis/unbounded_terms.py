@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError
 from soter.language.evaluate.ranges import Range
-from soter.language.evaluate.topic_ranges import declared
+from soter.language.evaluate.topic_ranges import reader_of_sets
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 
@@ -45,7 +45,7 @@ def term_without_bound(problem: Problem) -> tuple[str, str] | None:
 
 
 def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
-    evaluator, plant = _Ranges(c.scope, c.period_ns, declared(problem.system)), c.plant
+    evaluator, plant = _Ranges(c.scope, c.period_ns, reader_of_sets(problem.system)), c.plant
     assert plant is not None
     names = {v.name: v for v in (*plant.states, *(d.variable for d in plant.disturbances))}
     q = problem.quantities

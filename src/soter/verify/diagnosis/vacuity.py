@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.elaborate.passes.step_times import fresh_ages_ns
-from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
+from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_parts
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import show_ns
@@ -107,7 +107,7 @@ def _vacuous_safe(problem: Problem) -> Vacuity | None:
     safe = problem.module.symbol.safe
     if not topic_reads(safe):
         return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
-    if always_by_parts(safe, problem.system, problem.module.scope):
+    if truth_by_parts(safe, problem.system, problem.module.scope):
         return Vacuity(NEVER, "safe", 0.0, HOLDS_ANYWAY)
     return None
 
@@ -211,8 +211,8 @@ def _taken_by_age(case: Case) -> bool:
         leaf: (ends[s][0] - off.get(s, 0.0), ends[s][1] + off.get(s, 0.0))
         for s, leaf in problem.topic_leaf_of_state.items()
     }
-    read = narrowed(problem.system, ages, within)
-    return always_by_parts(ttf, problem.system, problem.module.scope, read) is True
+    read = reader_with_limits(problem.system, ages, within)
+    return truth_by_parts(ttf, problem.system, problem.module.scope, read) is True
 
 
 # ---------------------------------------------------------------- shares of K

@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.language.model.types import show_ns
@@ -458,7 +458,7 @@ def _time_assumptions(
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:
     system, module = problem.system, problem.module
     ac = system.components[module.ac].name
-    assumptions = [Assumption(f"any {ac}", words("ac", ac))]
+    assumptions = [Assumption(f"any {ac}", in_words("ac", ac))]
     for c in problem.clocks:
         if c.late or c.response:
             name = system.components[c.component].name
@@ -484,5 +484,5 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumptio
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
         text = f"for P2b alone: {still} stays as it is until SC gives control back"
         assumptions.append(Assumption("still", text))
-    assumptions += [Assumption(key, words(key)) for key in ("z3", "machine")]
+    assumptions += [Assumption(key, in_words(key)) for key in ("z3", "machine")]
     return assumptions

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.views_for_proofs import start_behind
-from soter.language.model.assumption_words import words
+from soter.language.elaborate.views_for_proofs import start_of_proof_plant
+from soter.language.model.assumption_words import in_words
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -62,7 +62,7 @@ def assumptions_of(
         assumptions.append(SCHEME)
     assumptions += [FRESH, *latch_assumptions(place.module.symbol)]
     changing = [p.name for p in inputs.parameters]
-    assumptions += [Assumption(f"changes {name}", words("changes", name)) for name in changing]
+    assumptions += [Assumption(f"changes {name}", in_words("changes", name)) for name in changing]
     assumptions += _arithmetic(place)
     return assumptions
 
@@ -122,14 +122,14 @@ def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
         index = place.module.scope.topics.get(symbol, -1)
         if index in place.driven and index not in followed:
             topic, plant = place.system.topics[index].name, place.driven[index].name
-            text = words("judged", topic, plant)
+            text = in_words("judged", topic, plant)
             assumptions.append(Assumption(f"judged {topic} {plant}", text))
     return assumptions
 
 
 def _start_in_words(place: VerificationSystem, link: typed.AbstractionLink) -> str:
     """Words on where an abstraction holds from: from the start, if that is known (`inputs.py`)."""
-    if start_behind(place.flat, place.home, link) is None:
+    if start_of_proof_plant(place.flat, place.home, link) is None:
         return f"the initial states of {link.name}"
     return f"the start of {link.instance}"
 
@@ -138,7 +138,7 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
     assumptions = [
         Assumption(
             f"conforms {link.instance} {link.name}",
-            words(
+            in_words(
                 "conforms",
                 link.instance,
                 link.name,
@@ -153,14 +153,14 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         assumptions += _judged_assumptions(place)
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
-        assumptions.append(Assumption(f"world {names}", words("world", names)))
+        assumptions.append(Assumption(f"world {names}", in_words("world", names)))
     assumptions += [*_bound_assumptions(place, inputs), *_error_assumptions(place, inputs)]
     named = [
         *(("set", name) for name in _unshown_topics(place)),
         *(("left out", x.name) for x in inputs.left_out),
         *(("other", o.name) for o in inputs.others),
     ]
-    assumptions += [Assumption(f"{kind} {name}", words(kind, name)) for kind, name in named]
+    assumptions += [Assumption(f"{kind} {name}", in_words(kind, name)) for kind, name in named]
     return assumptions
 
 
@@ -171,16 +171,16 @@ def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[As
     for d, r in drawn:
         kind = "others" if d.name in of_others else "disturbance"
         bounds = f"{d.name} in [{r.low:g}, {r.high:g}]"
-        yield Assumption(f"disturbance {bounds}", words(kind, f"{bounds}{_unit_text(d)}"))
+        yield Assumption(f"disturbance {bounds}", in_words(kind, f"{bounds}{_unit_text(d)}"))
 
 
 def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
     """Assumptions about the errors of estimates, and about which are exact."""
     for e, r in zip(inputs.errors, inputs.error_ranges, strict=True):
-        text = words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
+        text = in_words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
         yield Assumption(f"error {e.name} {r.high:g}", text)
     for name in _exact_leaves(place, inputs):
-        yield Assumption(f"exact {name}", words("exact", name))
+        yield Assumption(f"exact {name}", in_words("exact", name))
 
 
 def _unit_text(leaf: Leaf) -> str:
@@ -286,12 +286,12 @@ def _exact_leaves(place: VerificationSystem, inputs: Inputs) -> list[str]:
 def _timing_assumptions(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: ProblemKind
 ) -> list[Assumption]:
-    assumptions = [Assumption(key, words(key)) for key in ("wait", "order")]
+    assumptions = [Assumption(key, in_words(key)) for key in ("wait", "order")]
     if not times.schedule.dropout and times.schedule.read_by_sc:
-        assumptions.append(Assumption("no dropout", words("no dropout")))
+        assumptions.append(Assumption("no dropout", in_words("no dropout")))
     if kind == "map":
         keys = ["one instant", *["one instant of AC"] * (place.module.symbol.shield is not None)]
-        return assumptions + [Assumption(key, words(key)) for key in keys]
+        return assumptions + [Assumption(key, in_words(key)) for key in keys]
     if times.schedule.dropout:
         text = (
             f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "
@@ -304,7 +304,7 @@ def _timing_assumptions(
         assumptions.append(Assumption("age", text))
     assumptions += [*_declared_times(place, times, chains)]
     assumptions += [Assumption("thread", text) for text in times.rests]
-    return [*assumptions, Assumption("sensors on time", words("sensors on time"))]
+    return [*assumptions, Assumption("sensors on time", in_words("sensors on time"))]
 
 
 def _declared_times(
@@ -316,7 +316,7 @@ def _declared_times(
         kind, text = "undeclared", name.replace("_", " ") + " within" * (name == "acts")
         if name in times.declared:
             kind, text = "declared", f"{text} {_declared_text(times, name)}"
-        yield Assumption(f"{kind} {text}", words(kind, text))
+        yield Assumption(f"{kind} {text}", in_words(kind, text))
     if nodes := sorted({*verify.late_of, *verify.response_of}):
         yield Assumption("declared of nodes", f"times as declared, too: of {', '.join(nodes)}")
     lasting = {n.name: n.takes_ns for n in (*chains.nodes, *chains.behind) if n.takes_ns}
@@ -325,7 +325,7 @@ def _declared_times(
             f"takes {name}", f"{name} takes {show_ns(high)} a step at most, as it says"
         )
     for name in nodes_without_times(place, chains):
-        text = words("undeclared", f"lateness or response of {name}")
+        text = in_words("undeclared", f"lateness or response of {name}")
         yield Assumption(f"undeclared {name}", text)
 
 
@@ -351,7 +351,7 @@ def _arithmetic(place: VerificationSystem) -> list[Assumption]:
             "them is within 8 units in the last place"
         )
         assumptions.append(Assumption("prelude", text))
-    assumptions.append(Assumption("binary64", words("binary64")))
+    assumptions.append(Assumption("binary64", in_words("binary64")))
     return assumptions
 
 

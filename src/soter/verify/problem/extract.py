@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.views_for_proofs import refuse_views
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
@@ -68,7 +68,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     where SC has several.
     """
     if module.plan is not None:
-        alone = derived_systems.plans_alone(flat, module)
+        alone = derived_systems.systems_by_plan(flat, module)
         return problem_of_plans(module, [_problem_of(*system) for system in alone])
     problem = _problem_of(flat, module, synthesize=synthesize)
     if module.law and module.symbol.verify.induction is None:
@@ -220,7 +220,7 @@ def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
 
 def _unbounded_assumptions(groups: tuple[Group, ...]) -> list[Assumption]:
     ends = [(a.name, a.edges[-1]) for g in groups for a in g.axes if a.open]
-    return [Assumption(f"open {n} {end!r}", words("open", n, end)) for n, end in ends]
+    return [Assumption(f"open {n} {end!r}", in_words("open", n, end)) for n, end in ends]
 
 
 def _check_shield(

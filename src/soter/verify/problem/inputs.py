@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.views_for_proofs import start_behind
+from soter.language.elaborate.views_for_proofs import start_of_proof_plant
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 from soter.verify.enclose.enclosed_operations import FAR_TURNS
@@ -101,7 +101,7 @@ def _mapped_start(place: VerificationSystem, c: Component) -> tuple[Value, ...] 
     """The start of a plant of the proof, by the map from what flies; None: it is not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
-            return start_behind(place.flat, place.home, link)
+            return start_of_proof_plant(place.flat, place.home, link)
     return None
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 
 if TYPE_CHECKING:
@@ -382,17 +382,17 @@ class Assumption:
 NS = 1e-9
 ORDER = 4
 """Schemes of a higher order are not covered (`grid/scheme_error.py`)."""
-SCHEME = Assumption("scheme", words("scheme"))
+SCHEME = Assumption("scheme", in_words("scheme"))
 """The assumption of a proof that is about the differential equation alone."""
-EVERY_SOLUTION = Assumption(SCHEME.key, words("every solution"))
+EVERY_SOLUTION = Assumption(SCHEME.key, in_words("every solution"))
 """`SCHEME` of a proof that does not need solutions to be unique, as where SC comes to rest."""
-FRESH = Assumption("fresh", words("fresh"))
+FRESH = Assumption("fresh", in_words("fresh"))
 
 
 def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
     """The assumption that the operator acknowledges, if the DM gives control back only then."""
     return [
-        Assumption(f"acknowledged {topic.name}", words("acknowledged", topic.name))
+        Assumption(f"acknowledged {topic.name}", in_words("acknowledged", topic.name))
         for topic in module.acknowledgements
     ]
 

@@ -18,7 +18,7 @@ from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
-from soter.language.model.assumption_words import words
+from soter.language.model.assumption_words import in_words
 from soter.language.model.tree_walk import calls_in, disjuncts, nodes, plant_code, topic_reads
 from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType, leaves
 from soter.verify.problem.problem import Assumption
@@ -109,7 +109,7 @@ def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
 def identified_assumptions(program: typed.TypedProgram) -> list[Assumption]:
     """What is assumed where a program reads numbers that `soter identify` fitted to logs."""
     return [
-        Assumption(f"identified {name}", words("identified", name, n, n + 1))
+        Assumption(f"identified {name}", in_words("identified", name, n, n + 1))
         for name, n in program.identified.items()
     ]
 

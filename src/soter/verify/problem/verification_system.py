@@ -256,7 +256,7 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
     index_by_topic = {t: len(flat.topics) + k for k, t in enumerate(kinds)}
     mode_topics = [_topic_of_module(index, t, *kinds[t]) for t, index in index_by_topic.items()]
     symbol = _module_with_topics(module.symbol, names)
-    derived_module = derived_systems.reading(
+    derived_module = derived_systems.with_more_inputs(
         module,
         [index for t, index in index_by_topic.items() if t in symbol.topics_read],
         symbol=symbol,

@@ -14,7 +14,7 @@ from math import inf, nextafter
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.evaluate.topic_ranges import always_by_parts
+from soter.language.evaluate.topic_ranges import truth_by_parts
 from soter.language.model.typed import TypedBinary
 from soter.language.model.types import BOOL, leaf_name, leaves, numbers_in
 from soter.verify.problem.problem import TUBES, Interval, Problem
@@ -226,7 +226,7 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
 
     safe, scope = problem.module.symbol.safe, problem.module.scope
     both = TypedBinary(BOOL, rest.span, "&&", safe, rest.condition)
-    asked = (always_by_parts(e, problem.system, scope) for e in (rest.condition, safe, both))
+    asked = (truth_by_parts(e, problem.system, scope) for e in (rest.condition, safe, both))
     if False in asked:
         diagnostics.error(
             "R007",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import texts
-from soter.language.elaborate.lints.rest_lints import rest_doubt
+from soter.language.elaborate.lints.rest_lints import doubt_about_rest
 from soter.language.model.types import show_ns
 from soter.verify.claims.claims import enter_static_claims
 from soter.verify.claims.product_sets import NO_LAW
@@ -236,7 +236,7 @@ def _advice_on_rest(
 
 def _doubt_in_words(problem: TubeProblem) -> str:
     """What `soter check` says of `rest` (W022), with its help; "": nothing."""
-    found = rest_doubt(problem.system, problem.module, unproved=True)
+    found = doubt_about_rest(problem.system, problem.module, unproved=True)
     return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Source
-from soter.language.syntax.tokens import EOF, SOFT, lex, string_value, visible
+from soter.language.syntax.tokens import EOF, SOFT, lex, printable, string_value
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ def test_string_value_resolves_the_escapes() -> None:
 
 
 def test_visible_makes_any_text_printable_and_short() -> None:
-    assert visible("a\x00b\n") == "a<U+0000>b<U+000A>"
-    assert visible("x" * 100) == "x" * 24 + "..."
+    assert printable("a\x00b\n") == "a<U+0000>b<U+000A>"
+    assert printable("x" * 100) == "x" * 24 + "..."
 
 
 def test_a_soft_word_is_a_name_beside_what_tells_so() -> None:

@@ -11,7 +11,7 @@ from soter.diagnostics.fixes import applied
 from soter.language.front_end import check_file
 from soter.language.syntax import their_words
 from soter.language.syntax.their_words import THEIRS, is_shown
-from soter.mapping.read_mapping import toml_of
+from soter.mapping.read_mapping import parse_toml
 from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -186,7 +186,7 @@ def test_a_right_program_is_never_compared_with_the_table(file: str) -> None:
 
 
 def test_all_that_lies_beside_the_code_is_installed() -> None:
-    toml = toml_of((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    toml = parse_toml((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     patterns = toml["tool"]["setuptools"]["package-data"]["soter"]
     installed = {p for pattern in patterns for p in SOTER.glob(pattern)}
     beside = {p for p in files_below(SOTER, "*") if p.is_file() and p.suffix != ".py"}

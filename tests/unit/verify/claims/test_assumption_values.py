@@ -10,7 +10,7 @@ import pytest
 from soter.certificate.scope import assumptions_of
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
-from soter.language.model.assumption_words import numbered
+from soter.language.model.assumption_words import numbered_assumptions
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import FRESH, SCHEME, Assumption, remaining
@@ -157,5 +157,5 @@ def test_prover_and_rechecker_say_the_same_of_the_same(of: tuple[str, str]) -> N
 
 
 def test_the_first_list_keeps_its_order_and_others_add_to_it() -> None:
-    said = numbered(["b", "a", "b"], ["c", "a"], ["d"])
+    said = numbered_assumptions(["b", "a", "b"], ["c", "a"], ["d"])
     assert said == {"b": "A1", "a": "A2", "c": "A3", "d": "A4"}

@@ -9,7 +9,7 @@ import pytest
 from soter.api import load
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
-from soter.language.elaborate.views_for_proofs import start_behind
+from soter.language.elaborate.views_for_proofs import start_of_proof_plant
 from soter.language.front_end import check_file, system_of, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import texts
@@ -87,7 +87,7 @@ def test_a_topic_of_the_map_has_its_default_then(tmp_path: Path) -> None:
     path.write_text(mapped)
     flat = system_of(check_file(str(path)), "S")
     (module,) = flat.modules
-    assert start_behind(flat, module, module.symbol.verify.abstracts[0]) == (0.5,)
+    assert start_of_proof_plant(flat, module, module.symbol.verify.abstracts[0]) == (0.5,)
 
 
 @pytest.mark.long
@@ -106,7 +106,7 @@ def test_the_re_checker_sees_it_by_itself(tmp_path: Path, monkeypatch: pytest.Mo
 
     path = tmp_path / "p.soter"
     path.write_text(text("3.5"))
-    monkeypatch.setattr(inputs, "start_behind", lambda *_: None)
+    monkeypatch.setattr(inputs, "start_of_proof_plant", lambda *_: None)
     (module,) = load(path).verify(cert=tmp_path / "cert", refute=False).modules
     assert str(module.findings["start"].verdict) == "proved"
     recheck_report = recheck(tmp_path / "cert")

@@ -14,8 +14,8 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from soter.diagnostics.fixes import insert
+from soter.language.check.dots_and_brackets import find_instance, flat_names
 from soter.language.check.expression_base import CheckerPart
-from soter.language.check.field import find_instance, flat_names
 from soter.language.model import typed
 from soter.language.model.types import INT
 from soter.language.syntax import tree
@@ -67,23 +67,23 @@ class Unroller:
         self, items: Sequence[tree.Instance | tree.Repeated]
     ) -> Iterator[tuple[tree.Name, tree.Instance, Values]]:
         """Yields every instance with its name and the values of loop variables around it."""
-        for item, values in self._each(items, {}):
+        for item, values in self._expanded(items, {}):
             assert isinstance(item, tree.Instance)
             try:
-                yield self._name(item.name, values), item, values
+                yield self._element_name(item.name, values), item, values
             except _LostError:
                 self.shared.names.losses += 1
         self._arrays.clear()  # now that all instances are known
 
     def items(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
         """All items, with loop variables and elements replaced."""
-        filled = (self.filled(item, values) for item, values in self._each(items, {}))
+        filled = (self.filled(item, values) for item, values in self._expanded(items, {}))
         return [cast("_Item", item) for item in filled if item is not None]
 
     def filled(self, item: object, values: Values) -> object | None:
         """An item with its loop variables and elements replaced; None after a report."""
         try:
-            concrete_item = self._substitute(item, values)
+            concrete_item = self._filled_syntax(item, values)
         except _LostError:
             self.shared.names.losses += 1
             return None
@@ -91,14 +91,14 @@ class Unroller:
             return replace(concrete_item, in_loop=True)
         return concrete_item
 
-    def _each(self, items: Sequence[object], values: Values) -> Iterator[tuple[object, Values]]:
+    def _expanded(self, items: Sequence[object], values: Values) -> Iterator[tuple[object, Values]]:
         for item in items:
             if not isinstance(item, tree.Repeated):
                 yield item, values
                 continue
             try:
                 bound = f"the bound of a loop of {self.what}"
-                low, high = (self._int(e, values, bound, "T007") for e in (item.low, item.high))
+                low, high = (self._int_of(e, values, bound, "T007") for e in (item.low, item.high))
             except _LostError:
                 self.shared.names.losses += 1
                 continue
@@ -110,10 +110,10 @@ class Unroller:
                     self._left = -1
                     return
                 self._left -= len(item.items)
-                yield from self._each(item.items, {**values, item.name.text: i})
+                yield from self._expanded(item.items, {**values, item.name.text: i})
 
     @property
-    def too_many(self) -> bool:
+    def has_too_many(self) -> bool:
         """Whether the items were more than ITEMS_MAX, which has been reported."""
         return self._left < 0
 
@@ -130,10 +130,7 @@ class Unroller:
         )
 
     def _warn_backwards(self, item: tree.Repeated, low: int, high: int) -> None:
-        """Warns W011 of a loop that ends before it begins, unless a loop around it sets its bounds.
-
-        A loop that ends where it begins may be meant.
-        """
+        """Warns W011 of a loop that ends before it begins, unless a loop around sets its bounds."""
         name = item.name.text
         self.shared.diagnostics.warning(
             "W011",
@@ -145,9 +142,11 @@ class Unroller:
             ),
         )
 
-    def _int(self, expr: tree.SyntaxExpr, values: Values, subject: str, code: Code = "T008") -> int:
+    def _int_of(
+        self, expr: tree.SyntaxExpr, values: Values, subject: str, code: Code = "T008"
+    ) -> int:
         """The value of a constant expression over loop variables; raises `_LostError`."""
-        expr = self._expr(expr, values)
+        expr = self._filled_expr(expr, values)
         if isinstance(expr, tree.IntLit):
             return expr.value
         value = self.shared.constant(expr, self.scope, INT, subject, None, code)
@@ -157,36 +156,36 @@ class Unroller:
 
     # ------------------------------------------------------------ filling in
 
-    def _expr(self, expr: tree.SyntaxExpr, values: Values) -> tree.SyntaxExpr:
-        concrete_expr = self._substitute(expr, values)
+    def _filled_expr(self, expr: tree.SyntaxExpr, values: Values) -> tree.SyntaxExpr:
+        concrete_expr = self._filled_syntax(expr, values)
         assert isinstance(concrete_expr, tree.SyntaxExpr)
         return concrete_expr
 
-    def _substitute(self, node: object, values: Values) -> object:
+    def _filled_syntax(self, node: object, values: Values) -> object:
         """The syntax with numbers in place of loop variables, and names in place of elements."""
         if isinstance(node, tuple):
-            parts = tuple(self._substitute(x, values) for x in node)
+            parts = tuple(self._filled_syntax(x, values) for x in node)
             return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
         if isinstance(node, tree.NameExpr):
-            return self._variable(node, values)
+            return self._filled_variable(node, values)
         if isinstance(node, tree.Name):
-            return self._name(node, values)
+            return self._element_name(node, values)
         if isinstance(node, tree.DottedPath):
-            return self._path(node, values)
+            return self._filled_path(node, values)
         if isinstance(node, tree.IndexExpr):
-            return self._index(node, values)
+            return self._filled_index(node, values)
         if not isinstance(node, _FILLED):
             return node
         called = isinstance(node, tree.CallExpr)
         changed: dict[str, Any] = {}
         for field in ["arguments"] if called else [f.name for f in fields(node)]:
             old = getattr(node, field)
-            new = self._substitute(old, values)
+            new = self._filled_syntax(old, values)
             if new is not old:
                 changed[field] = new
         return replace(node, **changed) if changed else node
 
-    def _variable(self, node: tree.NameExpr, values: Values) -> tree.SyntaxExpr:
+    def _filled_variable(self, node: tree.NameExpr, values: Values) -> tree.SyntaxExpr:
         value = values.get(node.name.text)
         if value is None:
             return node
@@ -195,51 +194,53 @@ class Unroller:
 
     # ------------------------------------------------------------ elements
 
-    def _name(self, name: tree.Name, values: Values) -> tree.Name:
+    def _element_name(self, name: tree.Name, values: Values) -> tree.Name:
         """The name `r[0]` for `r[i]`."""
         if not isinstance(name, tree.ElementName):
             return name
         subject = f"the index of `{name.text}`"
-        numbers = [self._int(i, values, subject) for i in name.indices]
+        numbers = [self._int_of(i, values, subject) for i in name.indices]
         text = name.text + "".join(f"[{n}]" for n in numbers)
         if any(n < 0 for n in numbers):
             self._report_no_element(text, name.span, (), name.indices, values)
         return tree.Name(text, name.span)
 
-    def _path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
+    def _filled_path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
         """A path with names in place of elements; reports an element that does not exist."""
         if not any(isinstance(p, tree.ElementName) for p in path.parts):
             return path
         names: list[tree.Name] = []
         for part in path.parts:
-            name = self._name(part, values)
+            name = self._element_name(part, values)
             if isinstance(part, tree.ElementName):
-                inside = self._inside(names)
+                inside = self._placed_in(names)
                 if inside is not None and name.text not in inside:
-                    known = _elements(inside, part.text)
+                    known = _element_names(inside, part.text)
                     self._report_no_element(name.text, name.span, known, part.indices, values)
             names.append(name)
         return tree.DottedPath(tuple(names), path.span)
 
-    def _index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
+    def _filled_index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
         """The name of an element for `r[i]` if `r` is an array of instances."""
         base: tree.SyntaxExpr = node
         indices: list[tree.SyntaxExpr] = []
         while isinstance(base, tree.IndexExpr):
             indices.append(base.index)
             base = base.target
-        base = self._expr(base, values)
+        base = self._filled_expr(base, values)
         names = flat_names(base)
-        inside = self._inside(names[:-1]) if names else None
-        count = self._dimensions(inside, names[-1].text) if names and inside is not None else 0
+        inside = self._placed_in(names[:-1]) if names else None
+        count = self._index_count(inside, names[-1].text) if names and inside is not None else 0
         if not names or not 0 < count <= len(indices):
-            target = self._expr(node.target, values)
-            return replace(node, target=target, index=self._expr(node.index, values))
+            target = self._filled_expr(node.target, values)
+            return replace(node, target=target, index=self._filled_expr(node.index, values))
         assert inside is not None
-        numbers = [self._int(i, values, f"the index of `{names[-1].text}`") for i in indices[::-1]]
+        numbers = [
+            self._int_of(i, values, f"the index of `{names[-1].text}`") for i in indices[::-1]
+        ]
         text = names[-1].text + "".join(f"[{n}]" for n in numbers[:count])
         if text not in inside:
-            known = _elements(inside, names[-1].text)
+            known = _element_names(inside, names[-1].text)
             self._report_no_element(text, node.span, known, indices[::-1], values)
         name = tree.Name(text, node.span)
         result: tree.SyntaxExpr = (
@@ -248,11 +249,11 @@ class Unroller:
             else tree.NameExpr(node.span, name)
         )
         for i in indices[: len(indices) - count][::-1]:
-            result = tree.IndexExpr(node.span, result, self._expr(i, values))
+            result = tree.IndexExpr(node.span, result, self._filled_expr(i, values))
         return result
 
-    def _inside(self, names: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
-        """The instances in the system that holds the last part of a path; None if there is none."""
+    def _placed_in(self, names: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
+        """Gives the instances of the system that holds a path's last part; or None."""
         inside = self.instances
         for name in names:
             instance = inside.get(name.text)
@@ -261,7 +262,7 @@ class Unroller:
             inside = instance.what.by_name
         return inside
 
-    def _dimensions(self, inside: Mapping[str, typed.InstanceSymbol], array: str) -> int:
+    def _index_count(self, inside: Mapping[str, typed.InstanceSymbol], array: str) -> int:
         """How many indices the elements of an array of instances have; 0 if there is no array."""
         known = self._arrays.get(id(inside))
         if known is None:
@@ -303,7 +304,7 @@ class Unroller:
         raise _LostError
 
 
-def _elements(inside: Mapping[str, object], array: str) -> list[str]:
+def _element_names(inside: Mapping[str, object], array: str) -> list[str]:
     return [n for n in inside if n.partition("[")[0] == array and "[" in n]
 
 
@@ -383,9 +384,9 @@ class Wires(CheckerPart):
         self, symbol: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol
     ) -> bool:
         """Whether an instance of `symbol` would drive, by its topic `inner`, an input."""
-        return outer.input and not inner.input and self._drives(symbol, inner)
+        return outer.input and not inner.input and self._drives_topic(symbol, inner)
 
-    def _drives(self, symbol: object, topic: typed.TopicSymbol) -> bool:
+    def _drives_topic(self, symbol: object, topic: typed.TopicSymbol) -> bool:
         if isinstance(symbol, typed.NodeSymbol):
             return topic in symbol.publishes
         if isinstance(symbol, typed.PlantSymbol):
@@ -395,7 +396,7 @@ class Wires(CheckerPart):
         if not isinstance(symbol, typed.SystemSymbol):
             return False
         return any(
-            self._drives(i.what, inner)
+            self._drives_topic(i.what, inner)
             for i in symbol.instances
             for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
             if inner is not topic or topic not in i.renames

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import CheckerPart, is_error
-from soter.language.check.field import instead_of, listed
+from soter.language.check.dots_and_brackets import listed, number_path
+from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.check.parts.node import period_or_unknown
-from soter.language.check.parts.plans import join_steps, sc_of_plans
+from soter.language.check.parts.plans import join_steps, sc_and_its_topic
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, topic_reads
@@ -34,19 +34,20 @@ class ModuleChecker(CheckerPart):
         super().__init__(shared)
         self.verification = VerifyChecker(shared)
 
-    def _node(self, ref: tree.Ref | None, scope: FileScope) -> typed.NodeSymbol | None:
-        """The node that a reference means; None without one, or after a report."""
-        return self.referred(ref, scope, "node", typed.NodeSymbol) if ref else None
+    def _node_of(self, ref: tree.Ref | None, scope: FileScope) -> typed.NodeSymbol | None:
+        return self.referred_symbol(ref, scope, "node", typed.NodeSymbol) if ref else None
 
-    def _nodes(self, refs: tuple[tree.Ref, ...], scope: FileScope) -> list[typed.NodeSymbol | None]:
-        return [self._node(ref, scope) for ref in refs]
+    def _nodes_of(
+        self, refs: tuple[tree.Ref, ...], scope: FileScope
+    ) -> list[typed.NodeSymbol | None]:
+        return [self._node_of(ref, scope) for ref in refs]
 
     def _one_sc(
         self, sc: tree.Ref | tree.Synthesized | None, ac: typed.NodeSymbol | None, context: Context
     ) -> typed.NodeSymbol | None:
         if isinstance(sc, tree.Synthesized):
-            return self._synthesized(sc, ac, context)
-        return self._node(sc, context.scope)
+            return self._synthesized_node(sc, ac, context)
+        return self._node_of(sc, context.scope)
 
     def signature(
         self, decl: tree.RtaDecl, scope: FileScope, full: str
@@ -61,12 +62,12 @@ class ModuleChecker(CheckerPart):
                 f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
                 decl.name.span,
                 notes=("a module is an advanced and a safe controller, a period and a property",),
-                helps=(_parts(decl, scope, missing),),
+                helps=(_missing_text(decl, scope, missing),),
             )
         number = self.number_if_given
-        ac = self._node(decl.ac, scope)
-        plans = self._nodes(decl.plans, scope)
-        sc, plan = sc_of_plans(full, plans)
+        ac = self._node_of(decl.ac, scope)
+        plans = self._nodes_of(decl.plans, scope)
+        sc, plan = sc_and_its_topic(full, plans)
         if not plans:
             sc = self._one_sc(decl.sc, ac, context)
         subject, period_expr = "a period", decl.period
@@ -77,7 +78,7 @@ class ModuleChecker(CheckerPart):
         )
         counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
         clean = number(decl.clean, context, INT, "`clean`", counts)
-        shield = self._shield(decl, context)
+        shield = self._check_shield(decl, context)
         wcet = number(decl.wcet, context, DURATION, "`wcet`")
         jitter = number(decl.jitter, context, DURATION, "`jitter`")
         if decl.ac is None or decl.sc is None or decl.safe is None:
@@ -109,11 +110,8 @@ class ModuleChecker(CheckerPart):
         self.shared.check_later(module, decl, scope)
         return module
 
-    def _shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
-        """Into how many cells commands are cut; for `shield;` the most that there may be.
-
-        Reports M027 for `shield;` in a module without `rest`.
-        """
+    def _check_shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
+        """Gives into how many cells commands are cut; M027 for `shield;` without `rest`."""
         if not isinstance(decl.shield, tree.EachCommand):
             return self.number_if_given(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
@@ -126,13 +124,10 @@ class ModuleChecker(CheckerPart):
             )
         return typed.Literal(INT, decl.shield.span, typed.CELLS_MAX)
 
-    def _synthesized(
+    def _synthesized_node(
         self, decl: tree.Synthesized, ac: typed.NodeSymbol | None, context: Context
     ) -> typed.NodeSymbol | None:
-        """An extern node in place of the controller that `soter verify --synthesize` finds.
-
-        It publishes the topics of AC; the `verify` block determines what it reads.
-        """
+        """Gives an extern node with AC's outputs for the SC that `--synthesize` finds."""
         period = self.shared.number(decl.period, context, DURATION, "a period")
         if ac is None or period is None:
             return None
@@ -172,7 +167,7 @@ class ModuleChecker(CheckerPart):
         module.safer = check(decl.safer, context, BOOL, safer) if decl.safer else None
         module.topics_read = tuple(context.topics_read)
         if decl.rest is not None:
-            module.rest = self._rest(decl, decl.rest, scope)
+            module.rest = self._check_rest(decl, decl.rest, scope)
         half = (decl.ttf is None) != (decl.safer is None) and decl.rest is None
         if half and decl.name.text not in scope.broken:
             missing, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
@@ -183,16 +178,16 @@ class ModuleChecker(CheckerPart):
                 notes=("one decides when to leave AC, the other when to return to it",),
                 helps=(f"write `{missing}` too, or leave both out: then they are computed",),
             )
-        module.contract = tuple(self._contract(module, decl, scope))
-        module.failsafe = self._law(module, decl, scope)
+        module.contract = tuple(self._check_clauses(module, decl, scope))
+        module.failsafe = self._check_law(module, decl, scope)
         if decl.candidates is not None:
             module.candidates = self.shared.topic_ref(decl.candidates, scope)
         if decl.returns is not None:
-            module.latch = self._latch(module, decl, decl.returns, scope)
+            module.latch = self._check_latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
 
-    def _rest(
+    def _check_rest(
         self, decl: tree.RtaDecl, rest: tree.Rest, scope: FileScope
     ) -> typed.RestSymbol | None:
         """Checks `rest`, a condition over topics of plants; M029 beside clauses it replaces."""
@@ -202,7 +197,7 @@ class ModuleChecker(CheckerPart):
             rest.condition, Context(scope, where, topics="any"), BOOL
         )
         within = self.shared.number(rest.within, numbers, DURATION, "the time of `rest`")
-        moves = [self._move(item, numbers, scope) for item in rest.moves]
+        moves = [self._rest_move(item, numbers, scope) for item in rest.moves]
         first: dict[object, tree.Move] = {}
         for move, item in zip(moves, rest.moves, strict=True):
             if move is not None and first.setdefault((move.topic, move.path), item) is not item:
@@ -227,8 +222,8 @@ class ModuleChecker(CheckerPart):
                     else "leave the number of `shield` out: SC is followed from each command",
                 ),
             )
-        sure = not is_error(condition) and self._reads_only_state(condition, decl)
-        if not sure or is_error(within) or None in moves:
+        sure = not has_error(condition) and self._reads_only_state(condition, decl)
+        if not sure or has_error(within) or None in moves:
             return None
         kept = tuple(m for m in moves if m is not None)
         return typed.RestSymbol(condition, kept, within, rest.span)
@@ -253,11 +248,13 @@ class ModuleChecker(CheckerPart):
             return False
         return True
 
-    def _move(self, item: tree.Move, context: Context, scope: FileScope) -> typed.RestMove | None:
+    def _rest_move(
+        self, item: tree.Move, context: Context, scope: FileScope
+    ) -> typed.RestMove | None:
         """Checks how far a leaf moves; reports T001 if it is no `float`."""
         by = self.shared.number(item.by, context, FLOAT, "how far it moves")
         place = self.shared.topic_path(item.path, scope)
-        if place is None or is_error(by):
+        if place is None or has_error(by):
             return None
         topic, path, t = place
         if isinstance(t, FloatType):
@@ -267,11 +264,11 @@ class ModuleChecker(CheckerPart):
             f"expected `float`, found `{t}`",
             item.path.span,
             "what moves is a `float`",
-            helps=(instead_of(t, item.path),),
+            helps=(number_path(t, item.path),),
         )
         return None
 
-    def _latch(
+    def _check_latch(
         self,
         module: typed.ModuleSymbol,
         decl: tree.RtaDecl,
@@ -309,7 +306,7 @@ class ModuleChecker(CheckerPart):
             )
         return None if lacks else typed.Latch(topic, returns.span)
 
-    def _law(
+    def _check_law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
     ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
         """Checks the fail-safe law; M009 for a topic that is no output, M026 for a missing one."""
@@ -333,7 +330,7 @@ class ModuleChecker(CheckerPart):
                 )
             elif topic in spans:
                 self.shared.names.report_two_of_one_name(ref.text, ref.span, spans[topic])
-            elif not is_error(value):
+            elif not has_error(value):
                 value_by_topic[topic] = value
             spans.setdefault(topic, ref.span)
         left = [t.name for t in module.sc.publishes if t not in spans]
@@ -348,16 +345,15 @@ class ModuleChecker(CheckerPart):
             )
         return value_by_topic if not left else {}
 
-    def _contract(
+    def _check_clauses(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
     ) -> Iterator[typed.ClauseSymbol]:
-        """Yields the checked `assumes` and `guarantees`, over topics, ages, the time and modes."""
         where = f"the contract of module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_time=True, has_modes=True)
         seen: dict[str, Span] = {}
         for item in decl.contract:
             condition = self.shared.check_expr(item.condition, context, BOOL)
-            if self.shared.names.is_first(item.name, seen) and not is_error(condition):
+            if self.shared.names.is_first(item.name, seen) and not has_error(condition):
                 self._require_outputs(module, item, condition)
                 text = " ".join(item.condition.span.text.split())
                 yield typed.ClauseSymbol(item.name.text, item.span, item.kind, condition, text)
@@ -417,7 +413,7 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         yield "induction", verify.induction
 
 
-def _same_outputs(name: str, scope: FileScope) -> list[str]:
+def _nodes_alike(name: str, scope: FileScope) -> list[str]:
     """Other nodes of this file with the outputs of node `name`; without it any with outputs."""
     known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
     outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
@@ -425,10 +421,10 @@ def _same_outputs(name: str, scope: FileScope) -> list[str]:
     return [n for n, topics in outputs.items() if n != name and topics and wanted in (None, topics)]
 
 
-def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
+def _missing_text(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
     """Text of missing clauses to add, with nodes of this file that fit."""
     other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
-    alike = _same_outputs(other, scope)
+    alike = _nodes_alike(other, scope)
     examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
     if other and alike:
         examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.fixes import out_of_list
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import CheckerPart, is_error
+from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.load.named_files import FORMS, binding_of
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, leaf_count
@@ -42,7 +42,7 @@ def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostic
     )
 
 
-def located(source: str | None, scope: FileScope) -> str | None:
+def located_binding(source: str | None, scope: FileScope) -> str | None:
     """A binding whose files are found from the folder of the file that declares it."""
     binding = binding_of(source)
     return source if binding is None else str(binding.beside(scope.loaded.path.parent))
@@ -54,7 +54,7 @@ UNKNOWN = "<error>"
 
 def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
     """The period, or after a report a literal that `system_numbers.py` ignores."""
-    return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
+    return typed.Literal(DURATION, period.span, 0, UNKNOWN) if has_error(period) else period
 
 
 def refuse_input(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
@@ -82,18 +82,18 @@ class NodeChecker(CheckerPart):
         period = self.shared.number(decl.period, context, DURATION, "a period")
         phase = self.number_if_given(decl.phase, context, DURATION, "a phase")
         check_binding(decl.source, decl.source_span, self.diagnostics)
-        subscribes = self._subscribes(decl, scope)
+        subscribes = self._check_inputs(decl, scope)
         bursts: dict[typed.TopicSymbol, int] = {}
-        publishes = self._publishes(decl, scope, subscribes, bursts)
-        locals_, initial = self._locals(decl, scope, context)
-        failsafe = self._failsafe(decl, scope, publishes, context)
+        publishes = self._check_outputs(decl, scope, subscribes, bursts)
+        locals_, initial = self._check_locals(decl, scope, context)
+        failsafe = self._check_failsafe(decl, scope, publishes, context)
         node = typed.NodeSymbol(
             full,
             decl.name.span,
             period=period_or_unknown(period),
             phase=phase,
             extern=decl.extern,
-            source=located(decl.source, scope),
+            source=located_binding(decl.source, scope),
             subscribes=tuple(subscribes.values()),
             publishes=tuple(publishes),
             failsafe=failsafe,
@@ -104,14 +104,14 @@ class NodeChecker(CheckerPart):
             takeover=None,
             step=(),
             bursts=bursts,
-            takes=self._takes(decl, context),
+            takes=self._check_takes(decl, context),
             wcet=self.number_if_given(decl.wcet, context, DURATION, "`wcet`"),
             jitter=self.number_if_given(decl.jitter, context, DURATION, "`jitter`"),
         )
         self.shared.check_later(node, decl, scope)
         return node
 
-    def _takes(
+    def _check_takes(
         self, decl: tree.NodeDecl, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
         """How long a step lasts, at least and at most; None if not declared or after a report."""
@@ -125,7 +125,7 @@ class NodeChecker(CheckerPart):
 
     # ------------------------------------------------------------ inputs and outputs
 
-    def _subscribes(
+    def _check_inputs(
         self, decl: tree.NodeDecl, scope: FileScope
     ) -> dict[typed.TopicSymbol, typed.Subscribed]:
         subscription_by_topic: dict[typed.TopicSymbol, typed.Subscribed] = {}
@@ -141,11 +141,11 @@ class NodeChecker(CheckerPart):
                 )
                 continue
             policy = s.policy or "drop_oldest"
-            queue = self._count(s.queue, s.span, topic, "a queue holds", "this queue holds")
+            queue = self._count_of(s.queue, s.span, topic, "a queue holds", "this queue holds")
             subscription_by_topic[topic] = typed.Subscribed(topic, queue, policy, s.span)
         return subscription_by_topic
 
-    def _count(
+    def _count_of(
         self, count: int | None, span: Span, topic: typed.TopicSymbol, each: str, these: str
     ) -> int | None:
         """How many messages a queue holds, or a step publishes; reports T011 for 0 or too many."""
@@ -159,7 +159,7 @@ class NodeChecker(CheckerPart):
             self.diagnostics.error("T011", f"{these} {numbers} numbers", span, most)
         return max(count, 1)
 
-    def _publishes(
+    def _check_outputs(
         self,
         decl: tree.NodeDecl,
         scope: FileScope,
@@ -192,7 +192,7 @@ class NodeChecker(CheckerPart):
                 refuse_input(topic, ref.span, self.diagnostics)
             span_by_topic[topic] = ref.span
             count, span = publication.burst, publication.span
-            burst = self._count(count, span, topic, "a step publishes", "these messages hold")
+            burst = self._count_of(count, span, topic, "a step publishes", "these messages hold")
             if burst is not None:
                 bursts[topic] = burst
         if len(span_by_topic) > MAX_OUTPUTS:
@@ -243,7 +243,7 @@ class NodeChecker(CheckerPart):
 
     # ------------------------------------------------------------ locals and fail-safe values
 
-    def _locals(
+    def _check_locals(
         self, decl: tree.NodeDecl, scope: FileScope, context: Context
     ) -> tuple[list[typed.Variable], list[typed.TypedExpr | None]]:
         variables: dict[str, typed.Variable] = {}
@@ -265,7 +265,7 @@ class NodeChecker(CheckerPart):
             initial.append(value)
         return list(variables.values()), initial
 
-    def _failsafe(
+    def _check_failsafe(
         self,
         decl: tree.NodeDecl,
         scope: FileScope,
@@ -287,7 +287,7 @@ class NodeChecker(CheckerPart):
                     f"`{decl.name.text}` does not publish `{ref.text}`",
                     ref.span,
                     notes=("fail-safe values take the place of what a node publishes",),
-                    helps=unknown_names.published_too(
+                    helps=unknown_names.publishing_helps(
                         (e.decl for e in scope.entries.values()), ref.text, decl.name
                     ),
                 )
@@ -295,7 +295,7 @@ class NodeChecker(CheckerPart):
                 self.shared.names.report_twice(
                     f"the fail-safe value of `{ref.text}` is given twice", ref.span, spans[topic]
                 )
-            elif not is_error(value):
+            elif not has_error(value):
                 result[topic] = value
             spans.setdefault(topic, ref.span)
         return result
@@ -364,8 +364,8 @@ class NodeChecker(CheckerPart):
         assumes = [check(e, context, BOOL) for e in decl.assumes]
         context.topics = inputs | set(node.publishes)
         guarantees = [check(e, context, BOOL) for e in decl.guarantees]
-        node.assumes = tuple(e for e in assumes if not is_error(e))
-        node.guarantees = tuple(e for e in guarantees if not is_error(e))
+        node.assumes = tuple(e for e in assumes if not has_error(e))
+        node.guarantees = tuple(e for e in guarantees if not has_error(e))
 
     def _warn(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
         name = decl.name.text

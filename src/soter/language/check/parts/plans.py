@@ -1,8 +1,8 @@
 """Makes one SC of the plans of a module: `sc Brake, Left, Right;`.
 
-Purpose: `sc_of_plans` makes the node that stands for all of them, and `join_steps` its step, which
-does what one plan does: that whose number is in the hidden topic of the module. It reports M030 for
-plans of which one cannot take the place of another in flight.
+Purpose: `sc_and_its_topic` makes the node that stands for all of them, and `join_steps` its step,
+which does what one plan does: that whose number is in the hidden topic of the module. It reports
+M030 for plans of which one cannot take the place of another in flight.
 Non-goals: which plan that is (the DM chooses), their periods (`make_components.py`), whether
 they are safe (`verify/`).
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from soter.language.syntax import tree
 
 
-def sc_of_plans(
+def sc_and_its_topic(
     module: str, plans: Sequence[typed.NodeSymbol | None]
 ) -> tuple[typed.NodeSymbol | None, typed.TopicSymbol | None]:
     """The node `sc` of a module (its full name), as yet without a step, and the topic it reads.

@@ -11,8 +11,19 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import out_of_list
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import CheckerPart, a_type, error_expr, is_error, plain
-from soter.language.check.parts.node import check_binding, located, period_or_unknown, refuse_input
+from soter.language.check.expression_base import (
+    CheckerPart,
+    error_expr,
+    has_error,
+    plain_type,
+    with_article,
+)
+from soter.language.check.parts.node import (
+    check_binding,
+    located_binding,
+    period_or_unknown,
+    refuse_input,
+)
 from soter.language.check.statements import report_stored_duration
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -43,9 +54,9 @@ class PlantChecker(CheckerPart):
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
         period = self.shared.number(decl.period, context, DURATION, "a period")
         check_binding(decl.source, decl.source_span, self.diagnostics)
-        reads = self._reads(decl, scope)
-        states, initial, ranges = self._states(decl, scope, context)
-        disturbances = self._disturbances(decl, scope, context, states)
+        reads = self._check_reads(decl, scope)
+        states, initial, ranges = self._check_states(decl, scope, context)
+        disturbances = self._check_disturbances(decl, scope, context, states)
         method, substeps = decl.integrate or (DEFAULT_SCHEME, None)
         truth = RecordType(
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
@@ -57,9 +68,9 @@ class PlantChecker(CheckerPart):
             decl.name.span,
             period=period_or_unknown(period),
             extern=decl.extern,
-            source=located(decl.source, scope),
+            source=located_binding(decl.source, scope),
             reads=tuple(reads),
-            drives=self._drives(decl, scope),
+            drives=self._driven_topics(decl, scope),
             states=tuple(states),
             initial=tuple(initial),
             initial_range=tuple(ranges),
@@ -76,7 +87,7 @@ class PlantChecker(CheckerPart):
         self.shared.check_later(plant, decl, scope)
         return plant
 
-    def _reads(self, decl: tree.PlantDecl, scope: FileScope) -> dict[typed.TopicSymbol, Span]:
+    def _check_reads(self, decl: tree.PlantDecl, scope: FileScope) -> dict[typed.TopicSymbol, Span]:
         reads: dict[typed.TopicSymbol, Span] = {}
         for ref in decl.reads:
             topic = self.shared.topic_ref(ref, scope)
@@ -89,10 +100,9 @@ class PlantChecker(CheckerPart):
             reads.setdefault(topic, ref.span)
         return reads
 
-    def _drives(
+    def _driven_topics(
         self, decl: tree.PlantDecl, scope: FileScope
     ) -> tuple[tuple[typed.TopicSymbol, typed.TypedExpr], ...]:
-        """The driven topics; their values are checked with the body."""
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.drives:
             topic = self.shared.topic_ref(ref, scope)
@@ -116,7 +126,7 @@ class PlantChecker(CheckerPart):
                 refuse_input(topic, ref.span, self.diagnostics)
         return tuple((t, error_expr(span)) for t, span in spans.items())
 
-    def _states(
+    def _check_states(
         self, decl: tree.PlantDecl, scope: FileScope, context: Context
     ) -> tuple[
         list[typed.Variable],
@@ -130,7 +140,7 @@ class PlantChecker(CheckerPart):
             t = self.shared.resolve_type(s.type, scope)
             because = (s.type.span, f"declared as `{t}`")
             value = self.number_if_given(s.initial, context, t, "a first value", because)
-            interval = self._start(s, t, context)
+            interval = self._start_interval(s, t, context)
             first = states.get(s.name.text)
             if first is not None:
                 self.shared.names.report_two_of_one_name(
@@ -143,13 +153,12 @@ class PlantChecker(CheckerPart):
             ranges.append(interval)
         return list(states.values()), initial, ranges
 
-    def _start(
+    def _start_interval(
         self, s: tree.PlantState, t: Type, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
-        """The interval in which a state starts, if it has one."""
         if s.interval is None:
             return None
-        interval = self._interval(s.interval, context)
+        interval = self._check_interval(s.interval, context)
         if s.initial is not None:
             self.diagnostics.error(
                 "V008",
@@ -163,28 +172,28 @@ class PlantChecker(CheckerPart):
             return interval
         self.diagnostics.error(
             "V004",
-            f"{a_type(t)} cannot start anywhere in an interval",
+            f"{with_article(t)} cannot start anywhere in an interval",
             s.interval.span,
             notes=("the start is drawn for floats and vectors only",),
             helps=(f"give it a value: `state {s.name.text}: {t} = ...;`",),
         )
         return None
 
-    def _interval(
+    def _check_interval(
         self, interval: tree.IntervalExpr, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
         low = self.shared.number(interval.low, context, FLOAT, "a bound")
         high = self.shared.number(interval.high, context, FLOAT, "a bound")
-        return None if is_error(low, high) else (low, high)
+        return None if has_error(low, high) else (low, high)
 
-    def _disturbances(
+    def _check_disturbances(
         self, decl: tree.PlantDecl, scope: FileScope, context: Context, states: list[typed.Variable]
     ) -> list[typed.DisturbanceSymbol]:
         disturbances: list[typed.DisturbanceSymbol] = []
         taken = {v.name: v for v in states}
         for d in decl.disturbances:
             t = self.shared.resolve_type(d.type, scope)
-            interval = self._interval(d.interval, context)
+            interval = self._check_interval(d.interval, context)
             hold = self.number_if_given(d.hold, context, DURATION, "`hold`")
             first = taken.get(d.name.text)
             if first is not None:
@@ -192,7 +201,9 @@ class PlantChecker(CheckerPart):
                 continue
             if not (isinstance(t, (FloatType, ErrorType)) or is_vector(t)):
                 self.diagnostics.error(
-                    "T018", f"a disturbance is a float or a vector, not {a_type(t)}", d.type.span
+                    "T018",
+                    f"a disturbance is a float or a vector, not {with_article(t)}",
+                    d.type.span,
                 )
                 t = ERROR
             variable = typed.Variable(d.name.text, t, "disturbance", d.name.span)
@@ -222,20 +233,20 @@ class PlantChecker(CheckerPart):
             locals=[frame],
             choices=[],
         )
-        plant.lets = tuple(self._let(item, frame, context) for item in decl.lets)
+        plant.lets = tuple(self._check_let(item, frame, context) for item in decl.lets)
         self._check_der(plant, decl, context)
-        self._drive_values(plant, decl, context)
-        plant.measured = tuple(self._measured(plant, decl, scope))
+        self._check_drives(plant, decl, context)
+        plant.measured = tuple(self._check_measured(plant, decl, scope))
         if not plant.extern and not scope.loaded.library:
             self._warn(plant, decl, context)
 
-    def _let(
+    def _check_let(
         self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
     ) -> tuple[typed.Variable, typed.TypedExpr]:
         t = self.shared.resolve_type(item.type, context.scope, context) if item.type else None
         because = (item.type.span, f"declared as `{t}`") if item.type else None
         value = self.shared.check_expr(item.value, context, t, because)
-        variable_type = t if t is not None else plain(value.type)
+        variable_type = t if t is not None else plain_type(value.type)
         if isinstance(variable_type, DurationType):
             report_stored_duration(value.span, self.diagnostics)
             variable_type = ERROR
@@ -270,7 +281,7 @@ class PlantChecker(CheckerPart):
                 elif word == "der" and not _can_be_integrated(variable.type):
                     self.diagnostics.error(
                         "T018",
-                        f"`der` is for floats and vectors, not for {a_type(variable.type)}",
+                        f"`der` is for floats and vectors, not for {with_article(variable.type)}",
                         name.span,
                         also=((variable.span, "declared here"),),
                         helps=(f"write `next {name.text} = ...;`",),
@@ -311,7 +322,7 @@ class PlantChecker(CheckerPart):
             self.shared.names.losses += 1
             return
         self.shared.damaged.add(plant)
-        if not self.shared.names.first_miss(context.scope, name.text, context.where):
+        if not self.shared.names.is_first_miss(context.scope, name.text, context.where):
             return
         near = self.diagnostics.did_you_mean(name.text, [v.name for v in plant.states])
         entry = context.scope.entries.get(name.text)
@@ -326,7 +337,7 @@ class PlantChecker(CheckerPart):
             helps=near or (f"add `state {name.text}: float;`",),
         )
 
-    def _drive_values(
+    def _check_drives(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
         """Checks the values of the driven topics; of two for one topic the first counts."""
@@ -342,7 +353,7 @@ class PlantChecker(CheckerPart):
                 values.setdefault(topic, value)
         plant.drives = tuple((t, values[t]) for t, _ in plant.drives)
 
-    def _measured(
+    def _check_measured(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope
     ) -> list[typed.MeasuredSymbol]:
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
@@ -356,7 +367,7 @@ class PlantChecker(CheckerPart):
                 continue
             topic, below, t = topic_path
             overlap = next(
-                (s for o, p, s in taken if o is topic and (_begins(below, p) or _begins(p, below))),
+                (s for o, p, s in taken if o is topic and (_starts(below, p) or _starts(p, below))),
                 None,
             )
             if topic not in driven:
@@ -370,7 +381,7 @@ class PlantChecker(CheckerPart):
             elif not _can_be_integrated(t):
                 self.diagnostics.error(
                     "T018",
-                    f"only floats and vectors are measured with an error, not {a_type(t)}",
+                    f"only floats and vectors are measured with an error, not {with_article(t)}",
                     path.span,
                     helps=("name the fields that are floats",),
                 )
@@ -378,7 +389,7 @@ class PlantChecker(CheckerPart):
                 self.shared.names.report_twice(
                     f"the error of `{path.span.text}` is given twice", path.span, overlap
                 )
-            elif not is_error(within):
+            elif not has_error(within):
                 measured.append(typed.MeasuredSymbol(topic, below, within, path.span))
             taken.append((topic, below, path.span))
         return measured
@@ -387,7 +398,7 @@ class PlantChecker(CheckerPart):
         unused = self.shared.unused
         unused.warn_of_variables([d.variable for d in plant.disturbances])
         unused.warn_of_variables([v for v, _ in plant.lets])
-        if unmoved(plant):
+        if unmoved_states(plant):
             return  # its reads may be for dynamics that are not written yet
         for topic, span in zip(plant.reads, plant.read_spans, strict=True):
             if topic not in context.topics_read:
@@ -395,7 +406,7 @@ class PlantChecker(CheckerPart):
                 unused.add("W001", message, span, "", out_of_list(span, "leave it out"))
 
 
-def unmoved(plant: typed.PlantSymbol) -> list[typed.Variable]:
+def unmoved_states(plant: typed.PlantSymbol) -> list[typed.Variable]:
     """States without `der` and `next`, except constants of a set and names that begin with `_`."""
     if plant.extern:
         return []
@@ -409,7 +420,7 @@ def unmoved(plant: typed.PlantSymbol) -> list[typed.Variable]:
     ]
 
 
-def _begins(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
+def _starts(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
     return path[: len(prefix)] == prefix
 
 

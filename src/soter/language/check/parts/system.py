@@ -11,13 +11,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import is_error
-from soter.language.check.field import find_instance, flat_names
+from soter.language.check.dots_and_brackets import find_instance, flat_names
+from soter.language.check.expression_base import has_error
 from soter.language.check.parts.instances import Unroller, Wires
 from soter.language.check.parts.system_items import (
     ItemChecker,
+    check_externals,
     enter_measures_and_faults,
-    externals,
     invariant_call,
     mark_used,
     path_expr,
@@ -57,7 +57,7 @@ class SystemChecker(ItemChecker):
         unroller = Unroller(self.shared, scope, f"system `{decl.name.text}`", instances)
         placed: list[tuple[typed.InstanceSymbol, tree.Instance, Mapping[str, int]]] = []
         for name, item, values in unroller.names(decl.instances):
-            made_of = self._what(item, scope)
+            made_of = self._declaration_of(item, scope)
             if made_of is None:
                 lost |= {name.text, item.name.text}
                 continue
@@ -78,7 +78,7 @@ class SystemChecker(ItemChecker):
             symbol = typed.InstanceSymbol(name.text, made_of, {}, {}, name.span)
             instances[name.text] = symbol
             placed.append((symbol, item, values))
-        if unroller.too_many:
+        if unroller.has_too_many:
             lost |= {item.name.text for _, item, _ in placed}
             placed.clear()
             instances.clear()
@@ -111,12 +111,12 @@ class SystemChecker(ItemChecker):
         if decl.deploys is not None:
             notes = ("`deploys` names the system in which the modules were proved",)
             of = typed.SystemSymbol
-            system.deploys = self.referred(decl.deploys, scope, "system", of, notes=notes)
+            system.deploys = self.referred_symbol(decl.deploys, scope, "system", of, notes=notes)
         self.shared.lost[system] = frozenset(lost)
         self.shared.check_later(system, decl, scope)
         return system
 
-    def _what(
+    def _declaration_of(
         self, item: tree.Instance, scope: FileScope
     ) -> typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol | typed.SystemSymbol | None:
         entry = self.shared.names.find_ref(scope, item.what, item.kind or "name")
@@ -232,7 +232,7 @@ class SystemChecker(ItemChecker):
         pairs = [("", s) for s in unroller.items(decl.sets)]
         system.sets = tuple(self.sets.all([*pairs, *inside], system, scope))
         system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
-        system.externals = externals(self, decl, scope)
+        system.externals = check_externals(self, decl, scope)
         enter_measures_and_faults(self.shared, system, decl, context, unroller.items(decl.faults))
 
     def _enter_forces(self, system: typed.SystemSymbol, name: str, items: list[tree.Force]) -> None:
@@ -259,13 +259,13 @@ class SystemChecker(ItemChecker):
                     f"`{path}` is not a module of system `{name}`",
                     force.module.span,
                     notes=("only modules have a mode that can be forced",) if whole else (),
-                    helps=_its_module(instances, path)
+                    helps=_module_helps(instances, path)
                     or self.diagnostics.did_you_mean(path, modules, force.module.span),
                 )
         system.forces = tuple(forces.values())
 
 
-def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
+def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
     """Help for a node's name where that of its module is meant."""
     for name, instance in instances.items():
         symbol = instance.what
@@ -321,29 +321,29 @@ class TestChecker(SystemChecker):
         test.quantum = self.time(decl.quantum, context, "`quantum`")
         test.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope, in_test=True))
         inside = self.inside(scope, name, instances, self.shared.lost[test.system])
-        properties = [self._asked(p, inside, test) for p in unroller.items(decl.properties)]
+        properties = [self._check_asked(p, inside, test) for p in unroller.items(decl.properties)]
         test.properties = tuple(p for p in properties if p is not None)
-        test.faults = tuple(self._fault(f, context) for f in unroller.items(decl.faults))
+        test.faults = tuple(self._check_fault(f, context) for f in unroller.items(decl.faults))
         test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
         pairs = [("", s) for s in unroller.items(decl.sets)]
         test.order = decl.order
-        stated = [self._stated(s, inside) for s in unroller.items(decl.stated)]
+        stated = [self._check_stated(s, inside) for s in unroller.items(decl.stated)]
         test.stated = tuple(s for s in stated if s is not None)
         test.sets = tuple(self.sets.all(pairs, test.system, scope))
         if self.shared.mark() != mark or name in scope.broken:
             self.shared.damaged.add(test)
 
-    def _fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
+    def _check_fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
         by = self.time(item.by, context, "`by`")
         count = self.number_if_given(item.at_most, context, INT, "`at most`")
         mark_used(item.component, context.scope)
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
-    def _stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
+    def _check_stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
         """Checks stated values of a topic or a field; `stated_values.py` asks who publishes it."""
         mark_used(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
-        if is_error(read):
+        if has_error(read):
             return None
         target = read
         while isinstance(target, typed.TypedField):
@@ -371,7 +371,7 @@ class TestChecker(SystemChecker):
 
     # ------------------------------------------------------------ properties
 
-    def _asked(
+    def _check_asked(
         self, item: tree.PropertyItem, context: Context, test: typed.TestSymbol
     ) -> typed.PropertySymbol | None:
         """Checks a property, `invariant(M)` and `invariants` included."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import replace
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import CheckerPart, a_type, is_error, sound
-from soter.language.check.field import find_instance
+from soter.language.check.dots_and_brackets import find_instance
+from soter.language.check.expression_base import CheckerPart, has_error, unless_error, with_article
 from soter.language.check.operators_and_choices import MAX_CHOICES
 from soter.language.check.unknown_names import is_driven
 from soter.language.model import typed
@@ -44,7 +44,7 @@ class SettingReader(CheckerPart):
         """Checks pairs (instance in whose braces it stands or "", item); N002 for repeated ones."""
         setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
-            symbol = self._one(home, item, system, scope)
+            symbol = self._read_one(home, item, system, scope)
             if symbol is None:
                 continue
             key = symbol.path, symbol.param
@@ -54,7 +54,7 @@ class SettingReader(CheckerPart):
                 self.shared.names.report_twice(f"`{name}` is set twice", symbol.span, first.span)
         return list(setting_by_key.values())
 
-    def _one(
+    def _read_one(
         self, home: str, item: tree.SetParam, system: typed.SystemSymbol, scope: FileScope
     ) -> typed.SetSymbol | None:
         names = item.param.parts
@@ -73,7 +73,7 @@ class SettingReader(CheckerPart):
         ref = tree.Ref(
             rest[0] if len(rest) == 2 else None, rest[-1], rest[0].span.to(rest[-1].span)
         )
-        param = self.referred(ref, scope, "parameter", typed.ParamSymbol)
+        param = self.referred_symbol(ref, scope, "parameter", typed.ParamSymbol)
         if param is None:
             return None
         value = self.shared.constant(item.value, scope, param.type, f"the value of `{ref.text}`")
@@ -95,12 +95,14 @@ class SettingReader(CheckerPart):
             "M013",
             f"there is no instance `{name.text}` whose parameter could be set",
             item.param.span,
-            helps=_instances_of(name, inside)
+            helps=_instance_helps(name, inside)
             or self.diagnostics.did_you_mean(name.text, inside, name.span),
         )
 
 
-def _instances_of(name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]) -> tuple[Help, ...]:
+def _instance_helps(
+    name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]
+) -> tuple[Help, ...]:
     """Helps with the instances of `name`, a plant, node or system in place of an instance."""
     paths = [p for p, i in inside.items() if i.what.name.rpartition(".")[2] == name.text]
     if not paths:
@@ -118,12 +120,12 @@ def enter_measures_and_faults(
     faults: list[tree.SystemFault],
 ) -> None:
     """Fills in measures and faults; `inside`: the context of a property of the system."""
-    system.measures = tuple(_measures(shared, decl.measures, inside))
+    system.measures = tuple(_check_measures(shared, decl.measures, inside))
     place = Context(inside.scope, f"the faults of `{decl.name.text}`")
-    system.faults = tuple(_fault(shared, f, place) for f in faults)
+    system.faults = tuple(_check_fault(shared, f, place) for f in faults)
 
 
-def _measures(
+def _check_measures(
     shared: Shared, items: tuple[tree.MeasureItem, ...], context: Context
 ) -> Iterator[typed.MeasureSymbol]:
     """Yields the checked measures, which are numbers with different names."""
@@ -142,16 +144,17 @@ def _measures(
             number(item.bins, place, INT, "the number of bins"),
             number(item.every, place, DURATION, "`every`"),
         )
-        if not any(is_error(e) for e in (value, *parts)):
+        if not any(has_error(e) for e in (value, *parts)):
             yield typed.MeasureSymbol(item.name.text, value, *parts, item.span)
 
 
-def _fault(shared: Shared, item: tree.SystemFault, context: Context) -> typed.SystemFaultSymbol:
-    """Checks one item of `faults { ... }`."""
+def _check_fault(
+    shared: Shared, item: tree.SystemFault, context: Context
+) -> typed.SystemFaultSymbol:
     wanted = DURATION if item.kind in {"late", "overrun"} else FLOAT
 
     def checked(e: tree.SyntaxExpr | None, subject: str, t: Type) -> typed.TypedExpr | None:
-        return None if e is None else sound(shared.number(e, context, t, subject))
+        return None if e is None else unless_error(shared.number(e, context, t, subject))
 
     if item.target is not None:
         mark_used(item.target, context.scope)
@@ -224,10 +227,10 @@ class ItemChecker(CheckerPart):
         premise = check(item.premise, context, BOOL) if item.premise else None
         condition = check(item.condition, context, BOOL)
         within = self.time(item.within, Context(context.scope, context.where), "`within`")
-        if is_error(condition) or (premise is not None and is_error(premise)):
+        if has_error(condition) or (premise is not None and has_error(premise)):
             return None
         read = print_expr if item.in_loop else source_line
-        whole = _whole(item) if item.in_loop else ""
+        whole = _property_text(item) if item.in_loop else ""
         asks = read(item.premise) if item.premise else ""
         parts = (item.kind, premise, condition, within, read(item.condition), item.span)
         return typed.PropertySymbol(*parts, whole=whole, asks=asks)
@@ -284,7 +287,7 @@ class ItemChecker(CheckerPart):
                 self.shared.names.find_ref(context.scope, ref, "topic", (declared,))
                 continue
             read = self.shared.check_expr(path_expr(item.topic), context)
-            if is_error(read):
+            if has_error(read):
                 continue
             if item.values == ():
                 self._report_no_values(item)
@@ -300,7 +303,7 @@ class ItemChecker(CheckerPart):
             elif not item.values and has_list(read.type):
                 self.diagnostics.error(
                     "T018",
-                    f"{a_type(read.type)} cannot be drawn: it has a list inside",
+                    f"{with_article(read.type)} cannot be drawn: it has a list inside",
                     item.topic.span,
                     also=((read.topic.span, "declared here"),),
                     helps=("list the values to draw from: `in { ... }`",),
@@ -320,7 +323,7 @@ class ItemChecker(CheckerPart):
     ) -> tuple[typed.TypedExpr, ...]:
         """Checks the values that are declared of an input or a stand-in (`of`)."""
         place = Context(context.scope, f"the value of {of}")
-        because = (item.topic.span, f"this is {a_type(read.type)}")
+        because = (item.topic.span, f"this is {with_article(read.type)}")
         number = self.shared.number
         values = [
             number(v, place, read.type, f"the value of {of}", because) for v in item.values or ()
@@ -333,7 +336,7 @@ class ItemChecker(CheckerPart):
                 f"at most {MAX_CHOICES} are possible",
                 notes=("every value is a branch of every execution",),
             )
-        return tuple(v for v in values if not is_error(v))
+        return tuple(v for v in values if not has_error(v))
 
     def _report_no_values(self, item: tree.DriveInput) -> None:
         self.diagnostics.error(
@@ -379,8 +382,7 @@ def source_line(expr: tree.SyntaxExpr) -> str:
     return " ".join(expr.span.text.split())
 
 
-def _whole(item: tree.PropertyItem) -> str:
-    """The text of a property, with loop variables replaced as in the item."""
+def _property_text(item: tree.PropertyItem) -> str:
     within = f" within {source_line(item.within)}" if item.within is not None else ""
     if item.premise is not None:
         return f"{print_expr(item.premise)} leadsto {print_expr(item.condition)}{within}"
@@ -400,7 +402,7 @@ def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr
     return e if asked and not taken else None
 
 
-def externals(
+def check_externals(
     checker: ItemChecker, decl: tree.SystemDecl, scope: FileScope
 ) -> tuple[typed.ExternalSymbol, ...]:
     """Checks the external topics of a system, each of which may be declared once."""
@@ -427,14 +429,14 @@ def externals(
             also = ((external_by_topic[topic].span, "before"),)
             shared.diagnostics.error("N002", message, item.topic.span, "again", also=also)
         else:
-            measured = tuple(_measured(shared, item, topic, context))
+            measured = tuple(_check_errors(shared, item, topic, context))
             external_by_topic[topic] = typed.ExternalSymbol(
                 topic, every, delayed, measured, item.topic.span
             )
     return tuple(external_by_topic.values())
 
 
-def _measured(
+def _check_errors(
     shared: Shared, item: tree.ExternalTopic, topic: typed.TopicSymbol, context: Context
 ) -> Iterator[typed.MeasuredSymbol]:
     """Yields the checked errors of a topic's leaves, each of which may be given once."""
@@ -456,13 +458,13 @@ def _measured(
         elif not is_vector_part(t):
             shared.diagnostics.error(
                 "T018",
-                f"only floats and vectors are measured with an error, not {a_type(t)}",
+                f"only floats and vectors are measured with an error, not {with_article(t)}",
                 path.span,
                 helps=("name the fields that are floats",),
             )
         elif first is not None:
             message = f"the error of `{path.span.text}` is given twice"
             shared.names.report_twice(message, path.span, first)
-        elif not is_error(within):
+        elif not has_error(within):
             yield typed.MeasuredSymbol(topic, below, within, path.span)
         taken.append((below, path.span))

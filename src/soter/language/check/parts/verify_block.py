@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context, mentioned
-from soter.language.check.expression_base import CheckerPart, is_error
-from soter.language.check.field import instead_of, part_of
+from soter.language.check.dots_and_brackets import number_path, part_and_type
+from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
 
@@ -36,8 +36,8 @@ class VerifyChecker(CheckerPart):
         block = module.verify = typed.TypedVerifyBlock(span=verify.span)
         self._check_times(block, verify, scope)
         self._check_sets(module, verify, scope)
-        block.views = tuple(self._views(module, verify, scope))
-        block.commands = tuple(self._commands(module, verify, scope))
+        block.views = tuple(self._check_views(module, verify, scope))
+        block.commands = tuple(self._check_commands(module, verify, scope))
         if verify.core is not None:
             context = Context(scope, f"module `{module.name}`", topics="any")
             block.core = self.shared.check_expr(verify.core, context, BOOL)
@@ -61,11 +61,11 @@ class VerifyChecker(CheckerPart):
         module.verify.abstracts = tuple(
             link
             for instance, parts in where.abstracts
-            for link in self._abstractions(module, instance, parts, scope)
+            for link in self._check_links(module, instance, parts, scope)
         )
-        module.verify.groups = tuple(self._groups(module, where, scope))
+        module.verify.groups = tuple(self._check_groups(module, where, scope))
 
-    def _views(
+    def _check_views(
         self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
     ) -> Iterator[typed.ViewSymbol]:
         block = module.verify
@@ -94,7 +94,7 @@ class VerifyChecker(CheckerPart):
         block.age = time(verify.age, "`age`")
 
         def times(word: str, delays: tree.Delays | None) -> list[typed.TypedExpr | None]:
-            nodes = {} if delays is None else self._by_node(word, delays)
+            nodes = {} if delays is None else self._times_by_node(word, delays)
             time_by_node = {n: time(e, f"`{word} {n}`") for n, e in nodes.items()}
             setattr(block, f"{word}_of", {n: e for n, e in time_by_node.items() if e is not None})
             roles = (None, None) if delays is None else (delays.dm, delays.sc)
@@ -104,7 +104,7 @@ class VerifyChecker(CheckerPart):
         block.response_dm, block.response_sc = times("response", verify.response)
         block.levels = self.number_if_given(verify.levels, context, INT, "`levels`")
 
-    def _by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
+    def _times_by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
         """Node name -> its time; `soter verify` checks whether a system has such a node."""
         expr_by_node: dict[str, tree.SyntaxExpr] = {}
         for path, expr in delays.nodes:
@@ -116,7 +116,7 @@ class VerifyChecker(CheckerPart):
 
     # ------------------------------------------------------------ axes
 
-    def _groups(
+    def _check_groups(
         self, module: typed.ModuleSymbol, verify: tree.VerifyBlock | tree.View, scope: FileScope
     ) -> list[typed.TypedAxisGroup]:
         seen: dict[AxisKey, typed.TypedGridAxis] = {}
@@ -125,7 +125,7 @@ class VerifyChecker(CheckerPart):
             axes = tuple(
                 axis
                 for item in group.axes
-                if (axis := self._axis(module, item, verify, scope)) is not None
+                if (axis := self._check_axis(module, item, verify, scope)) is not None
                 and self._is_new_axis(axis, item, seen)
             )
             groups.append(typed.TypedAxisGroup(axes, group.span))
@@ -149,7 +149,7 @@ class VerifyChecker(CheckerPart):
             )
         return first is axis
 
-    def _axis(
+    def _check_axis(
         self,
         module: typed.ModuleSymbol,
         item: tree.GridAxis,
@@ -164,10 +164,10 @@ class VerifyChecker(CheckerPart):
         end = None
         if item.open is not None:
             end = number(item.open, context, FLOAT, "the end of an open axis")
-        place = self._place(module, item.path, verify, scope)
-        if place is None or is_error(low, high):
+        place = self._axis_place(module, item.path, verify, scope)
+        if place is None or has_error(low, high):
             return None
-        if is_error(*(e for e in (cells, end) if e is not None)):
+        if has_error(*(e for e in (cells, end) if e is not None)):
             return None
         (topic, path, plant), t = place
         if isinstance(t, FloatType):
@@ -188,11 +188,11 @@ class VerifyChecker(CheckerPart):
             f"expected `float`, found `{t}`",
             item.path.span,
             "the axis of a grid is a `float`",
-            helps=(instead_of(t, item.path),),
+            helps=(number_path(t, item.path),),
         )
         return None
 
-    def _place(
+    def _axis_place(
         self,
         module: typed.ModuleSymbol,
         path: tree.DottedPath,
@@ -207,21 +207,21 @@ class VerifyChecker(CheckerPart):
         ):
             return None  # its plant has an error that was reported
         if not plants and first not in scope.entries and first not in scope.imports:
-            plants = self._instances(module)
+            plants = self._plants_beside(module)
         if first in plants:
-            return self._state(path, plants[first], scope)
+            return self._state_place(path, plants[first], scope)
         topic = self.shared.topic_path(path, scope)
         if topic is None:
             return None
         return (topic[0], topic[1], None), topic[2]
 
-    def _state(
+    def _state_place(
         self, path: tree.DottedPath, plant: typed.PlantSymbol, scope: FileScope
     ) -> tuple[Place, Type] | None:
-        below = part_of(self.shared, plant.truth, path.parts, scope, plant)
+        below = part_and_type(self.shared, plant.truth, path.parts, scope, plant)
         return None if below is None else ((None, below[0], plant), below[1])
 
-    def _instances(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
+    def _plants_beside(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
         """Instance name -> plant, for all plants beside the module in some system."""
         plant_by_instance: dict[str, typed.PlantSymbol] = {}
         for home in self.shared.names.scopes:
@@ -237,7 +237,7 @@ class VerifyChecker(CheckerPart):
 
     # ------------------------------------------------------------ commands
 
-    def _commands(
+    def _check_commands(
         self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
     ) -> list[typed.TypedCommandSet]:
         number = self.shared.number
@@ -246,7 +246,7 @@ class VerifyChecker(CheckerPart):
         for item in verify.commands:
             values = [number(v, context, FLOAT, "a command") for v in item.values]
             place = self.shared.topic_path(item.path, scope)
-            if place is None or is_error(*values):
+            if place is None or has_error(*values):
                 continue
             topic, path, t = place
             if topic not in module.sc.publishes:
@@ -263,7 +263,7 @@ class VerifyChecker(CheckerPart):
                     f"expected `float`, found `{t}`",
                     item.path.span,
                     "a command is a `float`",
-                    helps=(instead_of(t, item.path),),
+                    helps=(number_path(t, item.path),),
                 )
             elif (topic, path) in command_sets:
                 self.diagnostics.error(
@@ -282,7 +282,7 @@ class VerifyChecker(CheckerPart):
 
     # ------------------------------------------------------------ abstractions
 
-    def _abstractions(
+    def _check_links(
         self,
         module: typed.ModuleSymbol,
         instance: tree.Name,
@@ -295,12 +295,12 @@ class VerifyChecker(CheckerPart):
         names: dict[str, Span] = {}
         for part in parts:
             self.shared.names.is_first(part.name, names)
-            plant = self.referred(part.plant, scope, "plant", typed.PlantSymbol)
+            plant = self.referred_symbol(part.plant, scope, "plant", typed.PlantSymbol)
             value = None
             for context in homes:
                 wanted = plant.truth if plant is not None else None
                 checked = self.shared.check_expr(part.value, context, wanted)
-                value = value or (None if is_error(checked) else checked)
+                value = value or (None if has_error(checked) else checked)
             if not homes:
                 self._mark_used(part.value, scope)
             if plant is not None:

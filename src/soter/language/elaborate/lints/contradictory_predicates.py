@@ -61,26 +61,26 @@ Trial = tuple[bool, bool, bool, list["Value"]]
 """The truth of `ttf`, `safer` and `safe`, and the values of the topics that gave it."""
 
 
-def tried(system: System, module: Module) -> list[Trial]:
-    """The trials of a module; [] where its predicates are computed or cannot be evaluated."""
+def cached_trials(system: System, module: Module) -> list[Trial]:
+    """Gives the trials of a module; [] if its predicates are computed or cannot be evaluated."""
     symbol = module.symbol
     if symbol.ttf is None or symbol.safer is None:
         return []
     predicates = (symbol.ttf, symbol.safer, symbol.safe)
-    if not of_topics_alone(predicates):
+    if not read_only_topics(predicates):
         return []
     indices = tried_topics(module)
     if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
     known = system.program.trials
-    key = _tried_key(system, module, indices)
+    key = _key_of_trials(system, module, indices)
     if key not in known:
-        known[key] = trials_of(system, module, predicates, indices)
+        known[key] = trials_of_predicates(system, module, predicates, indices)
     return cast("list[Trial]", known[key])
 
 
-def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
-    """A key of everything that trials of a module depend on, so that systems can share them."""
+def _key_of_trials(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
+    """Gives a key of all that a module's trials depend on, so that systems can share them."""
     place = {index: k for k, index in enumerate(indices)}
     wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
     of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
@@ -90,12 +90,12 @@ def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[
 def warn_of_contradictions(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """Warns W013 of a module for which the program writes both; returns whether it warned."""
+    """Warns W013 if `ttf` and `safer` contradict each other; returns whether it warned."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not trials:
         return False
-    if _exchanged(trials):
+    if _are_exchanged(trials):
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` look exchanged",
@@ -107,10 +107,10 @@ def warn_of_contradictions(
         )
         return True
     both = [t for t in trials if t[0] and t[1]]
-    if both and _turned_round(symbol, trials, diagnostics):
+    if both and _warn_of_negated_predicate(symbol, trials, diagnostics):
         return True
-    if both and (_alike(ttf, safer) or same_expression(safer, symbol.safe)):
-        where = shown(system, tried_topics(module), both[0][3])
+    if both and (_share_a_comparison(ttf, safer) or same_expression(safer, symbol.safe)):
+        where = values_text(system, tried_topics(module), both[0][3])
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` can both hold",
@@ -124,15 +124,15 @@ def warn_of_contradictions(
     return False
 
 
-def _exchanged(trials: Sequence[Trial]) -> bool:
-    """Whether `ttf` and `safer` have exchanged roles, at values that keep and that lose `safe`."""
+def _are_exchanged(trials: Sequence[Trial]) -> bool:
+    """Whether `ttf` and `safer` have exchanged roles, where `safe` holds and where it is lost."""
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     return turned and any(f and not s for f, s, held, _ in trials if held)
 
 
-def _which_is_turned(trials: Sequence[Trial]) -> tuple[str, bool] | None:
-    """The predicate that is negated by mistake, and whether its opposite fits; None: neither."""
+def _negated_predicate(trials: Sequence[Trial]) -> tuple[str, bool] | None:
+    """Gives the predicate that is negated by mistake, and whether its opposite fits; or None."""
     lost = [t for t in trials if not t[2]]
     if len(lost) < LOST_MIN:
         return None
@@ -143,17 +143,17 @@ def _which_is_turned(trials: Sequence[Trial]) -> tuple[str, bool] | None:
     return None
 
 
-def _turned_round(
+def _warn_of_negated_predicate(
     symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """Warns W013 if one is negated by mistake: `ttf` false, or `safer` true, in danger."""
-    turned = _which_is_turned(trials)
+    """Warns W013 of a predicate negated by mistake: `ttf` is false, or `safer` true, in danger."""
+    turned = _negated_predicate(trials)
     if turned is None:
         return False
     name, gap = turned
     predicate = symbol.ttf if name == "ttf" else symbol.safer
     assert predicate is not None
-    other = opposite(predicate)
+    other = negated_text(predicate)
     turn = replace(predicate.span, other, f"the other way round: `{name} {other};`")
     diagnostics.warning(
         "W013",
@@ -167,7 +167,7 @@ def _turned_round(
     return True
 
 
-def opposite(e: typed.TypedExpr) -> str:
+def negated_text(e: typed.TypedExpr) -> str:
     """Source text of the negation of `e`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         return e.operand.span.text
@@ -177,35 +177,32 @@ def opposite(e: typed.TypedExpr) -> str:
 
 
 def tried_topics(module: Module) -> list[int]:
-    """Indices of the topics that get tried values, in the order of a trial's values."""
+    """Gives the indices of topics that get tried values, in the order of a trial's values."""
     symbol, topics = module.symbol, module.scope.topics
     written = [e for e in (symbol.ttf, symbol.safer, symbol.safe) if e is not None]
     return sorted({topics[t] for t in topic_reads(*written) if t in topics})
 
 
-def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
-    """Whether topic values are enough to evaluate them: no ages, times, modes, externs, choices."""
+def read_only_topics(predicates: Sequence[typed.TypedExpr]) -> bool:
+    """Whether predicates read topic values alone: no ages, times, modes, externs or choices."""
     late = (typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead, typed.TypedChoose)
     return not any(
         isinstance(n, late) or (isinstance(n, typed.TypedCall) and n.fun.extern)
-        for n in _everything(predicates)
+        for n in _all_nodes(predicates)
     )
 
 
-def _alike(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
-    """Whether a part of each compares the same thing with constants: then a gap must lie between.
-
-    Predicates of other forms may exclude each other by what the plant can reach.
-    """
-    parts = {_form(p) for p in disjuncts(ttf)}
-    return any(_form(p) in parts for p in conjuncts(safer))
+def _share_a_comparison(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
+    """Whether both compare one expression with constants; then a gap must lie between these."""
+    parts = {_text_without_constants(p) for p in disjuncts(ttf)}
+    return any(_text_without_constants(p) in parts for p in conjuncts(safer))
 
 
-def _form(node: object) -> str:
+def _text_without_constants(node: object) -> str:
     """An expression as text, with `#` for constants and `?` for <, <=, > and >=."""
     if isinstance(node, (typed.Literal, typed.ParamRead)):
         return "#"
-    inner = [_form(child) for child in children(node)]
+    inner = [_text_without_constants(child) for child in children(node)]
     if inner and all(i == "#" for i in inner):
         return "#"
     name = type(node).__name__
@@ -222,7 +219,7 @@ def _form(node: object) -> str:
     return f"{name}({', '.join(inner)})"
 
 
-def _everything(predicates: Sequence[typed.TypedExpr]) -> list[object]:
+def _all_nodes(predicates: Sequence[typed.TypedExpr]) -> list[object]:
     """All nodes of the predicates and of the functions that they call."""
     all_nodes: list[object] = []
     seen: set[typed.FunSymbol] = set()
@@ -236,19 +233,19 @@ def _everything(predicates: Sequence[typed.TypedExpr]) -> list[object]:
     return all_nodes
 
 
-def trials_of(
+def trials_of_predicates(
     system: System, module: Module, predicates: Sequence[typed.TypedExpr], indices: list[int]
 ) -> list[Trial]:
-    """(ttf, safer, safe, values) for many values of the topics; without those that fault."""
+    """Gives (ttf, safer, safe, values) for many values of the topics, except those that fault."""
     numbers = numbers_in(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
-    given: dict[str, Any] = {"budget": BUDGET, "topics": module.scope.topics}
-    plain = Evaluator(module.scope.params, **given)
-    deciding = PredicateEvaluator(module.scope.params, **given)
+    settings: dict[str, Any] = {"budget": BUDGET, "topics": module.scope.topics}
+    plain = Evaluator(module.scope.params, **settings)
+    deciding = PredicateEvaluator(module.scope.params, **settings)
     values = [t.default for t in system.topics]
     trials: list[Trial] = []
     left = BUDGET
-    drawn = {i: _drawn(system.topics[i], numbers, draw) for i in indices}
+    drawn = {i: _value_drawer(system.topics[i], numbers, draw) for i in indices}
     for _ in range(TRIED):
         for i, value in drawn.items():
             values[i] = value()
@@ -272,15 +269,15 @@ def trials_of(
 
 def numbers_in(predicates: Sequence[typed.TypedExpr]) -> list[float]:
     """The numbers in the predicates, the middles between neighbours, and their negatives."""
-    literals = [n.value for n in _everything(predicates) if isinstance(n, typed.Literal)]
+    literals = [n.value for n in _all_nodes(predicates) if isinstance(n, typed.Literal)]
     constants = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}
-    own = sorted({s * v for v in constants for s in (1.0, -1.0)})[: 2 * NUMBERS_MAX]
-    return [*own, *((a + b) / 2 for a, b in pairwise(own))] or [0.0]
+    signed = sorted({s * v for v in constants for s in (1.0, -1.0)})[: 2 * NUMBERS_MAX]
+    return [*signed, *((a + b) / 2 for a, b in pairwise(signed))] or [0.0]
 
 
-def _drawn(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
-    """The function that draws a topic's value: half numbers of the predicates, half uniform."""
-    if not _plain(topic.type):
+def _value_drawer(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
+    """Gives a function that draws a topic's value: half numbers of predicates, half uniform."""
+    if not _has_no_list(topic.type):
         return lambda: topic.default
     far = 2.0 * max(10.0, *(abs(n) for n in numbers))
     bounds = iter(topic.bounds)
@@ -315,20 +312,20 @@ def _drawn(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[
     return whole(topic.type)
 
 
-def _plain(t: Type) -> bool:
+def _has_no_list(t: Type) -> bool:
     """Whether `t` contains no list, so that every leaf has its own bound."""
     return all("[]" not in path for path, _ in leaves(t))
 
 
-def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
-    """Text for the first few numbers of values: `motion.x` is 9.0 and `motion.v` is 0.5."""
+def values_text(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
+    """Gives a text with the first three numbers: `motion.x` is 9.0 and `motion.v` is 0.5."""
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
-        if not _plain(topic.type):  # elements of lists have no names
+        if not _has_no_list(topic.type):  # elements of lists have no names
             parts.append(f"`{topic.name}` has its first value")
             continue
-        for (path, t), leaf in zip(leaves(topic.type), flat(value), strict=False):
+        for (path, t), leaf in zip(leaves(topic.type), scalars_in(value), strict=False):
             name = leaf_name(topic.name, path)
             shown = f"{t.name}.{t.members[cast('int', leaf)]}" if isinstance(t, EnumType) else ""
             if isinstance(leaf, bool):
@@ -337,17 +334,17 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
     return " and ".join(parts[:3])
 
 
-def flat(value: Value) -> list[Value]:
+def scalars_in(value: Value) -> list[Value]:
     """The scalars in a value, in order."""
-    return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [value]
+    return [x for v in value for x in scalars_in(v)] if isinstance(value, tuple) else [value]
 
 
-def rebuilt(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
-    """`values` with other scalars in the order of `flat`."""
-    given = iter(scalars)
+def with_scalars(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
+    """Gives `values` with other scalars, which stand in the order of `scalars_in`."""
+    new_scalars = iter(scalars)
 
     def whole(value: Value) -> Value:
-        return tuple(whole(v) for v in value) if isinstance(value, tuple) else next(given)
+        return tuple(whole(v) for v in value) if isinstance(value, tuple) else next(new_scalars)
 
     return [whole(v) for v in values]
 

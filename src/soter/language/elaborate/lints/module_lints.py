@@ -14,11 +14,14 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import exchange, replace
-from soter.language.elaborate.composition_check import added
-from soter.language.elaborate.lints.contradictory_predicates import tried, warn_of_contradictions
+from soter.language.elaborate.composition_check import fix_that_adds
+from soter.language.elaborate.lints.contradictory_predicates import (
+    cached_trials,
+    warn_of_contradictions,
+)
 from soter.language.elaborate.lints.refuted_at_once import (
-    check_readers,
     warn_of_constant_predicates,
+    warn_of_ineffective_module,
     warn_of_inexact_topics,
     warn_of_predicates_outside_safe,
     warn_of_properties_at_start,
@@ -60,6 +63,17 @@ if TYPE_CHECKING:
 
 WHOLE = RecordType, ArrayType
 """Types whose parts are followed one by one."""
+TRIED_MAX = 16
+"""For how many modules of a system predicates are tried, some milliseconds each."""
+SLOWER = 5
+"""An SC with this many times AC's period is hardly the controller that acts at once."""
+PROPERTIES_MAX = 32
+"""How many properties of a system are examined."""
+BUDGET = 600
+"""Most expressions that are evaluated for one comparison."""
+MUCH_OLDER = 100
+"""A bound of this many times a topic's greatest age was probably meant in another unit."""
+AGES = ("a module that reads what is too old takes AC off",)
 
 
 def warn_of_shield_groups(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -71,8 +85,8 @@ def warn_of_shield_groups(system: System, module: Module, diagnostics: Diagnosti
     plants = plants or [c.plant for c in system.components if c.plant is not None]
     outputs = {*symbol.ac.publishes, *symbol.sc.publishes}
     for group in symbol.verify.groups:
-        moved = [leaf for axis in group.axes for leaf in _rates(axis, plants)]
-        found = dict.fromkeys(u for p, e, path in moved for u in _reads(p, e, path, outputs))
+        moved = [leaf for axis in group.axes for leaf in _rates_of_axis(axis, plants)]
+        found = dict.fromkeys(u for p, e, path in moved for u in _commands_in(p, e, path, outputs))
         if len(found) > 1:
             diagnostics.warning(
                 "W033",
@@ -85,34 +99,36 @@ def warn_of_shield_groups(system: System, module: Module, diagnostics: Diagnosti
             )
 
 
-def _rates(axis: typed.TypedGridAxis, plants: Sequence[typed.PlantSymbol]) -> Iterator[Leaf]:
-    """Yields what moves the state that an axis names: its `der` or `next`, and the part of it."""
+def _rates_of_axis(
+    axis: typed.TypedGridAxis, plants: Sequence[typed.PlantSymbol]
+) -> Iterator[Leaf]:
+    """Yields the plant, the `der` or `next` of the state that an axis names, and the part of it."""
     if axis.plant is not None:
         found = [
             (axis.plant, v, axis.path[1:]) for v in axis.plant.states if v.name == axis.path[0]
         ]
     else:
         driven = [(p, e) for p in plants for t, e in p.drives if t is axis.topic]
-        found = [(p, *at) for p, e in driven if (at := _state(p, e, axis.path)) is not None]
+        found = [(p, *at) for p, e in driven if (at := _state_read_by(p, e, axis.path)) is not None]
     for plant, state, path in found:
         rate = plant.der.get(state, plant.next.get(state))
         if rate is not None:
             yield plant, rate, path
 
 
-def _state(
+def _state_read_by(
     plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path
 ) -> tuple[typed.Variable, Path] | None:
-    """The plant state, and the part of it, that part `path` of `e` just reads; or None."""
+    """Gives the state, and the part of it, that part `path` of `e` reads unchanged; or None."""
     if isinstance(e, typed.VarRead):
-        given = dict(plant.lets).get(e.variable)
-        return (e.variable, path) if given is None else _state(plant, given, path)
-    inner = _part(e, path)
-    return None if inner is None else _state(plant, *inner)
+        value = dict(plant.lets).get(e.variable)
+        return (e.variable, path) if value is None else _state_read_by(plant, value, path)
+    inner = _source_of_part(e, path)
+    return None if inner is None else _state_read_by(plant, *inner)
 
 
-def _part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None:
-    """The inner expression, and the part of it, that part `path` of `e` comes from; or None."""
+def _source_of_part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None:
+    """Gives the inner expression, and the part of it, that part `path` of `e` is; or None."""
     if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
         return e.target, (e.target.type.fields[e.index][0], *path)
     if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
@@ -124,38 +140,32 @@ def _part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None
     return None
 
 
-def _reads(
+def _commands_in(
     plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path, outputs: Iterable[typed.TopicSymbol]
 ) -> Iterator[str]:
     """Yields the numbers of commands (`outputs`) that part `path` of `e` certainly reads."""
     parts: list[tuple[typed.TypedExpr, Path]] = []
-    inner = _part(e, path)
+    inner = _source_of_part(e, path)
     if isinstance(e, typed.TopicRead):
         if e.topic in outputs:
             yield leaf_name(e.topic.name, path)
     elif inner is not None:
         parts = [inner]
     elif isinstance(e, typed.VarRead):
-        given = dict(plant.lets).get(e.variable)
-        parts = [] if given is None else [(given, path)]
+        value = dict(plant.lets).get(e.variable)
+        parts = [] if value is None else [(value, path)]
     elif isinstance(e, (typed.Vector, typed.TypedBinary)):
         parts = [(x, path if isinstance(x.type, WHOLE) else ()) for x in (e.left, e.right)]
     elif isinstance(e, typed.TypedUnary):
         parts = [(e.operand, path)]
     elif isinstance(e, (typed.Builtin, typed.TypedCall)) and not path:
         parts = [(x, ()) for x in e.arguments if not isinstance(x.type, WHOLE)]
-    for x, there in parts:
-        yield from _reads(plant, x, there, outputs)
-
-
-TRIED_MAX = 16
-"""For how many modules of a system predicates are tried, some milliseconds each."""
-SLOWER = 5
-"""An SC with this many times AC's period is hardly the controller that acts at once."""
+    for x, part in parts:
+        yield from _commands_in(plant, x, part, outputs)
 
 
 def warn_of_doubtful_parts(system: System, diagnostics: Diagnostics) -> None:
-    """Warns of what is doubtful in each plant, and in each module that was not replaced."""
+    """Warns of what is doubtful in plants, properties, and modules with their own controllers."""
     for component in system.components:
         warn_of_plant(system, component, diagnostics)
         _warn_of_reading_own_output(component, diagnostics)
@@ -170,7 +180,7 @@ def warn_of_doubtful_parts(system: System, diagnostics: Diagnostics) -> None:
         _warn_of_exchange(system, module, diagnostics)
         _warn_of_outputs_in_safe(module, diagnostics)
         warn_of_silence(system, module, diagnostics)
-        check_readers(system, module, diagnostics)
+        warn_of_ineffective_module(system, module, diagnostics)
         warn_of_old_topics(system, module, diagnostics)
         warn_of_ageless_topics(system, module, diagnostics)
         warn_of_age_units(system, module, diagnostics)
@@ -179,7 +189,7 @@ def warn_of_doubtful_parts(system: System, diagnostics: Diagnostics) -> None:
         if number < TRIED_MAX:
             warn_of_rest(system, module, diagnostics)
             warn_of_unsafe_start(system, module, diagnostics)
-            trials = tried(system, module)
+            trials = cached_trials(system, module)
             if not (
                 warn_of_constant_predicates(system, module, trials, diagnostics)
                 or warn_of_contradictions(system, module, trials, diagnostics)
@@ -190,8 +200,8 @@ def warn_of_doubtful_parts(system: System, diagnostics: Diagnostics) -> None:
 def _warn_of_exchange(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W012 if AC is written in Soter, and SC is an extern or much slower.
 
-    For a module with `rest` the period does not count: its DM follows each hold of SC, so a slow
-    SC acts in time there, and costs less to follow.
+    The period does not count for a module with `rest`: its DM follows each hold of SC, so that even
+    a slow SC acts in time.
     """
     symbol = module.symbol
     ac, sc = system.components[module.ac], system.components[module.sc]
@@ -258,21 +268,6 @@ def _warn_of_outputs_in_safe(module: Module, diagnostics: Diagnostics) -> None:
         )
 
 
-PROPERTIES_MAX = 32
-"""How many properties of a system are examined."""
-
-
-BUDGET = 600
-"""Most expressions that are evaluated for one comparison."""
-
-
-MUCH_OLDER = 100
-"""A bound of this many times a topic's greatest age was probably meant in another unit."""
-
-
-AGES = ("a module that reads what is too old takes AC off",)
-
-
 def warn_of_old_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W028 of a topic that gets too old before it is published again, or never is."""
     drivers = {
@@ -295,11 +290,11 @@ def warn_of_old_topics(system: System, module: Module, diagnostics: Diagnostics)
 
 
 def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W034 of a measured topic that the DM reads at any age; once, at its first module."""
+    """Warns W034 of a measured topic that a DM reads at any age; only at the first such module."""
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
-    asked = [{n.topic for n in _ages_in(e)} for e in _predicates(module)]
+    asked = [{n.topic for n in _age_reads(e)} for e in _ttf_and_safer(module)]
     aged = set.intersection(*asked) if asked else set()
     for index in module.inputs:
         topic = system.topics[index]
@@ -328,10 +323,10 @@ def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnost
 
 def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W035 if `ttf` or `safer` compares an age with far more than it can be."""
-    for n in _comparisons(_predicates(module)):
+    for n in _comparisons(_ttf_and_safer(module)):
         usual_by_topic = {
             t: t.max_age_ns or least_age_ns(system, i)
-            for i in dict.fromkeys(module.scope.topics[read.topic] for read in _ages_in(n))
+            for i in dict.fromkeys(module.scope.topics[read.topic] for read in _age_reads(n))
             for t in (system.topics[i],)
         }
         known = [age for age in usual_by_topic.values() if age is not None]
@@ -339,17 +334,17 @@ def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) 
             continue
         topic, usual = next(iter(usual_by_topic)), max(known)
         ages = Range(0.0, MUCH_OLDER * usual / 1e9)
-        truth = _truth(module.scope, n, {"age": ages})
-        if not truth.single or _truth(module.scope, n, {"age": Range(0.0, math.inf)}).single:
+        truth = _truth_in(module.scope, n, {"age": ages})
+        if not truth.single or _truth_in(module.scope, n, {"age": Range(0.0, math.inf)}).single:
             continue
-        told = f"no older than {show_ns(usual)}" if topic.max_age_ns else "published as often"
+        label = f"no older than {show_ns(usual)}" if topic.max_age_ns else "published as often"
         diagnostics.warning(
             "W035",
             f"this comparison is {'always' if truth.low else 'never'} true of an age of "
             f"`{topic.name}` that is possible",
             n.span,
             f"ages are in seconds, here up to {show_ns(usual)}",
-            also=((topic.symbol.span, told),),
+            also=((topic.symbol.span, label),),
             notes=("what is older than `max_age` is stale, and AC has no control anyway",),
             helps=(f"write a time with its unit: `age(...) < seconds({write_ns(usual)})`",),
         )
@@ -363,11 +358,11 @@ def _comparisons(expressions: Iterable[typed.TypedExpr]) -> Iterator[typed.Typed
             yield n
 
 
-def _ages_in(e: typed.TypedExpr) -> list[typed.AgeRead]:
+def _age_reads(e: typed.TypedExpr) -> list[typed.AgeRead]:
     return [n for n in nodes([e]) if isinstance(n, typed.AgeRead)]
 
 
-def _predicates(module: Module) -> list[typed.TypedExpr]:
+def _ttf_and_safer(module: Module) -> list[typed.TypedExpr]:
     symbol = module.symbol
     return [e for e in (symbol.ttf, symbol.safer) if e is not None]
 
@@ -377,13 +372,13 @@ def _warn_of_rare_publication(
 ) -> None:
     if driver.period_ns <= max_age_ns:
         return
-    own = driver.plant or driver.node
-    assert own is not None
+    driving = driver.plant or driver.node
+    assert driving is not None
     age = write_ns(driver.period_ns)
     often = write_ns(max_age_ns)
     older = f"or let it be {age} old, and let `ttf` look that much further ahead"
     helps: tuple[Help, ...] = (
-        replace(own.period.span, often, f"publish it every {often} at least"),
+        replace(driving.period.span, often, f"publish it every {often} at least"),
         older,
     )
     if topic.symbol.max_age is not None:
@@ -391,7 +386,7 @@ def _warn_of_rare_publication(
     diagnostics.warning(
         "W028",
         f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
-        own.period.span,
+        driving.period.span,
         f"published every {show_ns(driver.period_ns)}",
         also=((topic.symbol.span, f"no older than {show_ns(max_age_ns)}"),),
         notes=AGES,
@@ -427,7 +422,7 @@ def _warn_of_rarely_drawn_inputs(
     symbol, often = system.program.systems[system.name], write_ns(max_age_ns)
     item = next((i for i in symbol.inputs if i.topic is topic.symbol), None)
     drawn = (
-        added(symbol, f"input {topic.symbol.name} every {often};")
+        fix_that_adds(symbol, f"input {topic.symbol.name} every {often};")
         if item is None
         else replace(item.every.span, often, f"draw it every {often} at least")
     )
@@ -447,22 +442,22 @@ def warn_of_property_times(system: System, diagnostics: Diagnostics) -> None:
         return
     for p in system.properties[:PROPERTIES_MAX]:
         for n in nodes([p.condition]) if p.component is None else ():
-            if isinstance(n, typed.TypedBinary) and n.op in COMPARISONS and _speaks_of_time(n):
-                _warn_of_time(system, p, n, diagnostics)
+            if isinstance(n, typed.TypedBinary) and n.op in COMPARISONS and _reads_time(n):
+                _warn_of_time_after_end(system, p, n, diagnostics)
 
 
-def _speaks_of_time(e: typed.TypedExpr) -> bool:
+def _reads_time(e: typed.TypedExpr) -> bool:
     return any(isinstance(n, typed.TimeRead) for n in nodes([e]))
 
 
-def _warn_of_time(
+def _warn_of_time_after_end(
     system: System, p: Property, comparison: typed.TypedBinary, diagnostics: Diagnostics
 ) -> None:
     assert system.until_ns is not None
     before, ever = Range(0.0, system.until_ns / 1e9), Range(0.0, math.inf)
     if (
-        _truth(p.scope, comparison, {"time": before}) != FALSE
-        or _truth(p.scope, comparison, {"time": ever}) == FALSE
+        _truth_in(p.scope, comparison, {"time": before}) != FALSE
+        or _truth_in(p.scope, comparison, {"time": ever}) == FALSE
     ):
         return
     diagnostics.warning(
@@ -476,8 +471,8 @@ def _warn_of_time(
     )
 
 
-def _truth(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
-    """The truth of a comparison as a range, for any values but `time` or `age` in `ranges`."""
+def _truth_in(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
+    """Gives the truth of a comparison as a range, if `time` or `age` lies in these ranges."""
 
     def read(place: ReadPlace) -> Range:
         known = ranges[place.kind] if place.kind in ranges else anything(place.type)

@@ -15,20 +15,20 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
-    flat,
-    of_topics_alone,
     predicates_at,
-    rebuilt,
-    shown,
-    trials_of,
+    read_only_topics,
+    scalars_in,
+    trials_of_predicates,
     tried_topics,
+    values_text,
+    with_scalars,
 )
 from soter.language.elaborate.passes.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
-from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
+from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_parts
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import nodes, topic_reads
@@ -58,19 +58,19 @@ PAIRS, HALVINGS = 24, 40
 def warn_of_unsafe_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W021 if `safe` is false at the start, at the low or the high end of all states."""
     safe = module.symbol.safe
-    if not of_topics_alone([safe]):
+    if not read_only_topics([safe]):
         return
     indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
-    for topics in _starts(system, indices):
+    for topics in _topics_at_start(system, indices):
         env = Environment(topics=topics, stamps=[0] * len(topics))
         try:
             holds = evaluator.value(safe, env)
         except (StepFault, BudgetExceeded):
             return
         if not holds:
-            where = shown(system, indices, [topics[i] for i in indices])
-            trials = trials_of(system, module, (safe, safe, safe), indices)
+            where = values_text(system, indices, [topics[i] for i in indices])
+            trials = trials_of_predicates(system, module, (safe, safe, safe), indices)
             nowhere = all(not t[2] for t in trials)
             values = f"at none of {len(trials)} values that were tried"
             diagnostics.warning(
@@ -94,15 +94,15 @@ def warn_of_properties_at_start(system: System, diagnostics: Diagnostics) -> Non
 
 
 def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnostics) -> None:
-    if not of_topics_alone([p.condition]):
+    if not read_only_topics([p.condition]):
         return
     indices = [p.scope.topics.get(t, -1) for t in topic_reads(p.condition)]
     scope = p.scope
     evaluator = Evaluator(scope.params, budget=BUDGET, topics=scope.topics, plants=scope.plants)
     topics: list[Value] = []
-    for end, topics in enumerate(_starts(system, indices)):
+    for end, topics in enumerate(_topics_at_start(system, indices)):
         known = [None if c.plant is None or c.plant.extern else c for c in system.components]
-        states = [c and (*at_first(c, end).variables.values(),) for c in known]
+        states = [c and (*first_values(c, end).variables.values(),) for c in known]
         env = Environment(topics=topics, stamps=[0] * len(topics), truth=states.__getitem__)
         try:
             holds = bool(evaluator.value(p.condition, env))
@@ -112,7 +112,7 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
             return
     if not topics:
         return
-    where = shown(system, indices, [topics[i] for i in indices])
+    where = values_text(system, indices, [topics[i] for i in indices])
     other = "never" if p.kind == "always" else "always"
     begins = "false" if p.kind == "always" else "true"
     diagnostics.warning(
@@ -125,34 +125,33 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
     )
 
 
-def at_first(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
-    """What a plant's code reads at the low (0) or the high (1) `end` of the sets of its states.
+def first_values(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
+    """Gives what a plant's code reads at the low (0) or high (1) `end` of the sets of its states.
 
-    Without `topics` it reads states alone; with them its disturbances, too, in their middle.
+    With `topics` its disturbances are set, too, to the middles of their ranges.
     """
     ranges = c.initial_range or (None,) * len(c.initial)
     variables = {
-        v: x if r is None else rebuilt([x], [r[end]] * len(flat(x)))[0]
+        v: x if r is None else with_scalars([x], [r[end]] * len(scalars_in(x)))[0]
         for v, x, r in zip(c.variables, c.initial, ranges, strict=True)
     }
     for d in c.disturbances if topics else ():
         middle = [(d.low + d.high) / 2] * len(d.streams)
-        variables[d.variable] = rebuilt([default_value(d.variable.type)], middle)[0]
+        variables[d.variable] = with_scalars([default_value(d.variable.type)], middle)[0]
     return Environment(variables, topics=topics or (), period_ns=c.period_ns)
 
 
-def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
-    """Yields all topics' values at the start, for the low and the high ends of plants' states.
+def _topics_at_start(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
+    """Yields the topics at the start, with plants' states at the low and at the high ends of sets.
 
-    Yields none if one of the topics `indices` is not driven by a plant, depends on a draw, or would
-    leave its set.
+    Yields none if a topic of `indices` is driven by no plant, depends on a draw, or leaves its set.
     """
     for end in (0, 1):
         topics, known = [t.default for t in system.topics], set()
         for c in system.components:
             if c.plant is None or c.plant.extern or not {*c.writes} & {*indices}:
                 continue
-            evaluator, env = Evaluator(c.scope.params, budget=BUDGET), at_first(c, end)
+            evaluator, env = Evaluator(c.scope.params, budget=BUDGET), first_values(c, end)
             for of, e in (*c.plant.lets, *c.plant.drives):
                 with suppress(StepFault, BudgetExceeded, LookupError, TypeError, RuntimeError):
                     value = evaluator.value(e, env)  # fails where it reads more than states
@@ -161,23 +160,23 @@ def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
                         known.add(c.scope.topics[of])
                     elif isinstance(of, typed.Variable):
                         env.variables[of] = value
-        if not all(i in known and _is_of_its_set(system, i, topics[i]) for i in indices):
+        if not all(i in known and _is_in_its_set(system, i, topics[i]) for i in indices):
             return
         yield topics
 
 
-def _is_of_its_set(system: System, index: int, value: Value) -> bool:
-    """Whether a value lies in its topic's set; a plant that publishes another one faults."""
+def _is_in_its_set(system: System, index: int, value: Value) -> bool:
+    """Whether a value lies in its topic's set; a plant that publishes any other value faults."""
     bounds = system.topics[index].bounds
-    return len(bounds) != len(flat(value)) or all(
-        b is None or b.low <= x <= b.high for b, x in zip(bounds, flat(value), strict=True)
+    return len(bounds) != len(scalars_in(value)) or all(
+        b is None or b.low <= x <= b.high for b, x in zip(bounds, scalars_in(value), strict=True)
     )
 
 
 def warn_of_constant_predicates(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """Warns W022 of predicates that are the same everywhere; returns whether it warned."""
+    """Warns W022 if `ttf` or `safer` has the same truth everywhere; returns whether it warned."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not topic_reads(symbol.safe):
@@ -206,11 +205,11 @@ def _constant_truths(
     trials: Sequence[Trial],
     predicates: tuple[typed.TypedExpr, typed.TypedExpr],
 ) -> list[bool | None]:
-    """For each predicate whether it holds everywhere (True) or nowhere (False); None: unknown."""
+    """Gives for each predicate True if it holds everywhere, False if nowhere, None if unknown."""
     aged = any(isinstance(n, typed.AgeRead) for n in nodes(predicates))  # no trials then
-    read = narrowed(system, fresh_ages_ns(system, module)) if aged else None
+    read = reader_with_limits(system, fresh_ages_ns(system, module)) if aged else None
     return [
-        always_by_parts(e, system, module.scope, read)
+        truth_by_parts(e, system, module.scope, read)
         if aged or len({t[i] for t in trials}) == 1
         else None
         for i, e in enumerate(predicates)
@@ -220,15 +219,15 @@ def _constant_truths(
 def warn_of_predicates_outside_safe(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> None:
-    """Warns W022 of predicates that seem to hold only where `safe` does not."""
+    """Warns W022 if `ttf` or `safer` seems to hold only where `safe` does not."""
     symbol = module.symbol
     if symbol.ttf is None or symbol.safer is None or not trials:
         return
     lost = f"of module `{symbol.name}` seems to hold only where `safe` is lost"
-    if _exclude(system, module, trials, 0):
+    if _seems_to_exclude_safe(system, module, trials, 0):
         label = "AC would be taken off when it is too late"
         _warn_of_predicate(module, f"`ttf` {lost}", symbol.ttf, label, diagnostics, symbol.safe)
-    elif _exclude(system, module, trials, 1):
+    elif _seems_to_exclude_safe(system, module, trials, 1):
         label = "AC would get control where it must not be"
         _warn_of_predicate(module, f"`safer` {lost}", symbol.safer, label, diagnostics, symbol.safe)
 
@@ -264,11 +263,10 @@ def _warn_of_predicate(
     )
 
 
-def _exclude(system: System, module: Module, trials: Sequence[Trial], number: int) -> bool:
-    """Whether `ttf` (0) or `safer` (1) holds with `safe` at no value, though by chance it should.
-
-    Values between those of the one and of the other are tried, too.
-    """
+def _seems_to_exclude_safe(
+    system: System, module: Module, trials: Sequence[Trial], number: int
+) -> bool:
+    """Whether `ttf` (0) or `safer` (1) holds with `safe` nowhere, though by chance it should."""
     one, other = [t for t in trials if t[number]], [t for t in trials if t[2]]
     if len(one) * len(other) < BOTH_EXPECTED * len(trials) or any(t[2] for t in one):
         return False
@@ -277,18 +275,18 @@ def _exclude(system: System, module: Module, trials: Sequence[Trial], number: in
     asked = predicates_at(system, module, tried_topics(module))
     try:
         return not any(
-            _meet_between(asked, predicates, beyond[3], inside[3])
-            for beyond, inside in zip(_spread(one), _spread(other), strict=False)
+            _hold_together_between(asked, predicates, beyond[3], inside[3])
+            for beyond, inside in zip(_some_of(one), _some_of(other), strict=False)
         )
     except BudgetExceeded:
         return False
 
 
-def _spread(trials: Sequence[Trial]) -> Sequence[Trial]:
+def _some_of(trials: Sequence[Trial]) -> Sequence[Trial]:
     return trials[:: max(1, len(trials) // PAIRS)][:PAIRS]
 
 
-def _meet_between(
+def _hold_together_between(
     holds: Holds,
     predicates: Sequence[typed.TypedExpr],
     beyond: Sequence[Value],
@@ -296,14 +294,14 @@ def _meet_between(
 ) -> bool:
     """Whether two conditions both hold somewhere between `beyond` and `inside`, by halving.
 
-    `inside` satisfies the second. The ways are straight, or change one number only.
+    The second one holds at `inside`. The ways are straight, or change one number only.
     """
-    far, near = flat(tuple(beyond)), flat(tuple(inside))
+    far, near = scalars_in(tuple(beyond)), scalars_in(tuple(inside))
     ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]
     for end in ends:
         low, high = far, end
         for _ in range(HALVINGS):
-            one, other = holds(predicates, rebuilt(inside, high))
+            one, other = holds(predicates, with_scalars(inside, high))
             if one and other:
                 return True
             if high is end and not other:
@@ -311,7 +309,7 @@ def _meet_between(
             middle = [_midpoint(a, b) for a, b in zip(low, high, strict=True)]
             if middle in (low, high):
                 break
-            if holds(predicates[1:], rebuilt(inside, middle))[0]:
+            if holds(predicates[1:], with_scalars(inside, middle))[0]:
                 high = middle
             else:
                 low = middle
@@ -324,25 +322,22 @@ def _midpoint(a: Value, b: Value) -> Value:
     return (a + b) // 2 if isinstance(a, int) else a / 2 + b / 2
 
 
-def check_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W023 if nothing reads the module's outputs, W024 if its DM is too slow for a plant.
-
-    Only plants that drive a topic of `safe` count.
-    """
+def warn_of_ineffective_module(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """Warns W023 if nothing reads the module's outputs, W024 if its DM is too slow for a plant."""
     safe = {module.scope.topics.get(t, -1) for t in topic_reads(module.symbol.safe)}
     for plant in system.components:
         if plant.plant is None or not safe & {*plant.writes}:
             continue
-        if module.forced is None and not set(module.outputs) & _read(system, module):
-            _warn_unread(system, module, diagnostics)
+        if module.forced is None and not set(module.outputs) & _read_by_others(system, module):
+            _warn_of_unread_outputs(system, module, diagnostics)
             return
         if module.period_ns >= RARELY * plant.period_ns:
             _warn_of_rare_looks(system, module, plant, diagnostics)
             return
 
 
-def _read(system: System, module: Module) -> set[int]:
-    """The topics that plants, other DMs, and nodes other than the module's AC and SC read."""
+def _read_by_others(system: System, module: Module) -> set[int]:
+    """Gives the topics that plants, other DMs, and nodes other than the module's AC and SC read."""
     read = {t for other in system.modules if other.index != module.index for t in other.inputs}
     for component in system.components:
         topics = component.scope.topics
@@ -353,7 +348,7 @@ def _read(system: System, module: Module) -> set[int]:
     return read | {of for t in read if (of := system.topics[t].queue_of) is not None}
 
 
-def _warn_unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def _warn_of_unread_outputs(system: System, module: Module, diagnostics: Diagnostics) -> None:
     outputs = [system.topics[i] for i in module.outputs]
     names = ", ".join(f"`{t.name}`" for t in outputs[:OUTPUTS_SHOWN])
     diagnostics.warning(
@@ -396,8 +391,8 @@ def warn_of_inexact_topics(system: System, module: Module, diagnostics: Diagnost
         for m in next((c.measured for c in system.components if c.name == name), ()):
             topic = system.topics[m.topic]
             path = [path for path, _ in leaves(topic.type)][m.leaf]
-            own = [x for x in link.plant.measured if x.topic is topic.symbol]
-            bounds = [evaluator.value(x.within) for x in own if path[: len(x.path)] == x.path]
+            errors = [x for x in link.plant.measured if x.topic is topic.symbol]
+            bounds = [evaluator.value(x.within) for x in errors if path[: len(x.path)] == x.path]
             proved = max((float(b) for b in bounds if isinstance(b, float)), default=0.0)
             driven = topic.symbol in dict(link.plant.drives) and read.get(topic.symbol) == m.topic
             if driven and m.bound > proved:

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, cast
 from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import replace
 from soter.language.elaborate.lints import contradictory_predicates as trials
-from soter.language.elaborate.lints.refuted_at_once import at_first
+from soter.language.elaborate.lints.refuted_at_once import first_values
 from soter.language.evaluate.arithmetic import StepFault, zipper
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
 from soter.language.evaluate.statements import Evaluator
-from soter.language.evaluate.topic_ranges import always_by_parts, leaf_index
+from soter.language.evaluate.topic_ranges import leaf_index, truth_by_parts
 from soter.language.model import typed
 from soter.language.model.tree_walk import (
     calls_in,
@@ -54,10 +54,7 @@ SETTLED, GOES_ON, FAR, TURNS = 0.01, 0.05, 1e9, 15_900 * tau
 
 
 class _Run:
-    """SC brings the plants to where it does: what that contradicts.
-
-    `begins`: one of `BEGINS`, what acts before SC.
-    """
+    """A run in which SC brings the plants to rest; `begins`: one of `BEGINS`, what acts before."""
 
     def __init__(
         self, system: System, module: Module, rest: typed.RestSymbol, begins: str | None
@@ -68,12 +65,12 @@ class _Run:
         assert self.sc.node is not None
         self.law = Evaluator.of(self.sc.scope).block(self.sc.node.step)
         plants = [c for c in system.components if c.plant is not None]
-        self.plants = [(c, Evaluator.of(c.scope), at_first(c, 0, self.topics)) for c in plants]
+        self.plants = [(c, Evaluator.of(c.scope), first_values(c, 0, self.topics)) for c in plants]
         driven = [(i, system.topics[i]) for i in sorted({i for c in plants for i in c.writes})]
         self.driven = [i for i, _ in driven]
         self.bounds = {(i, k): b for i, t in driven for k, b in enumerate(t.bounds)}
         self.names = [leaf_name(t.name, path) for _, t in driven for path, _ in leaves(t.type)]
-        self.parts = [(p, self._numbers_of(p)) for p in conjuncts(rest.condition)]
+        self.parts = [(p, self._numbers_read_by(p)) for p in conjuncts(rest.condition)]
         self.read = {k for _, read in self.parts for k in read}
         self.held: list[list[bool]] = []
         self.seen: list[list[float]] = []
@@ -81,14 +78,14 @@ class _Run:
         with suppress(StepFault, ArithmeticError, BudgetExceeded, LookupError):
             if begins:
                 self._move_by_commands(begins)
-            while len(self.seen) < HOLDS and not self._ended():
-                self._see()
+            while len(self.seen) < HOLDS and not self._has_come_to_rest():
+                self._run_period_of_sc()
             whole = len(self.seen[-1]) == len(self.bounds)  # no lists
             self.followed = whole and all(map(isfinite, self.seen[-1]))
         self.first = next((k for k, parts in enumerate(self.held) if all(parts)), None)
 
-    def _numbers_of(self, e: typed.TypedExpr) -> list[int]:
-        """The numbers that an expression reads."""
+    def _numbers_read_by(self, e: typed.TypedExpr) -> list[int]:
+        """Gives the indices, among the driven numbers, of those that an expression reads."""
         found = set()
 
         def read(place: ReadPlace) -> Range:
@@ -99,41 +96,40 @@ class _Run:
             RangeEvaluator(self.module.scope, 0, read).number(e)
         return [k for k, number in enumerate(self.bounds) if number in found]
 
-    def _ended(self) -> bool:
-        """Whether the numbers that `rest` reads hardly move any more."""
+    def _has_come_to_rest(self) -> bool:
         ways = [[x[k] for x in self.seen] for k in self.read]
         return len(self.seen) > LATELY and all(
             abs(x[-1] - x[-LATELY]) <= SETTLED * (max(x) - min(x)) for x in ways
         )
 
     def _move_by_commands(self, end: str) -> None:
-        """Each command at an end of its set moves the plants for a period of the DM."""
+        """Moves the plants for a period of the DM, with each command at this end of its set."""
         for i in self.module.outputs:
             if None in (bounds := self.system.topics[i].bounds):
                 raise LookupError
             now = [getattr(bound, end) for bound in bounds]
-            self.topics[i] = trials.rebuilt([self.topics[i]], now)[0]
-        self._move(0)
-        self.was = [x for i in self.driven for x in trials.flat(self.topics[i])]
+            self.topics[i] = trials.with_scalars([self.topics[i]], now)[0]
+        self._move_plants(0)
+        self.was = [x for i in self.driven for x in trials.scalars_in(self.topics[i])]
         times = max(1, self.module.period_ns // self.sc.period_ns)
         for _ in range(times):
-            self._move(self.sc.period_ns)
+            self._move_plants(self.sc.period_ns)
         ends = "largest" if end == "high" else "smallest"
         self.after = f" after {show_ns(times * self.sc.period_ns)} of the {ends} commands"
 
-    def _see(self) -> None:
-        """The plants move for a period of SC and publish; then SC steps."""
-        self._move(self.sc.period_ns if self.seen else 0)
+    def _run_period_of_sc(self) -> None:
+        """Moves the plants for a period of SC, notes what holds then, and lets SC step."""
+        self._move_plants(self.sc.period_ns if self.seen else 0)
         env = Environment(topics=self.topics)
         self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
-        self.seen.append([x for i in self.driven for x in trials.flat(self.topics[i])])
+        self.seen.append([x for i in self.driven for x in trials.scalars_in(self.topics[i])])
         self.lost |= not self.own.value(self.module.symbol.safe, env)
         self.law(env)
         for i, value in env.published.items():
             self.topics[i] = value
 
-    def _move(self, duration_ns: int) -> None:
-        """The plants move for so long, by Euler's rule, and publish."""
+    def _move_plants(self, duration_ns: int) -> None:
+        """Moves the plants for this time by Euler's rule; then they publish."""
         h = duration_ns / 1e9 / STEPS
         for c, evaluator, env in self.plants:
             code, plant = evaluator.expression, cast("typed.PlantSymbol", c.plant)
@@ -147,23 +143,29 @@ class _Run:
             for topic, e in plant.drives:
                 self.topics[c.scope.topics[topic]] = code(e)(env)
 
-    def _holds(self, e: typed.TypedExpr, k: int, value: float) -> bool:
-        """Whether a condition holds at the end of the run with another value of number `k`."""
+    def _holds_with(self, e: typed.TypedExpr, k: int, value: float) -> bool:
+        """Whether a condition holds at the end of the run if number `k` has another value."""
         last, topics = self.seen[-1], list(self.topics)
         was, now = [topics[i] for i in self.driven], [*last[:k], value, *last[k + 1 :]]
-        for i, new in zip(self.driven, trials.rebuilt(was, now), strict=True):
+        for i, new in zip(self.driven, trials.with_scalars(was, now), strict=True):
             topics[i] = new
         return bool(self.own.value(e, Environment(topics=topics)))
 
     # ------------------------------------------------------------ what is doubtful
 
     def first_doubt(self, *, unproved: bool) -> Doubt:
-        """The first doubtful claim; where AC acted before, of SC that keeps `safe` from there."""
-        claims = [self._elsewhere, self._moved, self._late]
+        """Gives the first doubt about `rest`; after other commands only if SC keeps `safe`."""
+        claims = [self._doubt_of_end, self._doubt_of_moves, self._doubt_of_within]
         if self.after:
-            claims += [self._unmoved] * unproved
+            claims += [self._doubt_of_unmoved_number] * unproved
         else:
-            claims = [self._begins, self._unbounded, claims[0], self._unsafe, *claims[1:]]
+            claims = [
+                self._doubt_of_start,
+                self._doubt_of_bounds,
+                claims[0],
+                self._doubt_of_safety,
+                *claims[1:],
+            ]
         if not self.followed or (self.after and self.lost):
             return None
         with suppress(StepFault, ArithmeticError, BudgetExceeded):
@@ -172,19 +174,19 @@ class _Run:
                     return found[0], found[1], found[2] + self.after, found[3]
         return None
 
-    def _unmoved(self) -> Doubt:
-        """A number that `rest` reads stays where commands brought it."""
+    def _doubt_of_unmoved_number(self) -> Doubt:
+        """Doubts a number that `rest` reads and that stays where the commands brought it."""
         for k in self.read:
             if self.seen[0][k] != self.was[k] and len({x[k] for x in self.seen}) == 1:
-                what = f"SC does not move `{self.names[k]}`, which `rest` bounds"
+                message = f"SC does not move `{self.names[k]}`, which `rest` bounds"
                 at = self.module.symbol.sc_span or self.rest.span
-                return at, what, f"it stays {self.seen[0][k]:.4g}", "let SC bring it back"
+                return at, message, f"it stays {self.seen[0][k]:.4g}", "let SC bring it back"
         return None
 
-    def _begins(self) -> Doubt:
-        """`safe` is false where plants start and maps have their defaults."""
+    def _doubt_of_start(self) -> Doubt:
+        """Doubts `safe` if it is false where plants start and maps have their defaults."""
         safe, topics = self.module.symbol.safe, [t.default for t in self.system.topics]
-        values = trials.rebuilt([topics[i] for i in self.driven], self.seen[0])
+        values = trials.with_scalars([topics[i] for i in self.driven], self.seen[0])
         for i, value in zip(self.driven, values, strict=True):
             topics[i] = value
         if self.own.value(safe, Environment(topics=topics)):
@@ -193,54 +195,53 @@ class _Run:
         help_ = f"a default of {' and '.join(maps)} that lets it hold" if maps else "another start"
         return safe.span, "`safe` is false at the start", "false of what is published first", help_
 
-    def _unbounded(self) -> Doubt:
-        """`rest` reads a number, and holds at both of its ends."""
+    def _doubt_of_bounds(self) -> Doubt:
+        """Doubts `rest` if it reads a number and holds at both ends of the number's set."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
-            if parts and all(self._holds(p, k, x) for p in parts for x in ends):
+            if parts and all(self._holds_with(p, k, x) for p in parts for x in ends):
                 op, other = getattr(parts[0], "op", ""), ""
                 if isinstance(parts[0], typed.TypedBinary) and op == "||":
                     other = f"{parts[0].left.span.text} && {parts[0].right.span.text}"
                 elif op == "!" or op[:1] == ">":
-                    other = trials.opposite(parts[0])
+                    other = trials.negated_text(parts[0])
                 near = f"bound `{name}` to where SC ends"
                 help_ = replace(parts[0].span, other) if other else near
                 label = f"true of `{name}` = {ends[0]:.4g}, and of {ends[1]:.4g}"
                 return parts[0].span, f"`rest` holds whatever `{name}` is", label, help_
         return None
 
-    def _unsafe(self) -> Doubt:
-        """`rest` holds where `safe` does not."""
+    def _doubt_of_safety(self) -> Doubt:
         rest, safe = self.rest.condition, self.module.symbol.safe
         for k, x in product(self.read, trials.numbers_in((rest, safe))):
-            if self._holds(rest, k, x) and not self._holds(safe, k, x):
+            if self._holds_with(rest, k, x) and not self._holds_with(safe, k, x):
                 label = f"true of `{self.names[k]}` = {x:.4g}, and `safe` is false there"
-                what, help_ = "`rest` holds where `safe` does not", "let it lie in `safe`"
-                return rest.span, what, label, help_
+                message, help_ = "`rest` holds where `safe` does not", "let it lie in `safe`"
+                return rest.span, message, label, help_
         return None
 
-    def _elsewhere(self) -> Doubt:
-        """A part of `rest` is false where SC ends."""
+    def _doubt_of_end(self) -> Doubt:
+        """Doubts a part of `rest` that is false where SC ends."""
         k = next((k for k, held in enumerate(self.held[-1]) if not held), None)
         safe = self.own.value(self.module.symbol.safe, Environment(topics=self.topics))
-        if k is None or (safe and not self._ended()):
+        if k is None or (safe and not self._has_come_to_rest()):
             return None
         (part, read), at = self.parts[k], self.parts[k][0].span
         help_: Help = "let `rest` hold there, or SC go on to where it holds"
         if not safe:
             at, help_ = self.module.symbol.sc_span or at, "perhaps a sign of SC is wrong"
         if getattr(part, "op", "")[:1] == ">":
-            help_ = replace(part.span, trials.opposite(part))
+            help_ = replace(part.span, trials.negated_text(part))
         elif getattr(part, "op", "") == "==":
             help_ = "say how near: a float is hardly ever equal to a number"
         values = " and ".join(f"`{self.names[n]}` is {self.seen[-1][n]:.4g}" for n in read)
         values += "" if safe else ", and `safe` is, too"
-        what = "`rest` does not hold where SC brings the plant"
-        return at, what, f"false where {values}", help_
+        message = "`rest` does not hold where SC brings the plant"
+        return at, message, f"false where {values}", help_
 
-    def _moved(self) -> Doubt:
-        """SC moves a number further than `moves` says, or `safe` is lost on a way left open."""
+    def _doubt_of_moves(self) -> Doubt:
+        """Doubts `moves` if SC moves a number further, or loses `safe` on a way left open."""
         rest, items, found, moves = self.rest, list[str](), None, {}
         for m in rest.moves:
             i = self.module.scope.topics[m.topic]
@@ -249,20 +250,20 @@ class _Run:
             move = moves.get(number)
             if move is None and (k in self.read or bound is not None):
                 continue
-            wrong, item = self._moved_by(k, move)
+            wrong, item = self._excess_over_moves(k, move)
             items += [item] if item else []
-            lost, goes = self._lost(k), self._goes_on(k)
+            lost, goes = self._directions_that_lose_safe(k), self._direction_at_end(k)
             if wrong and goes and (goes in lost or not lost):
                 way_out = "leave it out: `safe` does not ask where it is"
                 if lost:
                     way_out = f"an SC that stops it, or a `safe` without `{self.names[k]}`"
-                what = f"SC moves `{self.names[k]}` without end: no bound of `moves` is true"
+                message = f"SC moves `{self.names[k]}` without end: no bound of `moves` is true"
                 at = self.module.symbol.safe if lost else (move or rest)
-                return at.span, what, f"SC moves it {goes}, and goes on", way_out
+                return at.span, message, f"SC moves it {goes}, and goes on", way_out
             if wrong:
                 label = f"SC moves `{self.names[k]}` {wrong} from where `rest` holds"
                 found = found or ((move or rest).span, label)
-        if found is None or (one_sided := self._one_sided()):
+        if found is None or (one_sided := self._doubt_of_one_side()):
             return found and one_sided
         gap = Span(rest.span.source, rest.condition.span.end, rest.within.span.start)
         new = f"moves {', '.join(items)}"
@@ -270,53 +271,55 @@ class _Run:
         help_ = replace(gap, f"{before}{new} within ", f"write `{new}`, or more")
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
 
-    def _one_sided(self) -> Doubt:
-        """`rest` holds at one end of a number's set, and not as far beyond where SC ends."""
+    def _doubt_of_one_side(self) -> Doubt:
+        """Doubts a `rest` that holds at an end of a number's set, not as far beyond SC's end."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             for x in (-FAR, FAR) if bound is None else (bound.low, bound.high):
                 other = 2 * self.seen[-1][k] - x
-                true, false = (all(self._holds(p, k, v) for p in parts) for v in (x, other))
+                true, false = (all(self._holds_with(p, k, v) for p in parts) for v in (x, other))
                 if parts and true and not false:
-                    label, what = (
+                    label, message = (
                         f"true of `{name}` = {x:.4g}",
                         f"`rest` bounds `{name}` on one side",
                     )
-                    return parts[0].span, what, label, "bound it on the other side, too (`abs`)"
+                    return parts[0].span, message, label, "bound it on the other side, too (`abs`)"
         return None
 
-    def _goes_on(self, k: int) -> str:
-        """The way in which number `k` moves at the end of the run; "": it hardly does."""
+    def _direction_at_end(self, k: int) -> str:
+        """Gives "up" or "down", how number `k` moves at the end of the run; "" for hardly."""
         way = [x[k] for x in self.seen]
         last = way[-1] - way[-LATELY]
         if abs(last) <= GOES_ON * (max(way) - min(way)):
             return ""
         return "up" if last > 0.0 else "down"
 
-    def _lost(self, k: int) -> list[str]:
-        """The ways on which `safe` is lost where number `k` goes far enough: not by whole turns."""
+    def _directions_that_lose_safe(self, k: int) -> list[str]:
+        """Gives the directions in which number `k`, going far, loses `safe` and no turn does."""
         safe, ways = self.module.symbol.safe, (("down", -1.0), ("up", 1.0))
         ends = ((w, (x * FAR, self.seen[-1][k] + x * TURNS)) for w, x in ways)
-        return [w for w, of in ends if not any(self._holds(safe, k, x) for x in of)]
+        return [w for w, of in ends if not any(self._holds_with(safe, k, x) for x in of)]
 
-    def _moved_by(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
-        """The way in which number `k` moves more than `moves` says; what to say. "": nothing."""
+    def _excess_over_moves(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
+        """Gives the direction in which number `k` moves beyond `moves`, and a right `moves`."""
         ways = [0.0] if self.first is None else [x[k] for x in self.seen[self.first :]]
         drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
-        lost = self._lost(k)
+        lost = self._directions_that_lose_safe(k)
         if move is None and not lost:
             return "", ""
-        way, said = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
+        way, directions = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
         by = 0.0 if move is None else cast("float", self.own.value(move.by))
-        wrong = [w for w in said if drift[w] > 1.01 * by] + [w for w in lost if w not in said]
-        far = max(drift[w] for w in lost or said)
+        wrong = [w for w in directions if drift[w] > 1.01 * by] + [
+            w for w in lost if w not in directions
+        ]
+        far = max(drift[w] for w in lost or directions)
         if wrong:
             way = lost[0] if len(lost) == 1 else ""
         bound = move.by.span.text if move and far <= by else f"{4.0 * far or 0.1:.1g}"
         return wrong[0] if wrong else "", f"{self.names[k]} by {bound} {way}".strip()
 
-    def _late(self) -> Doubt:
-        """`within` is over before `rest` holds."""
+    def _doubt_of_within(self) -> Doubt:
+        """Doubts a `within` that is over before `rest` holds."""
         at, needed = self.rest.within, (self.first or 1) * self.sc.period_ns
         if needed <= cast("int", self.own.value(at)):
             return None
@@ -325,20 +328,17 @@ class _Run:
         return at.span, "`within` is over before SC rests", label, help_
 
 
-def rest_doubt(system: System, module: Module, *, unproved: bool = False) -> Doubt:
-    """What is doubtful about `rest` of a module; None, too, where no run can be made of it.
-
-    `unproved`: rest was not shown, so what would be right of some robots is doubtful as well.
-    """
+def doubt_about_rest(system: System, module: Module, *, unproved: bool = False) -> Doubt:
+    """Gives what is doubtful about `rest`, or None; `unproved`: `rest` was not shown."""
     rest = module.symbol.rest
-    if rest is None or not _is_followed(system, module, rest):
+    if rest is None or not _can_be_run(system, module, rest):
         return None
     runs = (_Run(system, module, rest, begins).first_doubt(unproved=unproved) for begins in BEGINS)
     return next((found for found in runs if found is not None), None)
 
 
-def _is_followed(system: System, module: Module, rest: typed.RestSymbol) -> bool:
-    """Whether plants and SC say by themselves what a run does, in less than a second."""
+def _can_be_run(system: System, module: Module, rest: typed.RestSymbol) -> bool:
+    """Whether plants and SC alone say what a run does, and it takes less than a second."""
     sc = system.components[module.sc]
     plants = [c for c in system.components if c.plant is not None]
     if sc.node is None or sc.extern or sc.node.locals:
@@ -354,14 +354,14 @@ def _is_followed(system: System, module: Module, rest: typed.RestSymbol) -> bool
     calls = sum(cost_of(f.fun).operations for f in calls_in(*asked))
     if any(p.extern or p.next for p in symbols) or chooses(*code) or calls > COSTLY:
         return False
-    return always_by_parts(rest.condition, system, module.scope) is not False
+    return truth_by_parts(rest.condition, system, module.scope) is not False
 
 
 def warn_of_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W022 of what is doubtful about `rest`."""
-    if (found := rest_doubt(system, module)) is not None:
-        at, what, label, help_ = found
+    if (found := doubt_about_rest(system, module)) is not None:
+        at, message, label, help_ = found
         also = ((module.symbol.sc_span or module.symbol.span, "SC"),)
         notes = ("AC has control only where SC surely comes to rest, and stays there",)
-        what += f" (module `{module.symbol.name}`)"
-        diagnostics.warning("W022", what, at, label, also=also, notes=notes, helps=(help_,))
+        message += f" (module `{module.symbol.name}`)"
+        diagnostics.warning("W022", message, at, label, also=also, notes=notes, helps=(help_,))

@@ -3,8 +3,8 @@
 Purpose: `warn_of_faults` warns W015 (a value lies outside of its topic's set) and W025 (an
 index, an int or the bounds of a `clamp` fault whenever they are reached): it evaluates each
 expression once, over the declared ranges. `warn_of_silence` warns W016 (an SC does not publish
-on every path), `warn_of_plant` W014 (a state that nothing moves), W032 (a derivative times `dt`)
-and W019 (a scheme diverges though the plant does not).
+on every path), `warn_of_plant` W014 (a state that nothing moves), W032 (a derivative
+times `dt`) and W019 (a scheme diverges though the plant does not).
 Non-goals: what may happen and need not: a search and a proof answer that; other step faults, which
 the first run tells; branches that are never taken (`soter test`).
 """
@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import exchange, replace
-from soter.language.check.parts.plant import unmoved
-from soter.language.evaluate.integration_stability import diverging
+from soter.language.check.parts.plant import unmoved_states
+from soter.language.evaluate.integration_stability import groups_that_diverge
 from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
 from soter.language.evaluate.ranges import FALSE, TRUE, Range
-from soter.language.evaluate.topic_ranges import declared
+from soter.language.evaluate.topic_ranges import reader_of_sets
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import PeriodRead, TypedBinary, Vector
@@ -56,6 +56,8 @@ BUDGET = 2_000
 """Most expressions evaluated for one step: some milliseconds."""
 LEAVES_MAX = 64
 """Most leaves of a publication that are compared with the topic's set one by one."""
+ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
+"""Order of a scheme -> the largest decay rate times step at which it does not diverge."""
 
 
 def warn_of_faults(system: System, diagnostics: Diagnostics) -> None:
@@ -68,14 +70,14 @@ def warn_of_faults(system: System, diagnostics: Diagnostics) -> None:
         if key in system.program.doubted:
             continue
         system.program.doubted.add(key)
-        _StepRanges(system, c, diagnostics).look()
+        _StepRanges(system, c, diagnostics).warn_of_certain_faults()
 
 
 class _StepRanges(RangeEvaluator):
     """Evaluates a step over the declared ranges, and warns of certain faults as it goes."""
 
     def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
-        super().__init__(component.scope, component.period_ns, declared(system))
+        super().__init__(component.scope, component.period_ns, reader_of_sets(system))
         self.left = BUDGET
         self.system = system
         self.component = component
@@ -84,12 +86,12 @@ class _StepRanges(RangeEvaluator):
         """Depth of calls into the prelude; it warns only at depth 0."""
         self.loops: dict[t.Variable, t.ForRange] = {}
 
-    def look(self) -> None:
+    def warn_of_certain_faults(self) -> None:
         """Evaluates a node's whole step, or a plant's equations and publications."""
         node, plant = self.component.node, self.component.plant
         try:
             if plant is not None:
-                self._look_at_plant(plant)
+                self._evaluate_plant(plant)
             elif node is not None:
                 self._run(node.takeover or (), None, BOOL)
                 self.variables = {}
@@ -97,7 +99,7 @@ class _StepRanges(RangeEvaluator):
         except TooHardError:
             return  # it has warned of what was certain up to here
 
-    def _look_at_plant(self, plant: t.PlantSymbol) -> None:
+    def _evaluate_plant(self, plant: t.PlantSymbol) -> None:
         for d in self.component.disturbances:
             if isinstance(d.variable.type, FloatType):
                 self.variables[d.variable] = Range(d.low, d.high)
@@ -106,10 +108,10 @@ class _StepRanges(RangeEvaluator):
         for value in (*plant.der.values(), *plant.next.values()):
             self.evaluate(value)
         for topic, value in plant.drives:
-            self._publish(topic, value)
+            self._check_publication(topic, value)
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """The range of `e`, anything if it is too hard; TooHardError once the budget is spent."""
+        """The range of `e`, or anything if that is too hard; TooHardError without budget."""
         try:
             return super().evaluate(e)
         except TooHardError:
@@ -119,15 +121,15 @@ class _StepRanges(RangeEvaluator):
 
     # ------------------------------------------------------------ statements
 
-    def _plain(self, s: t.TypedStmt) -> bool:
+    def _run_plain(self, s: t.TypedStmt) -> bool:
         if isinstance(s, t.TypedPublish):
-            self._publish(s.topic, s.value)
+            self._check_publication(s.topic, s.value)
             return True
         if isinstance(s, (t.TypedAssign, t.TypedPush)):
             self._check_assigned_place(s.place)
-        return super()._plain(s)
+        return super()._run_plain(s)
 
-    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+    def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
         """Evaluates few rounds one by one; of many the first, the last, and one for all."""
         if isinstance(s, t.ForRange):
             self.loops[s.variable] = s
@@ -138,51 +140,51 @@ class _StepRanges(RangeEvaluator):
             few = isinstance(of_all, ArrayType) and of_all.size <= ROUNDS
             rounds = [anything(s.variable.type)]
         if few:
-            return super()._loop(s, returned, of)
-        self._forget(s.body)
+            return super()._run_loop(s, returned, of)
+        self._forget_assigned(s.body)
         for value in rounds:
             self.variables[s.variable] = value
             returned, _ = self._run(s.body, returned, of)
-            self._forget(s.body)
+            self._forget_assigned(s.body)
         return returned, True
 
-    def _forget(self, body: tuple[t.TypedStmt, ...]) -> None:
-        """Sets what `body` assigns to anything, as the number of its rounds is unknown."""
+    def _forget_assigned(self, body: tuple[t.TypedStmt, ...]) -> None:
+        """Lets variables that `body` assigns be anything, as its rounds are not counted."""
         for n in nodes(body):
             if isinstance(n, t.Place):
                 self.variables[n.variable] = anything(n.variable.type)
 
-    def _publish(self, topic: t.TopicSymbol, value: t.TypedExpr) -> None:
+    def _check_publication(self, topic: t.TopicSymbol, value: t.TypedExpr) -> None:
         flat = self.system.topics[self.scope.topics[topic]]
         if has_list(topic.type) or len(flat.bounds) > LEAVES_MAX:
             self.evaluate(value)
             return
-        self._compare(flat, value, (), topic)
+        self._compare_with_set(flat, value, (), topic)
 
-    def _compare(
+    def _compare_with_set(
         self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
     ) -> None:
         """Warns W015 of a published value, or a part of it, that is never in its topic's set."""
         if isinstance(value, t.Conditional):
             held = self.number(value.condition)
             if held != FALSE:
-                self._compare(topic, value.then, path, symbol)
+                self._compare_with_set(topic, value.then, path, symbol)
             if held != TRUE:
-                self._compare(topic, value.otherwise, path, symbol)
+                self._compare_with_set(topic, value.otherwise, path, symbol)
             return
         of = value.type
         if isinstance(value, t.Aggregate) and isinstance(of, (RecordType, ArrayType)):
             order = value.order or range(len(value.elements))
             for part, index in zip(value.elements, order, strict=True):
                 name = of.fields[index][0] if isinstance(of, RecordType) else f"[{index}]"
-                self._compare(topic, part, (*path, name), symbol)
+                self._compare_with_set(topic, part, (*path, name), symbol)
             return
-        self._compare_leaves(topic, value, path, symbol)
+        self._compare_leaves_with_set(topic, value, path, symbol)
 
-    def _compare_leaves(
+    def _compare_leaves_with_set(
         self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
     ) -> None:
-        flat = self._flat(self.evaluate(value), value.type)
+        flat = self._leaves(self.evaluate(value), value.type)
         bounds = [
             bound
             for (leaf, _), bound in zip(leaves(topic.type), topic.bounds, strict=True)
@@ -197,7 +199,7 @@ class _StepRanges(RangeEvaluator):
     def _warn_of_value_outside(
         self, topic: t.TopicSymbol, value: t.TypedExpr, known: Range, bound: Bound
     ) -> None:
-        what = repr(known.low) if known.single else f"all of [{known.low!r}, {known.high!r}]"
+        values = repr(known.low) if known.single else f"all of [{known.low!r}, {known.high!r}]"
         nearest = repr(bound.low if known.high < bound.low else bound.high)
         helps: tuple[Help, ...] = (f"or let the set of `{topic.name}` hold it",)
         if isinstance(value.type, (FloatType, IntType)):
@@ -208,7 +210,7 @@ class _StepRanges(RangeEvaluator):
         }.get(self.component.role, "publishing it is a step fault")
         self.diagnostics.warning(
             "W015",
-            f"{what} is outside of the set of `{topic.name}`",
+            f"{values} is outside of the set of `{topic.name}`",
             value.span,
             f"[{bound.low!r}, {bound.high!r}] is allowed",
             also=((topic.span, "declared here"),),
@@ -218,7 +220,7 @@ class _StepRanges(RangeEvaluator):
 
     # ------------------------------------------------------------ what faults for certain
 
-    def _call(self, e: t.TypedCall) -> Known:
+    def _range_of_call(self, e: t.TypedCall) -> Known:
         if e.fun.prelude:
             for a in e.arguments:
                 self.evaluate(a)
@@ -228,7 +230,7 @@ class _StepRanges(RangeEvaluator):
             self._check_clamp_bounds(*e.arguments[1:])
         self.silent += e.fun.prelude
         try:
-            return super()._call(e)
+            return super()._range_of_call(e)
         finally:
             self.silent -= e.fun.prelude
 
@@ -236,7 +238,7 @@ class _StepRanges(RangeEvaluator):
         a, b = self.number(low), self.number(high)
         if a.nan or b.nan or a.low <= b.high:
             return
-        self._say(
+        self._warn_of_fault(
             "the bounds of `clamp` are the wrong way round",
             low.span.to(high.span),
             f"{low.span.text} is above {high.span.text}",
@@ -244,9 +246,9 @@ class _StepRanges(RangeEvaluator):
             (exchange(low.span, high.span, f"write `{high.span.text}, {low.span.text}`"),),
         )
 
-    def _index(self, e: t.Index) -> Known:
-        self._check_index(e.target.type, e.index)
-        return super()._index(e)
+    def _range_of_index(self, e: t.Index) -> Known:
+        self._check_index_of(e.target.type, e.index)
+        return super()._range_of_index(e)
 
     def _check_assigned_place(self, place: t.Place) -> None:
         of: Type = place.variable.type
@@ -254,11 +256,11 @@ class _StepRanges(RangeEvaluator):
             if isinstance(step, int):
                 of = of.fields[step][1] if isinstance(of, RecordType) else of
                 continue
-            self._check_index(of, step)
+            self._check_index_of(of, step)
             of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
-    def _check_index(self, of: Type, index: t.TypedExpr) -> None:
-        """Warns W025 of an index that is outside whenever it is reached, at least in this round."""
+    def _check_index_of(self, of: Type, index: t.TypedExpr) -> None:
+        """Warns W025 of an index that is outside whenever the code gets there."""
         if not isinstance(of, (ArrayType, ListType)) or self.silent:
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
@@ -269,38 +271,38 @@ class _StepRanges(RangeEvaluator):
         helps: tuple[Help, ...] = (f"its elements are 0 to {size - 1}",)
         loop = self.loops.get(index.variable) if isinstance(index, t.VarRead) else None
         if loop is not None:
-            helps = (_counted_from_zero(loop, size),)
-        self._say(
-            f"`{_short(index.span)}` is outside of `{of}` where it is {value}",
+            helps = (_help_to_count_from_zero(loop, size),)
+        self._warn_of_fault(
+            f"`{_shortened_text(index.span)}` is outside of `{of}` where it is {value}",
             index.span,
-            f"{_short(index.span)} is {value}, and 0 to {size - 1} are possible",
+            f"{_shortened_text(index.span)} is {value}, and 0 to {size - 1} are possible",
             "reading or writing there is a step fault",
             helps,
         )
 
-    def _narrow(self, e: t.Narrow) -> Known:
+    def _range_of_narrow(self, e: t.Narrow) -> Known:
         assert isinstance(e.type, IntType)
         if not self.silent:
             a = self.number(e.operand)
             if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
-                self._warn_one_fits(e, a)
+                self._warn_that_one_fits(e, a)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
                 inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"
-                self._say(
-                    f"`{_short(e.span)}` does not fit into `{e.type}`",
+                self._warn_of_fault(
+                    f"`{_shortened_text(e.span)}` does not fit into `{e.type}`",
                     e.span,
                     f"it is {value}",
                     "putting it there is a step fault",
                     (replace(e.span, inside, f"keep it inside: `{inside}`"),),
                 )
-        return super()._narrow(e)
+        return super()._range_of_narrow(e)
 
-    def _warn_one_fits(self, e: t.Narrow, known: Range) -> None:
-        """Warns W025 if only one value fits: for `n: int in [0, 9]`, `n = max(n + 1, 9)` only 9."""
+    def _warn_that_one_fits(self, e: t.Narrow, known: Range) -> None:
+        """Warns W025 if one value fits: in `n: int in [0, 9]`, `n = max(n + 1, 9)`, only 9 does."""
         assert isinstance(e.type, IntType)
         only, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
-        self._say(
+        self._warn_of_fault(
             f"of what this may be only {only} fits into `{e.type}`",
             e.span,
             f"it is from {known.low} to {known.high}",
@@ -308,27 +310,27 @@ class _StepRanges(RangeEvaluator):
             (f"keep it inside: `{keeps}(x, {only})`",),
         )
 
-    def _say(
+    def _warn_of_fault(
         self, message: str, span: Span, label: str, note: str, helps: tuple[Help, ...]
     ) -> None:
         self.diagnostics.warning("W025", message, span, label, notes=(note,), helps=helps)
 
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
         **RangeEvaluator.EXPRESSIONS,
-        t.TypedCall: _call,
-        t.Index: _index,
-        t.Narrow: _narrow,
+        t.TypedCall: _range_of_call,
+        t.Index: _range_of_index,
+        t.Narrow: _range_of_narrow,
     }
 
 
-def _short(span: Span) -> str:
-    """The source text of a span on one line, cut to SHOWN characters."""
+def _shortened_text(span: Span) -> str:
+    """Gives the source text of a span on one line, cut to SHOWN characters."""
     text = " ".join(span.text.split())
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 4]} ..."
 
 
-def _counted_from_zero(loop: t.ForRange, size: int) -> Help:
-    """Help with the loop over all indices, as an edit if the text shows the loop's range."""
+def _help_to_count_from_zero(loop: t.ForRange, size: int) -> Help:
+    """Gives the help with a loop over all indices, as an edit if the text shows its range."""
     title = f"indices begin at 0: `for {loop.variable.name} in 0..{size} {{ ... }}`"
     written = _COUNTED.match(loop.span.source.text, loop.span.start)
     if written is None:
@@ -362,7 +364,6 @@ def warn_of_silence(system: System, module: Module, diagnostics: Diagnostics) ->
 
 
 def _always_publishes(statements: tuple[t.TypedStmt, ...], topic: t.TopicSymbol) -> bool:
-    """Whether every path through the statements publishes the topic."""
     for s in statements:
         if isinstance(s, t.TypedPublish) and s.topic is topic:
             return True
@@ -375,18 +376,14 @@ def _always_publishes(statements: tuple[t.TypedStmt, ...], topic: t.TopicSymbol)
     return False
 
 
-ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
-"""Order of a scheme -> the largest decay rate times step at which it does not diverge."""
-
-
 def warn_of_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
-    """W014, W032, and W019 for states that its scheme moves away from their solution."""
+    """Warns W014, W032, and W019 for states that the scheme moves away from their solution."""
     plant = component.plant
     if plant is None:
         return
-    _warn_unmoved(plant, diagnostics)
+    _warn_of_unmoved_states(plant, diagnostics)
     _warn_of_times_dt(plant, diagnostics)
-    for d in diverging(system, component):
+    for d in groups_that_diverge(system, component):
         names = ", ".join(f"`{n}`" for n in d.names)
         end = ENDS[SCHEMES[plant.method].order]
         rate = f"rate {d.rate:.3g} per second x step {d.step_s:.3g} s = {d.rate * d.step_s:.3g}"
@@ -415,9 +412,9 @@ def _divergence_helps(component: Component, d: Diverging) -> list[str]:
     return helps or ["leave out what is that fast: say where it comes to rest"]
 
 
-def _warn_unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """Warns W014 of a state with neither `der` nor `next`: a rule is missing, or it is a const."""
-    for state in unmoved(plant):
+def _warn_of_unmoved_states(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+    """Warns W014 of a state without `der` and `next`: a rule is missing, or it is a constant."""
+    for state in unmoved_states(plant):
         diagnostics.warning(
             "W014",
             f"the state `{state.name}` of plant `{plant.name}` never changes",
@@ -429,7 +426,7 @@ def _warn_unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
 
 
 def _warn_of_times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """Warns W032 of `der x = v * dt`: the scheme multiplies by the step already."""
+    """Warns W032 of `der x = v * dt`: the scheme itself multiplies by the step."""
     for state, slope in plant.der.items():
         factors = [slope]
         for e in factors:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.passes.replace_parts import controller_names
-from soter.language.elaborate.passes.stand_ins import stand_in
-from soter.language.elaborate.passes.step_times import budget, check_step_times
+from soter.language.elaborate.passes.stand_ins import make_stand_in
+from soter.language.elaborate.passes.step_times import check_step_times, wcet_and_jitter
 from soter.language.elaborate.passes.system_numbers import TooLargeError
 from soter.language.elaborate.passes.topics import make_queue, topic_at
 from soter.language.elaborate.passes.value_sets import require_in_set
@@ -29,19 +29,19 @@ RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 
 def make_components(flat: Flattening, role: str) -> None:
-    """Adds `components`, `plants` and `unknown`, with the topics in their scopes; needs `placed`.
+    """Adds `components`, `plants` and `unknown`, with the topics in scopes; needs `placed`.
 
-    `role`: that of nodes outside modules.
+    `role` becomes the role of each node outside of modules.
     """
     modules = 0
     for placed in flat.placed:
-        with flat.under(placed.params):
+        with flat.with_params(placed.params):
             if isinstance(placed.symbol, typed.PlantSymbol):
-                flat.components.append(_plant(flat, placed, placed.symbol))
+                flat.components.append(_make_plant(flat, placed, placed.symbol))
             elif isinstance(placed.symbol, typed.NodeSymbol):
-                flat.components.append(_node(flat, placed, placed.symbol, placed.name, role))
+                flat.components.append(_make_node(flat, placed, placed.symbol, placed.name, role))
             else:
-                flat.components += _module_nodes(flat, placed, placed.symbol, modules)
+                flat.components += _make_dm_sc_and_ac(flat, placed, placed.symbol, modules)
                 modules += 1
     # ruling 5: plants, DMs, SCs, the rest; ties by declaration
     flat.components.sort(key=lambda c: RANK[c.stands_for.role if c.stands_for else c.role])
@@ -50,16 +50,16 @@ def make_components(flat: Flattening, role: str) -> None:
     flat.plants = {c.name: c.index for c in flat.components if c.role == "plant"}
 
 
-def _period(flat: Flattening, expr: typed.TypedExpr, what: str, name: str) -> int:
-    period = flat.duration(expr, what)
+def _period_ns(flat: Flattening, expr: typed.TypedExpr, description: str, name: str) -> int:
+    period = flat.duration_ns(expr, description)
     if period is None:
         flat.unknown.add(name)
         return 1_000_000_000
     return period
 
 
-def scope_of(flat: Flattening, placed: PlacedInstance, topics: list[typed.TopicSymbol]) -> Scope:
-    """The scope of what is placed: what these topics mean there."""
+def scope_at(flat: Flattening, placed: PlacedInstance, topics: list[typed.TopicSymbol]) -> Scope:
+    """Gives the scope of a placed instance: the topic that each of `topics` means there."""
     return Scope({t: topic_at(flat, placed, t) for t in topics}, placed.params)
 
 
@@ -72,24 +72,24 @@ def _first_values(
     for variable, expr in zip(variables, initial, strict=True):
         if isinstance(variable.type, ErrorType):
             continue
-        if not flat.sizes.fits(variable.type):
+        if not flat.sizes.has_room_for(variable.type):
             raise TooLargeError
-        what = f"the first value of `{variable.name}`"
-        value = flat.number(expr, what)
+        description = f"the first value of `{variable.name}`"
+        value = flat.number(expr, description)
         values.append(default_value(variable.type) if value is None else value)
     return tuple(values)
 
 
-def _plant(flat: Flattening, placed: PlacedInstance, plant: typed.PlantSymbol) -> Component:
-    scope = scope_of(flat, placed, [*plant.reads, *(t for t, _ in plant.drives)])
-    period = _period(flat, plant.period, f"the period of plant `{plant.name}`", placed.name)
+def _make_plant(flat: Flattening, placed: PlacedInstance, plant: typed.PlantSymbol) -> Component:
+    scope = scope_at(flat, placed, [*plant.reads, *(t for t, _ in plant.drives)])
+    period = _period_ns(flat, plant.period, f"the period of plant `{plant.name}`", placed.name)
     ranges: list[tuple[float, float] | None] = []
     for variable, interval in zip(plant.states, plant.initial_range, strict=True):
-        what = f"the start of `{variable.name}`"
+        description = f"the start of `{variable.name}`"
         start_range = None
         if interval is not None:
             span = interval[0].span.to(interval[1].span)
-            start_range = flat.interval(interval[0], interval[1], span, what)
+            start_range = flat.interval(interval[0], interval[1], span, description)
         ranges.append(start_range)
     substeps = flat.count(plant.substeps, "the number of substeps", 1, MAX_SUBSTEPS)
     return Component(
@@ -104,17 +104,17 @@ def _plant(flat: Flattening, placed: PlacedInstance, plant: typed.PlantSymbol) -
         initial=_first_values(flat, plant.states, plant.initial),
         initial_range=tuple(ranges),
         substeps=substeps or 1,
-        disturbances=tuple(_disturbance(flat, placed.name, d) for d in plant.disturbances),
-        measured=tuple(_measurements(flat, placed.name, plant, scope)),
+        disturbances=tuple(_make_disturbance(flat, placed.name, d) for d in plant.disturbances),
+        measured=tuple(_make_measurements(flat, placed.name, plant, scope)),
         binding=plant.source,
     )
 
 
-def _disturbance(flat: Flattening, plant: str, d: typed.DisturbanceSymbol) -> Disturbance:
+def _make_disturbance(flat: Flattening, plant: str, d: typed.DisturbanceSymbol) -> Disturbance:
     name = d.variable.name
     span = d.low.span.to(d.high.span)
     interval = flat.interval(d.low, d.high, span, f"disturbance `{name}`") or (0.0, 0.0)
-    hold = flat.duration(d.hold, f"`hold` of `{name}`")
+    hold = flat.duration_ns(d.hold, f"`hold` of `{name}`")
     streams: tuple[str, ...] = ()
     if not isinstance(d.variable.type, ErrorType):
         paths = [path for path, _ in leaves(d.variable.type)]
@@ -122,7 +122,7 @@ def _disturbance(flat: Flattening, plant: str, d: typed.DisturbanceSymbol) -> Di
     return Disturbance(d.variable, interval[0], interval[1], hold or 0, streams)
 
 
-def _measurements(
+def _make_measurements(
     flat: Flattening, name: str, plant: typed.PlantSymbol, scope: Scope
 ) -> list[Measurement]:
     measurements: list[Measurement] = []
@@ -138,7 +138,7 @@ def _measurements(
     return sorted(measurements, key=lambda m: (m.topic, m.leaf))
 
 
-def _node(
+def _make_node(
     flat: Flattening,
     placed: PlacedInstance,
     node: typed.NodeSymbol,
@@ -148,21 +148,21 @@ def _node(
 ) -> Component:
     by, stands_for = placed.by_contract.get(node.name), None
     if by is not None:
-        scope_of(flat, placed, list(node.publishes))
-        node, stands_for = stand_in(node, by, flat.diagnostics)
-    scope = scope_of(flat, placed, [*(s.topic for s in node.subscribes), *node.publishes])
+        scope_at(flat, placed, list(node.publishes))
+        node, stands_for = make_stand_in(node, by, flat.diagnostics)
+    scope = scope_at(flat, placed, [*(s.topic for s in node.subscribes), *node.publishes])
     for subscribed in node.subscribes:
         if subscribed.queue is not None:
             source = flat.topics[scope.topics[subscribed.topic]]
             scope.topics[subscribed.topic] = make_queue(flat, source, subscribed, name)
-    period = _period(flat, node.period, f"the period of node `{node.name}`", name)
-    wcet, jitter = budget(flat, node)
+    period = _period_ns(flat, node.period, f"the period of node `{node.name}`", name)
+    wcet, jitter = wcet_and_jitter(flat, node)
     return Component(
         0,
         name,
         role,
         period,
-        _phase(flat, node, period, name),
+        _phase_ns(flat, node, period, name),
         scope,
         placed.span,
         module=module,
@@ -171,17 +171,17 @@ def _node(
         failsafe=failsafe_values(flat, node, scope),
         binding=node.source,
         stands_for=stands_for,
-        takes_ns=_takes(flat, node, role if module is not None else "node"),
+        takes_ns=_step_times(flat, node, role if module is not None else "node"),
         wcet_ns=wcet,
         jitter_ns=jitter,
     )
 
 
-def _takes(flat: Flattening, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
+def _step_times(flat: Flattening, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
     if node.takes is None:
         return None
-    what = f"what a step of `{node.name}` takes"
-    low, high = (flat.duration(e, what) for e in node.takes)
+    description = f"what a step of `{node.name}` takes"
+    low, high = (flat.duration_ns(e, description) for e in node.takes)
     if low is None or high is None:
         return None
     if node not in flat.program.damaged:
@@ -189,7 +189,7 @@ def _takes(flat: Flattening, node: typed.NodeSymbol, role: str) -> tuple[int, in
     return low, max(low, high)
 
 
-def _phase(flat: Flattening, node: typed.NodeSymbol, period: int, name: str) -> int:
+def _phase_ns(flat: Flattening, node: typed.NodeSymbol, period: int, name: str) -> int:
     phase = flat.number(node.phase, "a phase")
     if phase is None or node.phase is None:
         return 0
@@ -210,7 +210,7 @@ def _phase(flat: Flattening, node: typed.NodeSymbol, period: int, name: str) -> 
 def failsafe_values(
     flat: Flattening, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
 ) -> dict[int, Value]:
-    """Topic -> value published after a step fault, or held after the end of a lease."""
+    """Topic -> the value published after a step fault, or held after the end of a lease."""
     value_by_topic: dict[int, Value] = {}
     why = (
         "proofs of what acts after the lease speak of values in the set"
@@ -224,44 +224,44 @@ def failsafe_values(
         # a queue's: the node reads its own output, which M001 was reported for
         topic = flat.topics[flat.topics[scope.topics[symbol]].source]
         value_by_topic[topic.index] = value
-        what = f"the fail-safe value of `{symbol.name}`"
-        require_in_set(flat, topic, value, expr, what, (why,))
+        description = f"the fail-safe value of `{symbol.name}`"
+        require_in_set(flat, topic, value, expr, description, (why,))
     return value_by_topic
 
 
-def _module_nodes(
+def _make_dm_sc_and_ac(
     flat: Flattening, placed: PlacedInstance, module: typed.ModuleSymbol, index: int
 ) -> list[Component]:
     ac, sc = placed.controllers()
     if sc is module.sc:
-        _require_same_times(flat, module)
+        _require_same_times_of_plans(flat, module)
     name = f"{placed.name}.dm"
-    period = _period(flat, module.period, f"the period of module `{module.name}`", name)
+    period = _period_ns(flat, module.period, f"the period of module `{module.name}`", name)
     predicates = topic_reads(*module.expressions)
     others = *module.moved, *module.acknowledgements
     reads = list(dict.fromkeys([*module.topics_read, *predicates, *others]))
-    scope = scope_of(flat, placed, reads)
-    wcet, jitter = budget(flat, module)
+    scope = scope_at(flat, placed, reads)
+    wcet, jitter = wcet_and_jitter(flat, module)
     ac_name, sc_name = controller_names(placed.name, ac, sc)
     dm = Component(
         0, name, "dm", period, 0, scope, placed.span, module=index, wcet_ns=wcet, jitter_ns=jitter
     )
     return [
         dm,
-        _node(flat, placed, sc, sc_name, "sc", index),
-        _node(flat, placed, ac, ac_name, "ac", index),
+        _make_node(flat, placed, sc, sc_name, "sc", index),
+        _make_node(flat, placed, ac, ac_name, "ac", index),
     ]
 
 
-def _require_same_times(flat: Flattening, module: typed.ModuleSymbol) -> None:
-    """Reports M030 for a plan of several that steps, or is late, at other times."""
+def _require_same_times_of_plans(flat: Flattening, module: typed.ModuleSymbol) -> None:
+    """Reports M030 for a plan of SC with another period, phase, `wcet` or `jitter`."""
 
-    def times(node: typed.NodeSymbol) -> tuple[object, ...]:
+    def times_of_plan(node: typed.NodeSymbol) -> tuple[object, ...]:
         phase = flat.number(node.phase, "a phase") or 0
-        return flat.duration(node.period, "a period"), phase, *budget(flat, node)
+        return flat.duration_ns(node.period, "a period"), phase, *wcet_and_jitter(flat, node)
 
     for plan in module.plans[1:]:
-        if times(plan) != times(module.plans[0]):
+        if times_of_plan(plan) != times_of_plan(module.plans[0]):
             flat.diagnostics.error(
                 "M030",
                 f"`{plan.name}` has other times than `{module.plans[0].name}`",

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import append, exchange
-from soter.language.elaborate.passes.make_components import failsafe_values, scope_of
+from soter.language.elaborate.passes.make_components import failsafe_values, scope_at
 from soter.language.elaborate.passes.step_times import check_double_response
 from soter.language.elaborate.passes.topics import topic_at
-from soter.language.elaborate.passes.value_sets import beyond
+from soter.language.elaborate.passes.value_sets import outside_text
 from soter.language.model import typed
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST, Module
 from soter.language.model.types import FloatType, IntType, leaves, show_ns
@@ -32,19 +32,19 @@ MAX_LEVELS = 100
 
 
 def make_modules(flat: Flattening) -> None:
-    """Adds `modules` and `shields`; needs `components`, which name them by number."""
+    """Adds `modules` and `shields`; needs `components`, which have the numbers of modules."""
     placed_modules = [p for p in flat.placed if isinstance(p.symbol, typed.ModuleSymbol)]
     roles: list[dict[str, Component]] = [{} for _ in placed_modules]
     for c in flat.components:
         if c.module is not None:
             roles[c.module][c.role] = c
     for placed, by_role in zip(placed_modules, roles, strict=True):
-        with flat.under(placed.params):
-            flat.modules.append(_module(flat, placed, len(flat.modules), by_role))
+        with flat.with_params(placed.params):
+            flat.modules.append(_make_module(flat, placed, len(flat.modules), by_role))
     check_double_response(flat.modules, flat.components, flat.diagnostics)
 
 
-def _module(
+def _make_module(
     flat: Flattening, placed: PlacedInstance, index: int, by_role: dict[str, Component]
 ) -> Module:
     module = placed.symbol
@@ -53,10 +53,10 @@ def _module(
     dm = by_role["dm"]
     outputs = tuple(topic_at(flat, placed, t) for t in module.sc.publishes)
     for output in outputs:
-        _require_set(flat, flat.topics[output], module)
+        _require_value_set(flat, flat.topics[output], module)
     late_ns, levels = _check_verify_block(flat, module)
     if module.rest is not None:
-        flat.long_duration(module.rest.within, "the time of `rest`")
+        flat.run_length_ns(module.rest.within, "the time of `rest`")
         for move in module.rest.moves:
             flat.bound(move.by, "how far something moves")
     shield = flat.count(module.shield, "`shield`", 1, typed.CELLS_MAX)
@@ -76,14 +76,14 @@ def _module(
         outputs=outputs,
         forced=placed.forced,
         around=flat.params_at[placed.prefix],
-        law=failsafe_values(flat, module, scope_of(flat, placed, list(module.failsafe))),
+        law=failsafe_values(flat, module, scope_at(flat, placed, list(module.failsafe))),
         late_ns=late_ns,
         levels=levels,
     )
 
 
-def _require_set(flat: Flattening, topic: Topic, module: typed.ModuleSymbol) -> None:
-    """Reports V003 for an output without a set: it bounds what AC may publish (theorem 3.1)."""
+def _require_value_set(flat: Flattening, topic: Topic, module: typed.ModuleSymbol) -> None:
+    """Reports V003 for an output without a set, which bounds what AC may publish (theorem 3.1)."""
     if topic.set_declared or topic.symbol in flat.program.damaged:
         return
     bare = [
@@ -102,15 +102,15 @@ def _require_set(flat: Flattening, topic: Topic, module: typed.ModuleSymbol) -> 
             "theorem 3.1 is about everything the advanced controller may do",
             "the gate refuses what lies outside the set",
         ),
-        helps=(_missing_set(topic, bare),),
+        helps=(_help_to_add_set(topic, bare),),
     )
 
 
 def _check_verify_block(flat: Flattening, module: typed.ModuleSymbol) -> tuple[int, int]:
-    """Checks the numbers of `verify`; how late the DM may be, in ns, and its levels."""
+    """Checks the numbers of `verify`; gives how late the DM may be, in ns, and its levels."""
     verify = module.verify
-    flat.long_duration(verify.horizon, "`horizon`")
-    flat.long_duration(verify.recover, "`recover within`")
+    flat.run_length_ns(verify.horizon, "`horizon`")
+    flat.run_length_ns(verify.recover, "`recover within`")
     levels = flat.count(verify.levels, "the number of levels", LEVELS_LEAST, MAX_LEVELS)
     least_time = "the least time of `acts within`"
     delays = {
@@ -125,7 +125,7 @@ def _check_verify_block(flat: Flattening, module: typed.ModuleSymbol) -> tuple[i
         **{f"`late {n}`": e for n, e in verify.late_of.items()},
         **{f"`response {n}`": e for n, e in verify.response_of.items()},
     }
-    value_by_delay = {what: flat.delay(expr, what) for what, expr in delays.items()}
+    value_by_delay = {name: flat.delay_ns(expr, name) for name, expr in delays.items()}
     least, most = (value_by_delay[w] for w in (least_time, "`acts within`"))
     _require_order_of_times(flat, verify, least, most)
     for block in (verify, *(v.block for v in verify.views)):
@@ -189,14 +189,14 @@ def _check_command(
                 continue
             flat.diagnostics.error(
                 "V005",
-                f"the command {value!r} is {beyond(value, bound)}",
+                f"the command {value!r} is {outside_text(value, bound)}",
                 expr.span,
                 also=((topic.symbol.span, "the topic"),),
             )
 
 
-def _missing_set(topic: Topic, bare: Sequence[str]) -> Help:
-    """Help that adds a set for the leaves `bare` of a topic."""
+def _help_to_add_set(topic: Topic, bare: Sequence[str]) -> Help:
+    """Gives the help that adds a set for `bare`, the leaves of the topic that have none."""
     if not topic.symbol.values or not all(bare):
         return "add a set: `in [-1.0, 1.0]` with your bounds"
     last = max((r.span for r in topic.symbol.values.values()), key=lambda s: s.end)

@@ -47,11 +47,7 @@ AS_FLOAT = (
 
 
 def make_memory_topics(flat: Flattening) -> None:
-    """Adds hidden topics to `topics`; modules and components get their indices.
-
-    Needs all components, modules and `margins`, the modules whose margin somebody reads. Only
-    topics of `overrun` faults come later.
-    """
+    """Adds hidden topics to `topics`, and writes their indices into modules and components."""
     for index in sorted(set(flat.margins)):
         module = flat.modules[index]
         module.looked = _add_counter(flat, module, "margin", max(module.levels - 1, 1))
@@ -61,16 +57,16 @@ def make_memory_topics(flat: Flattening) -> None:
             module.latch = _add_counter(flat, module, "latch", 1 if latch.topic is None else 2)
             if latch.topic is not None:
                 module.acknowledgement = module.scope.topics[latch.topic]
-    _add_plans(flat)
+    _add_plan_topics(flat)
     for c in flat.components:
         if c.takes_ns is not None and flat.test is None:  # the explorer holds outputs itself
-            make_held_topic(flat, c)
+            add_held_topic(flat, c)
     for module in flat.modules:
         if module.index in flat.shields and module.symbol.shield is not None:
-            _add_shield(flat, module, module.symbol.shield)
+            _add_shield_topics(flat, module, module.symbol.shield)
 
 
-def _add_plans(flat: Flattening) -> None:
+def _add_plan_topics(flat: Flattening) -> None:
     for module in flat.modules:
         sc, symbol = flat.components[module.sc], module.symbol.plan
         if symbol is not None and sc.node is module.symbol.sc:  # none for an SC that was replaced
@@ -79,8 +75,8 @@ def _add_plans(flat: Flattening) -> None:
             sc.scope.topics[symbol] = module.plan
 
 
-def make_held_topic(flat: Flattening, c: Component) -> None:
-    """Adds the topic that holds outputs of steps until they take effect; or TooLargeError."""
+def add_held_topic(flat: Flattening, c: Component) -> None:
+    """Adds the topic that holds outputs until they take effect; may raise TooLargeError."""
     if c.held is not None or c.node is None or not c.node.publishes:
         return
     published = [flat.topics[c.scope.topics[t]] for t in c.node.publishes]
@@ -90,7 +86,7 @@ def make_held_topic(flat: Flattening, c: Component) -> None:
         fields += [(f"has_{k}", BOOL), (f"at_{k}", INT), (f"out_{k}", topic.type)]
         bounds += [None, None, *topic.bounds]
     t = RecordType(tuple(fields))
-    if not flat.sizes.fits(t):
+    if not flat.sizes.has_room_for(t):
         raise TooLargeError
     c.held = len(flat.topics)
     flat.topics.append(
@@ -109,20 +105,19 @@ def make_held_topic(flat: Flattening, c: Component) -> None:
     )
 
 
-def _add_counter(flat: Flattening, module: Module, what: str, most: int) -> int:
-    return _add_topic(flat, module, what, IntType(0, most), (Bound(0, most),), 0)
+def _add_counter(flat: Flattening, module: Module, purpose: str, most: int) -> int:
+    return _add_topic(flat, module, purpose, IntType(0, most), (Bound(0, most),), 0)
 
 
 def _add_topic(
     flat: Flattening,
     module: Module,
-    what: str,
+    purpose: str,
     held: Type,
     bounds: tuple[Bound | None, ...],
     default: Value,
 ) -> int:
-    """Adds a hidden topic; returns its index."""
-    name = f"{module.name}.{what}"
+    name = f"{module.name}.{purpose}"
     topic = Topic(
         index=len(flat.topics),
         name=name,
@@ -139,9 +134,9 @@ def _add_topic(
     return topic.index
 
 
-def _add_shield(flat: Flattening, module: Module, clause: TypedExpr) -> None:
-    """Adds the topics of a module's shield, or reports why it can have none (M027)."""
-    why = _why_not(module, flat.topics, flat.components)
+def _add_shield_topics(flat: Flattening, module: Module, clause: TypedExpr) -> None:
+    """Adds the topics of a module's shield; reports M027 if the module can have no shield."""
+    why = _why_no_shield(module, flat.topics, flat.components)
     if why:
         _report_no_shield(module, clause, why, flat.diagnostics)
         return
@@ -155,12 +150,12 @@ def _add_shield(flat: Flattening, module: Module, clause: TypedExpr) -> None:
         module.scope.topics.setdefault(tried, flat.components[module.ac].scope.topics[tried])
 
 
-def _add_array(flat: Flattening, module: Module, what: str, default: tuple[float, ...]) -> int:
+def _add_array(flat: Flattening, module: Module, purpose: str, default: tuple[float, ...]) -> int:
     size = len(default)
-    return _add_topic(flat, module, what, ArrayType(FLOAT, size), (None,) * size, default)
+    return _add_topic(flat, module, purpose, ArrayType(FLOAT, size), (None,) * size, default)
 
 
-def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
+def _why_no_shield(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
     if module.symbol.ttf is not None or module.symbol.safer is not None:
         return "`ttf` and `safer` are written: what a shield permits is computed together with them"
     for i in module.outputs:
@@ -200,9 +195,10 @@ def _report_no_shield(
 def _why_no_candidates(
     module: Module, topics: Sequence[Topic], components: Sequence[Component]
 ) -> str:
-    """Why commands cannot be tried in the place of AC's; "": they can, or none are named.
+    """Says why commands cannot be tried in the place of AC's; "" if they can, or if none are named.
 
-    What is published in the place of AC's command passes no gate, so the topic's set has to be one.
+    What is published in the place of AC's command passes no gate, so every value that the topic of
+    candidates may have must lie in the output's set.
     """
     tried = module.symbol.candidates
     if tried is None:

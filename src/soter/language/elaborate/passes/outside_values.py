@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 
 def add_inputs(flat: Flattening) -> None:
-    """Adds `inputs`, how input topics are drawn; needs `parts`, the outermost of which counts."""
+    """Adds to `inputs` how each input topic is drawn; of several `parts` the outermost counts."""
     result: dict[int, InputDrive] = {}
     for part, item in _input_items(flat):
         index = topic_at(flat, part, item.topic)
-        with flat.under(part.params):
-            every = flat.duration(item.every, f"`every` of `{item.path}`")
+        with flat.with_params(part.params):
+            every = flat.duration_ns(item.every, f"`every` of `{item.path}`")
             if index in result:
                 continue
             topic = flat.topics[index]
-            values = _values(flat, item, topic)
+            values = _declared_values(flat, item, topic)
         if not (item.values or topic.set_declared or topic.symbol in flat.program.damaged):
             flat.diagnostics.error(
                 "V009",
@@ -50,7 +50,7 @@ def add_inputs(flat: Flattening) -> None:
     flat.inputs += result.values()
 
 
-def _values(flat: Flattening, item: typed.InputSymbol, topic: Topic) -> tuple[Value, ...]:
+def _declared_values(flat: Flattening, item: typed.InputSymbol, topic: Topic) -> tuple[Value, ...]:
     """The declared values of an input; reports V005 for one outside the topic's set."""
     values: list[Value] = []
     for expr in item.values:
@@ -63,7 +63,7 @@ def _values(flat: Flattening, item: typed.InputSymbol, topic: Topic) -> tuple[Va
 
 
 def _input_items(flat: Flattening) -> Iterator[tuple[SubSystem, typed.InputSymbol]]:
-    """Yields `input`s of the test, of the system, then those of sub-systems that are not wired."""
+    """Yields each `input` with its part: the test's, the system's, those that no wire replaces."""
     if flat.test is not None:
         yield from ((flat.parts[0], item) for item in flat.test.inputs)
     for part in flat.parts:
@@ -74,20 +74,20 @@ def _input_items(flat: Flattening) -> Iterator[tuple[SubSystem, typed.InputSymbo
 
 
 def add_externals(flat: Flattening) -> None:
-    """Adds `externals`; needs `parts`, the outermost of which counts."""
+    """Adds `externals`; of several `parts` that declare a topic, the outermost one counts."""
     external_by_topic: dict[int, External] = {}
     for part in flat.parts:
         for item in part.system.externals:
             index = topic_at(flat, part, item.topic)
-            with flat.under(part.params):
-                external_by_topic.setdefault(index, _external(flat, item, index))
+            with flat.with_params(part.params):
+                external_by_topic.setdefault(index, _make_external(flat, item, index))
     flat.externals += external_by_topic.values()
 
 
-def _external(flat: Flattening, item: typed.ExternalSymbol, index: int) -> External:
-    what = f"of external topic `{item.topic.name}`"
-    every = flat.duration(item.every, f"`every` {what}")
-    delay = flat.delay(item.delayed, f"`delayed` {what}")
+def _make_external(flat: Flattening, item: typed.ExternalSymbol, index: int) -> External:
+    owner = f"of external topic `{item.topic.name}`"
+    every = flat.duration_ns(item.every, f"`every` {owner}")
+    delay = flat.delay_ns(item.delayed, f"`delayed` {owner}")
     errors: list[float | None] = [None for _ in leaves(item.topic.type)]
     for m in item.measured:
         bound = flat.bound(m.within, "the bound of an error")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.passes.flattening import PlacedInstance, SubSystem
 from soter.language.elaborate.passes.replace_parts import replace_part
-from soter.language.elaborate.passes.topics import home_of
+from soter.language.elaborate.passes.topics import home_of_topic
 from soter.language.elaborate.passes.value_sets import set_and_default
 from soter.language.model import typed
 from soter.language.model.tree_walk import topics_beside, topics_mentioned
@@ -24,36 +24,38 @@ if TYPE_CHECKING:
 
 
 def place_instances(flat: Flattening) -> None:
-    """The first pass: adds `placed`, `parts` and `params_at`, with `gone` and `put_in` of tests."""
-    _place(flat, flat.symbol, "", [])
+    """Adds `placed`, `parts` and `params_at`; for a test also `gone` and `put_in`."""
+    _place_in(flat, flat.symbol, "", [])
 
 
-def _place(flat: Flattening, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
-    """Places every instance below `prefix`, then applies the system's `force`, `replace`."""
+def _place_in(
+    flat: Flattening, system: typed.SystemSymbol, prefix: str, outer: list[Wires]
+) -> None:
+    """Places every instance below `prefix`, then applies `force` and `replace` of the system."""
     around = flat.params_at[prefix]
     flat.parts.append(SubSystem(system, prefix, outer, around))
     if prefix:
-        flat.parameters.add(prefix, system.sets)
+        flat.parameters.add_settings(prefix, system.sets)
     for instance in system.instances:
         name = prefix + instance.name
-        what = instance.what
-        flat.partial = flat.partial or what in flat.program.damaged
+        declaration = instance.what
+        flat.partial = flat.partial or declaration in flat.program.damaged
         _check_wires(flat, instance)
-        params = flat.parameters.inside(name, around)
+        params = flat.parameters.values_inside(name, around)
         wires = {
-            inner: home_of(flat, target, prefix, outer)
+            inner: home_of_topic(flat, target, prefix, outer)
             for inner, target in instance.renames.items()
         }
-        if isinstance(what, typed.SystemSymbol):
-            _warn_of_ignored_sets(flat, what, name)
+        if isinstance(declaration, typed.SystemSymbol):
+            _warn_of_ignored_settings(flat, declaration, name)
             flat.params_at[name + "."] = params
-            _place(flat, what, name + ".", [wires])
+            _place_in(flat, declaration, name + ".", [wires])
             continue
-        if isinstance(what, typed.ModuleSymbol):
+        if isinstance(declaration, typed.ModuleSymbol):
             damaged = flat.program.damaged
-            flat.partial = flat.partial or what.ac in damaged or what.sc in damaged
+            flat.partial = flat.partial or declaration.ac in damaged or declaration.sc in damaged
         flat.placed.append(
-            PlacedInstance(name, what, prefix, [wires, *outer], instance.span, params)
+            PlacedInstance(name, declaration, prefix, [wires, *outer], instance.span, params)
         )
     forced = {prefix + path: to for path, to, _ in system.forces}
     for placed in flat.placed if forced else ():
@@ -64,12 +66,12 @@ def _place(flat: Flattening, system: typed.SystemSymbol, prefix: str, outer: lis
 
 def _check_wires(flat: Flattening, instance: typed.InstanceSymbol) -> None:
     """Reports M013 for a wire to a topic that the instance does not have."""
-    what = instance.what
-    if not instance.renames or what in flat.program.damaged:
+    declaration = instance.what
+    if not instance.renames or declaration in flat.program.damaged:
         return
-    known = {*topics_mentioned(what)}
-    if isinstance(what, typed.SystemSymbol):
-        known |= {*topics_beside(what)}
+    known = {*topics_mentioned(declaration)}
+    if isinstance(declaration, typed.SystemSymbol):
+        known |= {*topics_beside(declaration)}
     for topic, span in instance.rename_spans.items():
         if topic not in known:
             flat.diagnostics.error(
@@ -77,14 +79,14 @@ def _check_wires(flat: Flattening, instance: typed.InstanceSymbol) -> None:
                 f"`{instance.name}` has no topic `{topic.name}` that could be wired",
                 span,
                 "left of `=` stands a topic of the instance",
-                also=((what.span, f"`{what.name}` is declared here"),),
+                also=((declaration.span, f"`{declaration.name}` is declared here"),),
             )
 
 
-def _warn_of_ignored_sets(flat: Flattening, inner: typed.SystemSymbol, path: str) -> None:
+def _warn_of_ignored_settings(flat: Flattening, inner: typed.SystemSymbol, path: str) -> None:
     """Warns (W006) of each `set` of a sub-system that has no effect in the system that runs."""
     for item in inner.sets:
-        if not (item.path or flat.parameters.sets(item.param, path)):
+        if not (item.path or flat.parameters.is_set_around(item.param, path)):
             flat.diagnostics.warning(
                 "W006",
                 f"`set {item.param.name}` has no effect in system `{flat.symbol.name}`",
@@ -99,35 +101,35 @@ def _warn_of_ignored_sets(flat: Flattening, inner: typed.SystemSymbol, path: str
 
 
 def check_wired_sets(flat: Flattening) -> None:
-    """The second pass: reports V010 for a wire between topics with different sets or `max_age`s."""
+    """Reports V010 for each wire between topics with different value sets or `max_age`s."""
     for part in flat.parts:
         for instance in part.system.instances:
             for inner, target in instance.renames.items():
-                home, outer = home_of(flat, target, part.prefix, part.wires)
+                home, outer = home_of_topic(flat, target, part.prefix, part.wires)
                 if not {inner, outer} & flat.program.damaged:
                     place = f"{part.prefix}{instance.name}."
                     params = flat.params_at.get(place, part.params)
-                    _require_same_set(
+                    _require_same_set_and_age(
                         flat, (inner, params), (outer, flat.params_at[home]), instance
                     )
 
 
-def _require_same_set(
+def _require_same_set_and_age(
     flat: Flattening,
     written: tuple[typed.TopicSymbol, Values],
     used: tuple[typed.TopicSymbol, Values],
     instance: typed.InstanceSymbol,
 ) -> None:
-    """Reports V010 if the instance's topic and the one wired to it differ, by parameters."""
+    """Reports V010 if the wired topic `used` has another set or `max_age` than `written`."""
     inner, outer = written[0], used[0]
-    (own, old), (given, new) = (_set_and_age(flat, *x) for x in (written, used))
-    what = "other values" if any(own) and own != given else ""
-    if not what and inner.max_age is not None and old != new:
-        what = "another `max_age`"
-    if what:
+    (inner_set, old), (outer_set, new) = (_set_and_age(flat, *x) for x in (written, used))
+    difference = "other values" if any(inner_set) and inner_set != outer_set else ""
+    if not difference and inner.max_age is not None and old != new:
+        difference = "another `max_age`"
+    if difference:
         flat.diagnostics.error(
             "V010",
-            f"`{outer.name}` has {what} than `{inner.name}`, in whose place it stands",
+            f"`{outer.name}` has {difference} than `{inner.name}`, in whose place it stands",
             instance.rename_spans.get(inner, instance.span),
             "wired here",
             also=((inner.span, "written for these"), (outer.span, "gets these")),
@@ -139,5 +141,5 @@ def _require_same_set(
 def _set_and_age(
     flat: Flattening, symbol: typed.TopicSymbol, params: Values
 ) -> tuple[Bounds, Value | None]:
-    with flat.under(params):
+    with flat.with_params(params):
         return set_and_default(flat, symbol)[0], flat.number(symbol.max_age, "a `max_age`")

@@ -23,7 +23,7 @@ MAX_BINS = 1_000
 
 
 def enter_modes_in_scopes(flat: Flattening) -> None:
-    """Enters in scopes of components which of the `modules` beside them `mode(M)` means."""
+    """Enters into the scope of each component which of the modules beside it `mode(M)` means."""
     prefixes = {p.name: p.prefix for p in flat.placed}
     beside: dict[tuple[str, object], list[Module]] = {}
     for m in flat.modules:
@@ -69,7 +69,7 @@ def _report_no_module(
 
 
 def _report_mode_is_gone(flat: Flattening, name: str, gone: ReplacedModule, span: Span) -> None:
-    """Reports E016 for a question about a module that a test replaced."""
+    """Reports E016 for code that reads the mode of a module that a test replaced."""
     flat.diagnostics.error(
         "E016",
         f"`{name}` is replaced as a whole: it has no decision module",
@@ -96,9 +96,9 @@ def add_properties(flat: Flattening) -> None:
             text = f"{' '.join(expr.span.text.split())} in {c.name}"
             made.append(Property(len(made), kind, expr, c.scope, text, expr.span, c.index))
     for module in flat.modules:  # their contracts are judged when a controller steps
-        own = [c for c in flat.components if c.module == module.index and c.role in {"ac", "sc"}]
+        both = [c for c in flat.components if c.module == module.index and c.role in {"ac", "sc"}]
         for clause in module.symbol.contract:
-            for c in own:
+            for c in both:
                 text = f"{clause.name} of {module.name}: {clause.text} in {c.name}"
                 parts = (clause.kind, clause.condition, module.scope, text, clause.span, c.index)
                 made.append(Property(len(made), *parts))
@@ -114,7 +114,7 @@ def _add_property(flat: Flattening, item: typed.PropertySymbol, scope: Scope, te
 def _scope_of_names(
     flat: Flattening, part: SubSystem, *expressions: typed.TypedExpr | None
 ) -> Scope:
-    """The scope of a property or measure: what its names mean in its part."""
+    """Gives the scope of a property or measure: what the names in it mean in its part."""
     scope = Scope({}, part.params)
     for topic, read in topic_reads(*expressions).items():
         scope.topics[topic] = topic_at(flat, part, topic)
@@ -142,7 +142,7 @@ def _scope_of_names(
 
 
 def add_properties_of_test(flat: Flattening, test: typed.TestSymbol) -> None:
-    """Adds to `properties` and `timed` what a test asks; needs all modules and plants."""
+    """Adds the properties of a test to `properties` and `timed`; needs all modules and plants."""
     for item in test.properties:
         if item.kind == "invariant":
             _add_invariants(flat, item)
@@ -157,7 +157,7 @@ def add_properties_of_test(flat: Flattening, test: typed.TestSymbol) -> None:
                 kind=item.kind,
                 premise=item.premise,
                 condition=item.condition,
-                within_ns=flat.long_duration(item.within, "`within`") or 0,
+                within_ns=flat.run_length_ns(item.within, "`within`") or 0,
                 module=None,
                 scope=scope,
                 text=item.whole or " ".join(item.span.text.split()).rstrip("; "),
@@ -193,10 +193,10 @@ def _add_invariants(flat: Flattening, item: typed.PropertySymbol) -> None:
 def add_measures(flat: Flattening) -> None:
     """Adds `measures`, the numbers that campaigns report; needs all modules and plants."""
     for item in flat.symbol.measures:
-        what = f"measure `{item.name}`"
-        interval = flat.interval(item.low, item.high, item.low.span.to(item.high.span), what)
+        description = f"measure `{item.name}`"
+        interval = flat.interval(item.low, item.high, item.low.span.to(item.high.span), description)
         bins = flat.count(item.bins, "the number of bins", 1, MAX_BINS)
-        every = flat.duration(item.every, f"`every` of {what}")
+        every = flat.duration_ns(item.every, f"`every` of {description}")
         scope = _scope_of_names(flat, flat.parts[0], item.value)
         if interval and bins and every:
             low, high = interval

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.check.field import listed
+from soter.language.check.dots_and_brackets import listed
 from soter.language.elaborate.passes.flattening import PlacedInstance, ReplacedModule
 from soter.language.elaborate.passes.stand_ins import ContractStandIn
 from soter.language.elaborate.wellformed import check_messages
@@ -25,21 +25,21 @@ ROLES = ("ac", "sc")
 
 
 def replace_part(flat: Flattening, prefix: str, path: str, by: Replacement, span: Span) -> None:
-    """Replaces what `path` names below `prefix`; M013 where that is nothing."""
+    """Replaces the part that `path` names below `prefix`; reports M013 if there is no such part."""
     flat.partial = flat.partial or by in flat.program.damaged
     hit = False
     for placed in tuple(flat.placed):
         if placed.name.startswith(prefix):
             local = placed.name[len(prefix) :]
-            hit = _replace_in(flat, placed, local, path, by, span) or hit
+            hit = _replace_where_named(flat, placed, local, path, by, span) or hit
     if not hit and not flat.partial:
         _report_nothing_replaced(flat, prefix, path, by, span)
 
 
-def _replace_in(
+def _replace_where_named(
     flat: Flattening, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
 ) -> bool:
-    """Replaces an instance, or the part that `path` names; False if it names none of it."""
+    """Replaces the instance or the part of it that `path` names; False if `path` names none."""
     symbol = placed.symbol
     if isinstance(symbol, typed.ModuleSymbol):
         if flat.test is not None and path in {local, symbol.name}:
@@ -63,17 +63,17 @@ def _report_nothing_replaced(
     flat: Flattening, prefix: str, path: str, by: Replacement, span: Span
 ) -> None:
     plant = isinstance(by, typed.PlantSymbol)
-    what = "plant" if plant else "node or module" if flat.test is not None else "node"
+    kind = "plant" if plant else "node or module" if flat.test is not None else "node"
     names = _names_of_replaceable(flat, typed.PlantSymbol if plant else typed.NodeSymbol)
     if flat.test is not None and not plant:
         names += [p.name for p in flat.placed if isinstance(p.symbol, typed.ModuleSymbol)]
     known = [n[len(prefix) :] for n in names if n.startswith(prefix)]
-    there = "nodes and modules" if what == "node or module" else f"{what}s"
+    kinds = "nodes and modules" if kind == "node or module" else f"{kind}s"
     flat.diagnostics.error(
         "M013",
-        f"this system has no {what} `{path}` to replace",
+        f"this system has no {kind} `{path}` to replace",
         span,
-        notes=(f"its {there} are {listed(known)}",) if known else (),
+        notes=(f"its {kinds} are {listed(known)}",) if known else (),
         helps=flat.diagnostics.did_you_mean(path, known, span),
     )
 
@@ -81,7 +81,7 @@ def _report_nothing_replaced(
 def _replace_controllers(
     flat: Flattening, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
 ) -> bool:
-    """Replaces the controllers of a module that `path` names; False if it names none."""
+    """Replaces the controllers of a module that `path` names; False if `path` names none."""
     module = placed.symbol
     assert isinstance(module, typed.ModuleSymbol)
     hit = False
@@ -103,7 +103,6 @@ def _replace_controllers(
 
 
 def _replace_module(flat: Flattening, placed: PlacedInstance, by: Replacement, span: Span) -> bool:
-    """Puts a node, or stand-ins by contract, in the place of a module."""
     module, p = placed.symbol, placed
     assert isinstance(module, typed.ModuleSymbol)
     if isinstance(by, typed.PlantSymbol):
@@ -128,7 +127,7 @@ def _replace_module(flat: Flattening, placed: PlacedInstance, by: Replacement, s
 
 
 def _names_of_replaceable(flat: Flattening, kind: type) -> list[str]:
-    """Full names of the plants, or of the nodes, those of modules included."""
+    """Gives the full names of all plants, or of all nodes; those in modules are among the nodes."""
     names = []
     for placed in flat.placed:
         if isinstance(placed.symbol, kind):
@@ -140,12 +139,12 @@ def _names_of_replaceable(flat: Flattening, kind: type) -> list[str]:
 
 
 def _require_same_outputs(flat: Flattening, old: object, new: object, span: Span) -> None:
-    def outputs(s: object) -> set[typed.TopicSymbol]:
+    def published_topics(s: object) -> set[typed.TopicSymbol]:
         if isinstance(s, (typed.NodeSymbol, typed.ModuleSymbol)):
             return set(s.publishes if isinstance(s, typed.NodeSymbol) else s.sc.publishes)
         return {t for t, _ in s.drives} if isinstance(s, typed.PlantSymbol) else set()
 
-    if outputs(old) == outputs(new) or {old, new} & flat.program.damaged:
+    if published_topics(old) == published_topics(new) or {old, new} & flat.program.damaged:
         return
     assert isinstance(old, typed.Symbol)
     assert isinstance(new, typed.Symbol)
@@ -155,21 +154,21 @@ def _require_same_outputs(flat: Flattening, old: object, new: object, span: Span
         f"`{new.name}` does not publish what `{old.name}` publishes",
         span,
         also=(
-            (old.span, f"publishes {_names(outputs(old))}"),
-            (new.span, f"publishes {_names(outputs(new))}"),
+            (old.span, f"publishes {_quoted_names(published_topics(old))}"),
+            (new.span, f"publishes {_quoted_names(published_topics(new))}"),
         ),
         helps=("a replacement offers the same topics",),
     )
 
 
 def _require_same_states(flat: Flattening, placed: PlacedInstance, by: object, span: Span) -> None:
-    """Reports M014 if a property reads a state that the replacement does not have."""
+    """Reports M014 if a property reads states of a plant that the replacement does not have."""
     if not isinstance(by, typed.PlantSymbol):
         return
     read = (
         node
         for part in flat.parts
-        for node in nodes(_conditions(flat, part))
+        for node in nodes(_expressions_of_properties(flat, part))
         if isinstance(node, typed.TruthRead) and part.prefix + node.instance == placed.name
     )
     for node in read:
@@ -200,7 +199,7 @@ def _require_two_controllers(flat: Flattening, placed: PlacedInstance, span: Spa
 
 
 def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
-    """Full names of the controllers of a module: `M.Fast`, or `M.ac.Fast` where that is taken."""
+    """Full names of AC and SC of a module: `M.Fast`, or `M.ac.Fast` if `M.Fast` is taken."""
     short = [n.name.rpartition(".")[2] for n in (ac, sc)]
     roles = [
         f"{role}.{name}" if short[0] == short[1] or name == "dm" else name
@@ -209,11 +208,11 @@ def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) ->
     return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
 
 
-def _conditions(flat: Flattening, part: SubSystem) -> list[typed.TypedExpr | None]:
-    """Expressions of the properties of a part; those of a test belong to the outermost one."""
+def _expressions_of_properties(flat: Flattening, part: SubSystem) -> list[typed.TypedExpr | None]:
+    """The expressions of a part's properties; those of a test count for the outermost part."""
     tested = flat.test.properties if flat.test is not None and not part.prefix else ()
     return [e for p in (*part.system.properties, *tested) for e in (p.premise, p.condition)]
 
 
-def _names(topics: set[typed.TopicSymbol]) -> str:
+def _quoted_names(topics: set[typed.TopicSymbol]) -> str:
     return ", ".join(sorted(f"`{t.name}`" for t in topics)) or "nothing"

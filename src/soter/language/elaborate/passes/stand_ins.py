@@ -7,7 +7,7 @@ and of other parts one value of each kind that code can distinguish. Stated valu
 condition by which the real part is judged in each test in which it runs; those of `assumes` are
 told as an assumption if no test judges them.
 Non-goals: where a stand-in stands (`replace_parts.py`), whether what it stands for keeps its
-contract (tests), which values can be told apart (`distinguished.py`).
+contract (tests), which values can be told apart (`distinguishable_values.py`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Source, Span
 from soter.language.check.operators_and_choices import MAX_CHOICES
-from soter.language.elaborate.distinguished import representatives
+from soter.language.elaborate.distinguishable_values import representative_numbers
 from soter.language.model import typed
 from soter.language.model.system import StandIn
 from soter.language.model.tree_walk import joined, mode_reads, nodes, rewritten, topic_reads
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.elaborate.distinguished import Path, Readers, ReadTopic
+    from soter.language.elaborate.distinguishable_values import Path, Readers, ReadTopic
     from soter.language.model.system import Bound, Component, Topic
     from soter.language.model.types import Type, Value
 
@@ -74,26 +74,26 @@ class EndlessError(Exception):
         self.part = part
 
 
-def stand_in(
+def make_stand_in(
     node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """The stand-in for `node`, which does nothing until `give_step`; reports E015 for bursts."""
-    own = [("", e) for e in node.guarantees]
-    given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
-    said = [*given, *own]
-    used = [(n, e) for n, e in said if _can_be_asked(e, node)]
+    """Gives the stand-in for `node`, which `give_step` completes; reports E015 for bursts."""
+    own_clauses = [("", e) for e in node.guarantees]
+    contract_clauses = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
+    clauses = [*contract_clauses, *own_clauses]
+    used = [(n, e) for n, e in clauses if _can_be_used(e, node)]
     wholes = tuple(e for _, e in used)
     if node.bursts:
-        _refuse_messages(node, by, diagnostics)
+        _refuse_bursts(node, by, diagnostics)
     subscribes = tuple(
         typed.Subscribed(t, None, "drop_oldest", by.span)
         for t in topic_reads(*wholes)
         if t not in node.publishes
     )
     made = node.doing((), subscribes)
-    told = [_told(n, e) for n, e in said]
-    left = [t for t, pair in zip(told, said, strict=True) if pair not in used]
-    kept = tuple(t for t in told if t not in left)
+    texts = [_told(n, e) for n, e in clauses]
+    left = [t for t, pair in zip(texts, clauses, strict=True) if pair not in used]
+    kept = tuple(t for t in texts if t not in left)
     return made, StandIn(by.of, by.kind, by.role, kept, tuple(left), wholes, by.span)
 
 
@@ -116,31 +116,33 @@ def give_step(
     """
     assert c.node is not None
     assert c.stands_for is not None
-    hears = readers.hears(c)
+    hears = readers.may_be_observed(c)
     outputs = {s: topics[c.scope.topics[s]] for s in c.node.publishes if hears}
     every = {s: _Values(t, stated.get(t.index, {}), None) for s, t in outputs.items()}
     heard = {s: t for s, t in outputs.items() if c.module is not None or t.index in readers.heard}
-    few = {s: _Values(t, stated.get(t.index, {}), readers.of(t.index)) for s, t in heard.items()}
+    few = {
+        s: _Values(t, stated.get(t.index, {}), readers.reads_of(t.index)) for s, t in heard.items()
+    }
     try:
         try:
-            step = tuple(_step(every, c.stands_for))
+            step = tuple(_step_of(every, c.stands_for))
         except EndlessError:
-            step = tuple(_step(few, c.stands_for))
+            step = tuple(_step_of(few, c.stands_for))
     except EndlessError as problem:
         note = "every value that a contract permits is a branch of every execution"
-        _refuse(str(problem), note, c.node, c.stands_for, diagnostics, problem)
+        _report_refusal(str(problem), note, c.node, c.stands_for, diagnostics, problem)
         return
     c.node = replace(c.node, step=step)
 
 
-def _refuse_messages(node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics) -> None:
+def _refuse_bursts(node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics) -> None:
     names = ", ".join(f"`{t.name}`" for t in node.bursts)
     why = f"{node.name} may publish several messages on {names} in one step"
     note = "a contract speaks of the last message; queues get all of them"
-    _refuse(why, note, node, by, diagnostics)
+    _report_refusal(why, note, node, by, diagnostics)
 
 
-def _refuse(
+def _report_refusal(
     why: str,
     note: str,
     node: typed.NodeSymbol,
@@ -166,7 +168,7 @@ def _refuse(
     )
 
 
-def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
+def _can_be_used(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
     """Whether a stand-in can use a guarantee: it reads no mode, queue or age of own outputs."""
     queued = {s.topic for s in node.subscribes if s.queue is not None}
     aged = {n.topic for n in nodes([e]) if isinstance(n, typed.AgeRead)}
@@ -176,14 +178,16 @@ def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
 # ---------------------------------------------------------------- its step
 
 
-def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterator[typed.TypedStmt]:
-    """Yields a step that chooses which topics to publish and their values, if guarantees hold."""
+def _step_of(
+    published: Mapping[typed.TopicSymbol, _Values], by: StandIn
+) -> Iterator[typed.TypedStmt]:
+    """Yields the step: it chooses topics and values, and publishes them if the guarantees hold."""
     put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
     single = len(published) == 1
     inner: list[typed.TypedStmt] = []
     alternatives = 1
     for symbol, values in published.items():
-        value, count = values.any()
+        value, count = values.choice()
         alternatives *= count
         if alternatives > MAX_CHOICES:
             raise EndlessError(f"there are more than {MAX_CHOICES} values of what it publishes")
@@ -194,13 +198,13 @@ def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterat
         else:
             is_put = typed.Variable(f"{short}_published", BOOL, "let", by.span, used=True)
             put[symbol] = chosen, is_put
-            yield typed.TypedDeclare(by.span, is_put, _published(symbol))
+            yield typed.TypedDeclare(by.span, is_put, _choice_to_publish(symbol))
             read = typed.VarRead(BOOL, by.span, is_put)
-            value = typed.Conditional(symbol.type, by.span, read, value, _first(value))
+            value = typed.Conditional(symbol.type, by.span, read, value, _first_choice(value))
         inner.append(typed.TypedDeclare(by.span, chosen, value))
-    inner += _published_if(put, by.span, [_with_values(e, put) for e in by.asked])
+    inner += _published_if(put, by.span, [_with_chosen_values(e, put) for e in by.asked])
     if single:
-        arm = (_published(next(iter(published))), tuple(inner))
+        arm = (_choice_to_publish(next(iter(published))), tuple(inner))
         yield typed.TypedIf(by.span, (arm,), ())
     elif published:
         yield from inner
@@ -221,18 +225,18 @@ def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> lis
     return [typed.TypedIf(span, ((joined("&&", holds, span), tuple(out)),), ())]
 
 
-def _with_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
-    """A guarantee in which reads of own topics are replaced by the values to be published."""
+def _with_chosen_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
+    """Gives a guarantee in which the values to be published stand for reads of own topics."""
 
     def value(read: typed.TypedExpr) -> typed.TypedExpr:
         if not isinstance(read, typed.TopicRead) or read.topic not in put:
             return read
         chosen, is_put = put[read.topic]
-        said = typed.VarRead(read.type, read.span, chosen)
+        new_value = typed.VarRead(read.type, read.span, chosen)
         if is_put is None:
-            return said
+            return new_value
         asked = typed.VarRead(BOOL, read.span, is_put)
-        return typed.Conditional(read.type, read.span, asked, said, read)
+        return typed.Conditional(read.type, read.span, asked, new_value, read)
 
     new_expr: typed.TypedExpr = rewritten(e, value)
     return new_expr
@@ -251,35 +255,35 @@ class _Values:
         self.stated = stated
         self.read = read
 
-    def any(self) -> tuple[typed.TypedExpr, int]:
-        """An expression that chooses one of the values, and their number."""
+    def choice(self) -> tuple[typed.TypedExpr, int]:
+        """Gives an expression that chooses one of the values, and their number."""
         topic = self.topic
-        return self._any(topic.type, topic.bounds, topic.default, topic.name, ())
+        return self._choice_of_part(topic.type, topic.bounds, topic.default, topic.name, ())
 
-    def _any(
+    def _choice_of_part(
         self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
     ) -> tuple[typed.TypedExpr, int]:
-        """As `any`, for a part with the value `first`; `path` is None inside an array."""
+        """Gives the same for a part with first value `first`; `path` is None inside of an array."""
         if path is not None and path in self.stated:
             return _choose_value(t, self.stated[path], name)
         if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
-            return self._parts(t, bounds, first, name, path)
+            return self._choice_of_parts(t, bounds, first, name, path)
         where = None
         if self.read is not None and path is not None:
-            where = self.read.told_apart(path)
+            where = self.read.place_of_whole_read(path)
             if where is None:
                 compared = self.read.compared.get(path)
                 if compared is None:
-                    return typed.Literal(t, _span(name), first), 1
+                    return typed.Literal(t, _span_with_text(name), first), 1
                 assert isinstance(t, (IntType, FloatType))
-                return _choose_value(t, representatives(compared, bounds[0], t, first), name)
-        return _each(t, bounds, name, where)
+                return _choose_value(t, representative_numbers(compared, bounds[0], t, first), name)
+        return _choice_of_all(t, bounds, name, where)
 
     def _told(self, path: Path | None) -> bool:
         """Whether values of an array's elements are distinguished, or all are tried."""
-        return self.read is None or path is None or self.read.told_apart(path) is not None
+        return self.read is None or path is None or self.read.place_of_whole_read(path) is not None
 
-    def _parts(
+    def _choice_of_parts(
         self,
         t: RecordType | ArrayType,
         bounds: Sequence[Bound | None],
@@ -296,17 +300,19 @@ class _Values:
         for index, ((ending, part), value) in enumerate(zip(parts, first, strict=True)):
             width = sum(1 for _ in leaves(part))
             below = (*path, index) if path is not None and isinstance(t, RecordType) else None
-            inner, count = self._any(part, bounds[at : at + width], value, name + ending, below)
+            inner, count = self._choice_of_part(
+                part, bounds[at : at + width], value, name + ending, below
+            )
             elements.append(inner)
             total *= count
             at += width
-        return typed.Aggregate(t, _span(name), tuple(elements)), total
+        return typed.Aggregate(t, _span_with_text(name), tuple(elements)), total
 
 
-def _each(
+def _choice_of_all(
     t: Type, bounds: Sequence[Bound | None], name: str, where: Span | None
 ) -> tuple[typed.TypedExpr, int]:
-    """A choice between all values of a scalar, and their number; EndlessError if too many."""
+    """Gives a choice between all values of a scalar, and their number; EndlessError if too many."""
     low, count = 0, 0
     if isinstance(t, BoolType):
         count = 2
@@ -322,25 +328,25 @@ def _each(
         )
     if count > MAX_CHOICES:
         raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}", where, name)
-    return typed.TypedChoose(t, _span(f"any {name}"), count, low, (), None), count
+    return typed.TypedChoose(t, _span_with_text(f"any {name}"), count, low, (), None), count
 
 
 def _choose_value(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
-    span = _span(f"any {name}")
+    span = _span_with_text(f"any {name}")
     options = tuple(typed.Literal(t, span, v) for v in values)
     if len(options) == 1:
         return options[0], 1
     return typed.TypedChoose(t, span, len(options), 0, options, None), len(options)
 
 
-def _published(symbol: typed.TopicSymbol) -> typed.TypedExpr:
-    return typed.TypedChoose(BOOL, _span(f"publish {symbol.name}?"), 2, 0, (), None)
+def _choice_to_publish(symbol: typed.TopicSymbol) -> typed.TypedExpr:
+    return typed.TypedChoose(BOOL, _span_with_text(f"publish {symbol.name}?"), 2, 0, (), None)
 
 
-def _first(value: typed.TypedExpr) -> typed.TypedExpr:
-    """A fixed one of the values that `value` chooses from, where any will do."""
+def _first_choice(value: typed.TypedExpr) -> typed.TypedExpr:
+    """Gives a fixed one of the values that `value` chooses from, where any will do."""
     if isinstance(value, typed.Aggregate):
-        return replace(value, elements=tuple(_first(e) for e in value.elements))
+        return replace(value, elements=tuple(_first_choice(e) for e in value.elements))
     if isinstance(value, typed.Literal):
         return value
     assert isinstance(value, typed.TypedChoose)
@@ -350,7 +356,7 @@ def _first(value: typed.TypedExpr) -> typed.TypedExpr:
     return typed.Literal(value.type, value.span, number)
 
 
-def _span(words: str) -> Span:
+def _span_with_text(words: str) -> Span:
     """A span whose source text is `words`, by which a trace names a choice."""
     return Span(Source("contract", words), 0, len(words))
 
@@ -415,15 +421,15 @@ def _equalities(read: typed.TypedExpr, value: Value) -> Iterator[typed.TypedExpr
             yield from _equalities(typed.TypedField(part, span, read, index), v)
     elif isinstance(t, (ArrayType, ListType)):
         if isinstance(t, ListType):
-            yield _same(typed.TypedLength(INT, span, read), len(value))
+            yield _equality(typed.TypedLength(INT, span, read), len(value))
         for index, v in enumerate(value):
             at = typed.Literal(INT, span, index)
             yield from _equalities(typed.Index(t.element, span, read, at), v)
     else:
-        yield _same(read, value)
+        yield _equality(read, value)
 
 
-def _same(read: typed.TypedExpr, value: Value) -> typed.TypedExpr:
+def _equality(read: typed.TypedExpr, value: Value) -> typed.TypedExpr:
     t: Type = read.type
     if t == BOOL:
         return read if value else typed.TypedUnary(BOOL, read.span, "!", read)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
-from soter.language.elaborate.distinguished import Readers
+from soter.language.elaborate.distinguishable_values import Readers
 from soter.language.elaborate.passes.stand_ins import (
     StatedValues,
     field_path,
@@ -30,29 +30,29 @@ from soter.language.model.types import RecordType
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.language.elaborate.distinguished import Path
+    from soter.language.elaborate.distinguishable_values import Path
     from soter.language.elaborate.passes.flattening import Flattening
     from soter.language.model.system import Component, Scope, StandIn, System
     from soter.language.model.types import Value
 
 
 def hold_to_stated_values(flat: Flattening, own: typed.TestSymbol) -> None:
-    """Adds `stated`, and `properties` by which real parts publish what tests but `own` state."""
-    sets = _sets_of(own)
+    """Adds `stated`, and `properties`: real parts publish what tests but `own` state of them."""
+    sets = _settings_in(own)
     for test in flat.program.tests.values():
-        alike = test.system is own.system and _sets_of(test) == sets
+        alike = test.system is own.system and _settings_in(test) == sets
         flat.stated[test] = _stated_values(flat, test) if alike or test is own else []
-    _check_stated(flat, own)
+    _check_stated_values(flat, own)
     for test, known in flat.stated.items():
         for s in known:
             for c in flat.components:
-                if test is not own and _is_own(flat, own, c, s.topic):
+                if test is not own and _is_own_driver(flat, own, c, s.topic):
                     index = len(flat.properties)
                     flat.properties.append(_stated_property(c, s, test, index))
 
 
 def _stated_values(flat: Flattening, test: typed.TestSymbol) -> list[StatedValues]:
-    """The values that a test of this system states; V005 for one outside its set."""
+    """Gives the values that a test of this system states; reports V005 for one outside its set."""
     known: list[StatedValues] = []
     for item in test.stated:
         symbol, path = field_path(item.read)
@@ -71,11 +71,8 @@ def _stated_values(flat: Flattening, test: typed.TestSymbol) -> list[StatedValue
     return known
 
 
-def _is_own(flat: Flattening, test: typed.TestSymbol, c: Component, topic: int) -> bool:
-    """Whether `c` publishes `topic` and is the system's own, not put there by the test.
-
-    A replacement by the system itself counts as its own: every test has it.
-    """
+def _is_own_driver(flat: Flattening, test: typed.TestSymbol, c: Component, topic: int) -> bool:
+    """Whether `c` publishes `topic` and is the system's own: the test did not put it there."""
     by_test = flat.put_in.get(c.name) in [span for _, _, span in test.replaces]
     if c.node is None or c.stands_for is not None or by_test:
         return False
@@ -95,8 +92,8 @@ def _stated_property(c: Component, s: StatedValues, test: typed.TestSymbol, inde
     return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
 
 
-def _check_stated(flat: Flattening, test: typed.TestSymbol) -> None:
-    """Reports E020 for values stated of no stand-in's topic, N002 for values stated twice."""
+def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
+    """Reports E020 for values of no stand-in's topic, N002 for values that are stated twice."""
     published = {t for c in flat.components if c.stands_for is not None for t in c.writes}
     before: list[StatedValues] = []
     for s in flat.stated[test]:
@@ -122,36 +119,36 @@ def _check_stated(flat: Flattening, test: typed.TestSymbol) -> None:
             )
 
 
-def give_steps(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
-    """Gives stand-ins their steps, now that it is known what code reads their topics."""
+def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
+    """Gives stand-ins their steps; what code of `system` reads decides on what they publish."""
     if flat.partial or flat.diagnostics.error_count:
         return
     asked = [(e, p.scope) for p in flat.timed for e in (p.premise, p.condition) if e]
-    readers = Readers(system, asked, _constant)
+    readers = Readers(system, asked, _constant_value)
     stated: dict[int, dict[Path, tuple[Value, ...]]] = {}
-    own = flat.stated[test]
-    for s in own:
+    here = flat.stated[test]
+    for s in here:
         stated.setdefault(s.topic, {})[s.path] = s.tried
     for c in system.components:
         if c.stands_for is None or c.node is None:
             continue
         outputs = {*c.writes}
-        c.stands_for = _with_values(c.stands_for, [s for s in own if s.topic in outputs])
+        c.stands_for = _with_stated_values(c.stands_for, [s for s in here if s.topic in outputs])
         give_step(c, system.topics, stated, readers, flat.diagnostics)
 
 
-def _constant(e: typed.TypedExpr, scope: Scope) -> Value | None:
-    """The value of a closed expression; None if it has none."""
+def _constant_value(e: typed.TypedExpr, scope: Scope) -> Value | None:
+    """Gives the value of an expression of constants and parameters; None if it has none."""
     return Calculator(Diagnostics(), scope.params).value(e, "a constant")
 
 
-def _sets_of(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
-    """The parameters that a test sets, and their values, as text."""
+def _settings_in(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
+    """The parameters that a test sets, each with its value as text."""
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
-def _with_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
-    """The stand-in's record with the values that a test states for it, for reports."""
+def _with_stated_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
+    """Gives the stand-in's record with the values that a test states for it, for reports."""
     promised = [s.text for s in stated if s.promised]
     tried = [s.text for s in stated if not s.promised]
     return replace(of, clauses=(*of.clauses, *promised), tried=tuple(tried))

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import NodeSymbol
 
+WAIT = "wait"
+PUBLICATIONS = 2
+"""Greatest age, in periods of its plant, of a value that is neither lost nor late when read."""
+
 
 def check_step_times(
     node: NodeSymbol, role: str, times: tuple[int, int], diagnostics: Diagnostics
@@ -49,7 +53,7 @@ def check_step_times(
             helps=(the_other_way(node.takes[0].span, node.takes[1].span),),
         )
         return
-    for message, note, help_ in _reasons(node, role):
+    for message, note, help_ in _reasons_against_takes(node, role):
         diagnostics.error(
             "M023",
             message,
@@ -60,7 +64,7 @@ def check_step_times(
         )
 
 
-def _reasons(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
+def _reasons_against_takes(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
     """Yields reasons why a node may not take time: message, note, help."""
     if role == "sc":
         yield (
@@ -89,17 +93,17 @@ def check_double_response(
     lasting = [c for c in components if c.takes_ns is not None]
     for m in modules:
         home = m.name.rpartition(".")[0]
-        said = m.symbol.verify.response_of
+        responses = m.symbol.verify.response_of
         for c in lasting:
             assert c.node is not None
             assert c.node.takes is not None
             name = c.name.removeprefix(f"{home}.") if home else c.name
-            if name not in said:
+            if name not in responses:
                 continue
             diagnostics.error(
                 "N002",
                 f"how long a step of `{name}` takes is said twice",
-                said[name].span,
+                responses[name].span,
                 "its `response`",
                 also=((c.node.takes[0].span.to(c.node.takes[1].span), "what it says itself"),),
                 notes=("a proof counts with the longest that the node says",),
@@ -107,28 +111,32 @@ def check_double_response(
             )
 
 
-def budget(numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol) -> tuple[int | None, int]:
-    """`wcet` and `jitter` in ns; None and 0 if they are not declared or after a report."""
-    jitter = _time(numbers, of.jitter, f"the jitter of `{of.name}`", least=0)
-    return _time(numbers, of.wcet, f"the wcet of `{of.name}`", least=1), jitter or 0
+def wcet_and_jitter(
+    numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol
+) -> tuple[int | None, int]:
+    """Gives `wcet` and `jitter` in ns; None and 0 if they are not declared or after a report."""
+    jitter = _time_ns(numbers, of.jitter, f"the jitter of `{of.name}`", least=0)
+    return _time_ns(numbers, of.wcet, f"the wcet of `{of.name}`", least=1), jitter or 0
 
 
-def _time(numbers: Numbers, expr: typed.TypedExpr | None, what: str, *, least: int) -> int | None:
+def _time_ns(
+    numbers: Numbers, expr: typed.TypedExpr | None, description: str, *, least: int
+) -> int | None:
     """A time of at least `least` ns; None after a report, C001 or C002."""
     needed = "cannot be negative" if least == 0 else "must be longer than zero"
-    value = numbers.time_from(expr, what, least, needed)
+    value = numbers.time_ns_from(expr, description, least, needed)
     if value is None or expr is None or value <= MAX_PERIOD_NS:
         return value
     numbers.diagnostics.error(
         "C002",
-        f"{what} cannot be {show_ns(value)}",
+        f"{description} cannot be {show_ns(value)}",
         expr.span,
         f"up to {show_ns(MAX_PERIOD_NS)} is possible",
     )
     return None
 
 
-def mark_inline(flat: Flattening) -> None:
+def mark_inline_nodes(flat: Flattening) -> None:
     """Marks the nodes that systems declare `inline`; reports M013 for other names."""
     by_name = {c.name: c for c in flat.components if c.node is not None}
     for part in flat.parts if not flat.partial else ():
@@ -147,15 +155,12 @@ def mark_inline(flat: Flattening) -> None:
             )
 
 
-WAIT = "wait"
-
-
-def waiting(
+def with_wait_faults(
     modules: Sequence[Module], faults: Sequence[Fault], *, shuffled: bool
 ) -> tuple[Fault, ...]:
-    """These faults, and those "wait" faults of SCs that follow if the order is deployed."""
-    said = [f for f in faults if f.kind != WAIT]
-    return (*said, *(() if shuffled else _wait_faults(modules, said)))
+    """Gives these faults and, in the deployed order, "wait" faults of SCs with a late DM."""
+    others = [f for f in faults if f.kind != WAIT]
+    return (*others, *(() if shuffled else _wait_faults(modules, others)))
 
 
 def _wait_faults(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator[Fault]:
@@ -174,35 +179,28 @@ def _wait_faults(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator
             )
 
 
-PUBLICATIONS = 2
-"""Greatest age, in periods of its plant, of a value that is neither lost nor late when read."""
-
-
 def least_age_ns(system: System, topic: int) -> int | None:
-    """The smallest `max_age`, in ns, that the periods allow for a topic.
-
-    None for a topic that no plant drives.
-    """
-    drivers = _drivers(system, topic)
+    """Gives the least `max_age` that a topic's period allows, in ns; None if no plant drives it."""
+    drivers = _plants_that_publish(system, topic)
     return PUBLICATIONS * drivers[0].period_ns if drivers else None
 
 
 def fresh_ages_ns(
     system: System, module: Module, most_ns: int | None = None
 ) -> dict[int, int | None]:
-    """Topic -> greatest age, in ns, at which the DM may see it and it is not stale; None: any.
+    """Topic -> the greatest age, in ns, at which the DM sees it as fresh; None if any age counts.
 
     `most_ns`: the greatest age that a proof assumes for topics that plants publish.
     """
     ages: dict[int, int | None] = {}
     for index in module.inputs:
         bounds = [system.topics[index].max_age_ns]
-        bounds += [most_ns] if _drivers(system, index) else []
+        bounds += [most_ns] if _plants_that_publish(system, index) else []
         ages[index] = min((b for b in bounds if b is not None), default=None)
     return ages
 
 
-def _drivers(system: System, topic: int) -> list[Component]:
+def _plants_that_publish(system: System, topic: int) -> list[Component]:
     """The plants that publish a topic."""
     return [
         c
@@ -212,9 +210,9 @@ def _drivers(system: System, topic: int) -> list[Component]:
 
 
 def is_measured(system: System, topic: int) -> bool:
-    """Whether a topic is published again and again: it has floats, from a plant or an outside.
+    """Whether a topic comes again and again from a plant or from outside, and is of floats.
 
-    Not measured is an input, which an operator sets once, and a topic of plants without floats.
+    An input, which an operator sets once, is not measured, nor is a topic of plants without floats.
     """
     least = least_age_ns(system, topic)
     moving = [v.type for c in system.components if c.plant for v in c.plant.states]

@@ -59,55 +59,57 @@ class Parameters:
         self.diagnostics = diagnostics
         self._set: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         self._known: dict[object, Values] = {}
-        self.add("", sets)
+        self.add_settings("", sets)
         self.everywhere: Values = {
-            p: self._value("", p, p.default.value)
+            p: self._value_set("", p, p.default.value)
             for p in program.params.values()
             if isinstance(p.default, typed.Literal)
         }
         self.named: dict[str, Value] = {p.name: v for p, v in self.everywhere.items()}
 
-    def add(self, prefix: str, sets: Iterable[typed.SetSymbol]) -> None:
-        """Adds settings of a system below `prefix`; call it for outer ones first: they stay."""
+    def add_settings(self, prefix: str, sets: Iterable[typed.SetSymbol]) -> None:
+        """Adds settings of a system below `prefix`; earlier ones stay: outer systems first."""
         for item in sets:
             if item.path or not prefix:
                 self._set.setdefault((prefix + item.path, item.param), item)
 
-    def inside(self, path: str, around: Values) -> Values:
-        """The values in the instance at this full path; `around` itself if it sets none."""
-        own = {p: v for p in around if (v := self._value(path, p, None)) is not None}
-        if not own:
+    def values_inside(self, path: str, around: Values) -> Values:
+        """Gives the values in the instance at this full path; `around` itself if it sets none."""
+        set_here = {p: v for p in around if (v := self._value_set(path, p, None)) is not None}
+        if not set_here:
             return around
-        self.named |= {f"{path}.{p.name}": v for p, v in own.items()}
-        key = id(around), repr([(id(p), v) for p, v in own.items()])
-        return self._known.setdefault(key, {**around, **own})
+        self.named |= {f"{path}.{p.name}": v for p, v in set_here.items()}
+        key = id(around), repr([(id(p), v) for p, v in set_here.items()])
+        return self._known.setdefault(key, {**around, **set_here})
 
-    def of_instances(self) -> list[typed.SetSymbol]:
-        """Settings of the program for existing instances, each with the full path."""
+    def settings_of_instances(self) -> list[typed.SetSymbol]:
+        """Gives the settings for existing instances, each with the full path."""
         return [
             replace(item, path=path)
             for (path, param), item in self._set.items()
             if path and f"{path}.{param.name}" in self.named
         ]
 
-    def sets(self, param: typed.ParamSymbol, path: str) -> bool:
+    def is_set_around(self, param: typed.ParamSymbol, path: str) -> bool:
         """Whether a value is set for everything, or for an instance around `path`."""
         around = ["", *(path[:i] for i, c in enumerate(path) if c == "."), path]
         return any((at, param) in self._set for at in around)
 
-    def _value(self, path: str, param: typed.ParamSymbol, default: Value | None) -> Value | None:
+    def _value_set(
+        self, path: str, param: typed.ParamSymbol, default: Value | None
+    ) -> Value | None:
         name = f"{path}.{param.name}" if path else param.name
         if name in self.overrides:
             value = self.overrides[name]
-            self._check(name, param, value, (param.span, "was set to"))
+            self._require_in_range(name, param, value, (param.span, "was set to"))
             return value
         item = self._set.get((path, param))
         if item is None:
             return default
-        self._check(name, param, item.value, (item.span, "is set to"))
+        self._require_in_range(name, param, item.value, (item.span, "is set to"))
         return item.value
 
-    def _check(
+    def _require_in_range(
         self, name: str, param: typed.ParamSymbol, value: Value, set_at: tuple[Span, str]
     ) -> None:
         """Reports V007 for a value outside the range of its parameter."""
@@ -137,12 +139,12 @@ def has_param(
 
 
 def _has_instance(system: typed.SystemSymbol, path: list[str]) -> bool:
-    what: object = system
+    symbol: object = system
     for part in path:
-        instance = what.by_name.get(part) if isinstance(what, typed.SystemSymbol) else None
+        instance = symbol.by_name.get(part) if isinstance(symbol, typed.SystemSymbol) else None
         if instance is None:
             return False
-        what = instance.what
+        symbol = instance.what
     return True
 
 
@@ -170,8 +172,8 @@ class Numbers:
         self._calculators = {id(self.params): (self.params, self.calculator)}
 
     @contextmanager
-    def under(self, params: Values) -> Iterator[None]:
-        """A context in which numbers are computed with these parameters, in the same budget."""
+    def with_params(self, params: Values) -> Iterator[None]:
+        """Computes numbers with these parameters in the context, from the same budget."""
         before, outer = self.params, self.calculator
         if params is not before:
             known = self._calculators.get(id(params))
@@ -192,10 +194,10 @@ class Numbers:
         """The value of a constant expression under this system's parameters; None without one."""
         return None if expr is None else self.calculator.value(expr, what)
 
-    def time_from(
+    def time_ns_from(
         self, expr: typed.TypedExpr | None, what: str, least: int, too_little: str
     ) -> int | None:
-        """A time of `least` ns or more; None where there is none, or after a report of C001."""
+        """Gives a time of `least` ns or more; None if none is declared or after C001."""
         value = self.number(expr, what)
         if value is None or expr is None or value >= least:
             return value
@@ -203,7 +205,7 @@ class Numbers:
         self.diagnostics.error("C001", f"{what} {too_little}", expr.span, this)
         return None
 
-    def _limited(
+    def _value_in_limits(
         self,
         value: Value | None,
         expr: typed.TypedExpr | None,
@@ -211,7 +213,7 @@ class Numbers:
         limits: tuple[int, int],
         shown: Callable[[int], str],
     ) -> int | None:
-        """The value of `expr` if it is in these limits; None, for others after a report of C002."""
+        """Gives `value` if it is in these limits; None if there is none or after C002."""
         low, high = limits
         if value is None or expr is None or low <= value <= high:
             return value
@@ -219,36 +221,33 @@ class Numbers:
         self.diagnostics.error("C002", f"{what} cannot be {shown(value)}", expr.span, possible)
         return None
 
-    def duration(self, expr: typed.TypedExpr | None, what: str) -> int | None:
-        """A time in ns; None without one or after a report: C001 if not above 0, C002 if too long.
-
-        None, too, for a period with an error of its own.
-        """
+    def duration_ns(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+        """Gives a time in ns; None without one or after C001 (not above 0), C002 (too long)."""
         if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
             return None
-        value = self.time_from(expr, what, 1, "must be longer than zero")
-        return self._limited(value, expr, what, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
+        value = self.time_ns_from(expr, what, 1, "must be longer than zero")
+        return self._value_in_limits(value, expr, what, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
 
-    def long_duration(self, expr: typed.TypedExpr | None, what: str) -> int | None:
-        """The length of a run in ns, None where there is none or after a report."""
-        value = self.time_from(expr, what, 1, "must be longer than zero")
+    def run_length_ns(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+        """Gives the length of a run in ns; None if none is declared or after a report."""
+        value = self.time_ns_from(expr, what, 1, "must be longer than zero")
         if value is None or expr is None or value <= MAX_TIME_NS:
             return value
         years = "at most 146 years are possible"
         self.diagnostics.error("C002", f"{what} is too long", expr.span, years)
         return None
 
-    def delay(self, expr: typed.TypedExpr | None, what: str) -> int | None:
-        """A delay in ns, zero allowed; None where there is none or after a report."""
-        value = self.time_from(expr, what, 0, "cannot be negative")
-        return self._limited(value, expr, what, (0, MAX_PERIOD_NS), show_ns)
+    def delay_ns(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+        """Gives a delay in ns, which may be 0; None if none is declared or after a report."""
+        value = self.time_ns_from(expr, what, 0, "cannot be negative")
+        return self._value_in_limits(value, expr, what, (0, MAX_PERIOD_NS), show_ns)
 
     def count(self, expr: typed.TypedExpr | None, what: str, low: int, high: int) -> int | None:
-        """A whole number in [low, high]; None where there is none or after a report (C002)."""
-        return self._limited(self.number(expr, what), expr, what, (low, high), str)
+        """Gives a whole number in [low, high]; None if none is declared or after C002."""
+        return self._value_in_limits(self.number(expr, what), expr, what, (low, high), str)
 
     def bound(self, expr: typed.TypedExpr, what: str) -> float | None:
-        """The value of a bound, not negative; None after a report (V006)."""
+        """Gives the value of a bound, not negative; None after a report (V006)."""
         bound = self.number(expr, what)
         if bound is None or (math.isfinite(bound) and bound >= 0):
             return bound
@@ -259,7 +258,7 @@ class Numbers:
     def interval(
         self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, what: str
     ) -> tuple[float, float] | None:
-        """Bounds, None after a report: V006 when they are not finite, V001 when out of order."""
+        """Gives both bounds; None after a report: V006 if not finite, V001 if out of order."""
         a, b = self.number(low, what), self.number(high, what)
         if a is None or b is None:
             return None
@@ -283,10 +282,10 @@ class Numbers:
             return None
         return a, b
 
-    def skew(self, expr: typed.TypedExpr | None) -> int:
-        """The skew of a test in ns, 0 or more; 0 also after a report."""
+    def skew_ns(self, expr: typed.TypedExpr | None) -> int:
+        """Gives the skew of a test in ns, 0 or more; 0 also after a report."""
         value = self.number(expr, "`skew`")
-        return self._limited(value, expr, "`skew`", (0, MAX_PERIOD_NS), show_ns) or 0
+        return self._value_in_limits(value, expr, "`skew`", (0, MAX_PERIOD_NS), show_ns) or 0
 
 
 MAX_COMPONENTS = 10_000
@@ -313,10 +312,10 @@ class SizeCounter:
         self._numbers = 0
         self._sizes: dict[int, tuple[Type, int]] = {}
 
-    def instances(self) -> bool:
+    def has_few_instances(self) -> bool:
         """Whether the system has few enough instances; reports M007 otherwise."""
-        count, depth = self._count()
-        inner = [self.known[s] for s in _parts(self.system)]
+        count, depth = self._count_parts()
+        inner = [self.known[s] for s in _inner_systems(self.system)]
         if any(c > MAX_COMPONENTS or d > MAX_DEPTH for c, d in inner):
             return False  # it is reported for that inner system
         if count > MAX_COMPONENTS:
@@ -329,25 +328,25 @@ class SizeCounter:
             self._report(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
         return count <= MAX_COMPONENTS and depth <= MAX_DEPTH
 
-    def _count(self) -> tuple[int, int]:
-        """Components and levels of the system; its parts, however deep, are counted first."""
+    def _count_parts(self) -> tuple[int, int]:
+        """Counts the components and levels of the system, and of each system inside it."""
         path = [self.system]
         while path:
             system = path[-1]
-            missing = next((s for s in _parts(system) if s not in self.known), None)
+            missing = next((s for s in _inner_systems(system) if s not in self.known), None)
             if missing is not None:
                 path.append(missing)
                 continue
             path.pop()
-            parts = [self.known[s] for s in _parts(system)]
-            own = [i.what for i in system.instances if not isinstance(i.what, typed.SystemSymbol)]
+            parts = [self.known[s] for s in _inner_systems(system)]
+            rest = [i.what for i in system.instances if not isinstance(i.what, typed.SystemSymbol)]
             count = sum(1 + c for c, _ in parts) + sum(
-                3 if isinstance(w, typed.ModuleSymbol) else 1 for w in own
+                3 if isinstance(w, typed.ModuleSymbol) else 1 for w in rest
             )
             self.known[system] = count, 1 + max((d for _, d in parts), default=0)
         return self.known[self.system]
 
-    def fits(self, t: Type) -> bool:
+    def has_room_for(self, t: Type) -> bool:
         """Whether there is room for a topic, local or state of type `t`; reports M007 if not."""
         known = self._sizes.get(id(t))
         if known is None:
@@ -357,19 +356,19 @@ class SizeCounter:
             self._report(f"has a state of more than {MAX_NUMBERS} numbers", "in this system")
         return self._numbers <= MAX_NUMBERS
 
-    def _report(self, what: str, label: str) -> None:
+    def _report(self, problem: str, label: str) -> None:
         if not self.system.name:
             return  # the system is not one that the program declares
         self.diagnostics.error(
             "M007",
-            f"system `{self.system.name}` {what}",
+            f"system `{self.system.name}` {problem}",
             self.system.span,
             label,
             notes=("everything that runs has a place in memory of its own from the start",),
         )
 
 
-def _parts(system: typed.SystemSymbol) -> list[typed.SystemSymbol]:
+def _inner_systems(system: typed.SystemSymbol) -> list[typed.SystemSymbol]:
     return [i.what for i in system.instances if isinstance(i.what, typed.SystemSymbol)]
 
 
@@ -383,8 +382,8 @@ def warn_of_idle_settings(
 ) -> None:
     """Warns W010 of each setting, with a full path, that nothing in its instance reads.
 
-    `code`: the paths of all instances, each with parts of the checked program that stand there. Of
-    settings in a loop it warns once, of the first one.
+    `code`: the paths of all instances, each with parts of the checked program that stand there.
+    Settings in a loop get one warning, at the first one.
     """
     known: dict[int, Reads] = {}
     read_by_path: dict[str, set[typed.ParamSymbol]] = {}
@@ -396,11 +395,11 @@ def warn_of_idle_settings(
         while around:
             read_by_path.setdefault(around, set()).update(*(known[id(root)] for root in roots))
             around = around.rpartition(".")[0]
-    told: set[Span] = set()
+    warned: set[Span] = set()
     for item in settings:
-        if item.param in read_by_path.get(item.path, ()) or item.span in told:
+        if item.param in read_by_path.get(item.path, ()) or item.span in warned:
             continue
-        told.add(item.span)
+        warned.add(item.span)
         diagnostics.warning(
             "W010",
             f"nothing in `{item.path}` reads the parameter `{item.param.name}`",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.check.field import listed
+from soter.language.check.dots_and_brackets import listed
 from soter.language.elaborate.passes.system_numbers import TooLargeError
 from soter.language.elaborate.passes.value_sets import set_and_default
 from soter.language.model import typed
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 
 
 def topic_at(flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.TopicSymbol) -> int:
-    """Index of the topic that `symbol` means at a place; made when it is first mentioned.
+    """Gives the index of the topic that `symbol` means at a place, and makes the topic if need be.
 
-    TooLargeError where there is no room for its values.
+    Raises TooLargeError where there is no room for its values.
     """
-    key = home_of(flat, symbol, place.prefix, place.wires)
+    key = home_of_topic(flat, symbol, place.prefix, place.wires)
     known = flat.topic_by_key.get(key)
     if known is None:
         prefix, symbol = key
-        if not flat.sizes.fits(symbol.type):
+        if not flat.sizes.has_room_for(symbol.type):
             raise TooLargeError
-        with flat.under(flat.params_at[prefix]):
+        with flat.with_params(flat.params_at[prefix]):
             bounds, declared, default = set_and_default(flat, symbol)
-            max_age = flat.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
+            max_age = flat.duration_ns(symbol.max_age, f"`max_age` of `{symbol.name}`")
         known = Topic(
             index=len(flat.topics),
             name=prefix + symbol.name,
@@ -58,13 +58,10 @@ def topic_at(flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.
 
 
 def make_queue(flat: Flattening, source: Topic, subscribed: typed.Subscribed, node: str) -> int:
-    """Index of a new topic: the queue in which a node collects the values of `source`.
-
-    Raises TooLargeError if there is no room for its values.
-    """
+    """Makes the topic in which a node collects values of `source`, its queue; gives its index."""
     assert subscribed.queue is not None
     t = ListType(source.type, subscribed.queue)
-    if not flat.sizes.fits(t):
+    if not flat.sizes.has_room_for(t):
         raise TooLargeError
     index = len(flat.topics)
     queue = Topic(
@@ -85,10 +82,10 @@ def make_queue(flat: Flattening, source: Topic, subscribed: typed.Subscribed, no
     return index
 
 
-def home_of(
+def home_of_topic(
     flat: Flattening, topic: typed.TopicSymbol, prefix: str, wires: list[Wires]
 ) -> TopicKey:
-    """The topic that a symbol means at a place in the flat system: its home and itself."""
+    """Gives the topic that a symbol means at a place, with the prefix of the topic's system."""
     if topic in flat.program.stand_ins:
         return _home_along_wires(flat, [*filter(None, prefix.split("."))], topic)
     for table in wires:
@@ -98,9 +95,9 @@ def home_of(
 
 
 def _home_along_wires(flat: Flattening, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
-    """Follows a topic, as the system at `path` names it, along all wires to its home.
+    """Gives the home of a topic that the system at `path` names: where all wires from it lead.
 
-    Wires may lead from instance to instance; it reports M021 if they lead in a circle.
+    Wires may lead from instance to instance; M021 is reported if they lead in a circle.
     """
     seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span] = {}
     while True:
@@ -122,9 +119,9 @@ def _home_along_wires(flat: Flattening, path: list[str], topic: typed.TopicSymbo
 def _system_at(flat: Flattening, path: list[str]) -> typed.SystemSymbol:
     system = flat.symbol
     for name in path:
-        what = system.by_name[name].what
-        assert isinstance(what, typed.SystemSymbol)
-        system = what
+        declaration = system.by_name[name].what
+        assert isinstance(declaration, typed.SystemSymbol)
+        system = declaration
     return system
 
 

@@ -33,38 +33,38 @@ if TYPE_CHECKING:
 
 
 def set_and_default(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool, Value]:
-    """Bounds, whether every number has one, and the first value, under these parameters."""
+    """Gives bounds of leaves, whether every number has one, the first value, by `flat.params`."""
     key = symbol, id(flat.params)
     if key not in flat.sets:
-        bounds, declared = _bounds(flat, symbol)
-        flat.sets[key] = bounds, declared, _default(flat, symbol, bounds)
+        bounds, declared = _bounds_of_leaves(flat, symbol)
+        flat.sets[key] = bounds, declared, _first_value(flat, symbol, bounds)
     return flat.sets[key]
 
 
-def _bounds(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool]:
-    """A bound for each leaf, and whether every number has one."""
-    what = f"the set of `{symbol.name}`"
+def _bounds_of_leaves(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool]:
+    """Gives a bound for each leaf, and whether every number has one."""
+    description = f"the set of `{symbol.name}`"
     resolved: dict[tuple[str, ...], Bound] = {}
     for path, values in symbol.values.items():
-        interval = flat.interval(values.low, values.high, values.span, what)
+        interval = flat.interval(values.low, values.high, values.span, description)
         if interval is not None:
             resolved[path] = Bound(*interval)
         else:  # consequences of the error are not reported
             flat.program.damaged.add(symbol)
-    bounds, declared = _Bounder(resolved).bounds(symbol.type)
+    bounds, declared = _Bounder(resolved).bounds_of_leaves(symbol.type)
     if any(b is not None and b.low > b.high for b in bounds):
         flat.diagnostics.error(
-            "V001", f"{what} holds no value of its type `{symbol.type}`", symbol.span
+            "V001", f"{description} holds no value of its type `{symbol.type}`", symbol.span
         )
         flat.program.damaged.add(symbol)
     return bounds, declared
 
 
-def _default(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) -> Value:
+def _first_value(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) -> Value:
     """The first value of a topic; reports V002 if it lies outside the set."""
     written = symbol.default
-    what = f"the default of `{symbol.name}`"
-    value = flat.number(written, what)
+    description = f"the default of `{symbol.name}`"
+    value = flat.number(written, description)
     if value is None:
         value = default_value(symbol.type)
     if symbol in flat.program.damaged:
@@ -78,14 +78,16 @@ def _default(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) -> Val
         sets = tuple((r.span, "its set") for r in symbol.values.values())
         flat.diagnostics.error(
             "V002",
-            f"{what}{where} is {beyond(number, bound)}",
+            f"{description}{where} is {outside_text(number, bound)}",
             written.span if written is not None else symbol.span,
             f"starts at {number!r}" if written is None else "",
             also=sets if len(sets) == 1 else (),
             notes=()
             if written is not None
             else ("without `= ...` a topic starts at the default of its type",),
-            helps=(f"give it a first value in {shown(bound)}: `= ...`",) if written is None else (),
+            helps=(f"give it a first value in {bound_text(bound)}: `= ...`",)
+            if written is None
+            else (),
         )
     return value
 
@@ -106,7 +108,7 @@ def require_in_set(
     where = f" (`{leaf}`)" if leaf else ""
     flat.diagnostics.error(
         "V005",
-        f"{what}{where} is {beyond(number, bound)}",
+        f"{what}{where} is {outside_text(number, bound)}",
         expr.span,
         also=((topic.symbol.span, "the topic"),),
         notes=notes,
@@ -114,19 +116,19 @@ def require_in_set(
 
 
 def _all_allow_zeros(t: Type, bounds: Bounds) -> bool:
-    """Whether a value of zeros is inside all bounds; does not build the value."""
+    """Whether a value of zeros is inside all bounds; it is not built, since it may be large."""
     return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
 
 
-def shown(bound: Bound) -> str:
-    """A bound as text."""
+def bound_text(bound: Bound) -> str:
+    """The bound as text: `[low, high]`."""
     return f"[{bound.low!r}, {bound.high!r}]"
 
 
-def beyond(number: float, bound: Bound) -> str:
-    """The end of a sentence about a number that is not in its bound."""
+def outside_text(number: float, bound: Bound) -> str:
+    """Gives the end of a sentence about a number that is not in its bound."""
     if math.isfinite(number):
-        return f"{number!r}, outside {shown(bound)}"
+        return f"{number!r}, outside {bound_text(bound)}"
     return f"{number!r}, which no topic may hold"
 
 
@@ -137,49 +139,51 @@ class _Bounder:
         self.sets = sets
         self._known: dict[tuple[int, Bound | None], tuple[Bounds, bool]] = {}
 
-    def bounds(
+    def bounds_of_leaves(
         self, t: Type, path: tuple[str, ...] = (), outer: Bound | None = None
     ) -> tuple[Bounds, bool]:
-        """A bound or None for each leaf of `t`, and whether every number has one."""
+        """Gives a bound or None for each leaf of `t`, and whether every number has one."""
         outer = self.sets.get(path, outer)
         if isinstance(t, (RecordType, ArrayType, ListType)):
             if any(len(p) > len(path) and p[: len(path)] == path for p in self.sets):
-                return self._part_bounds(t, path, outer)
+                return self._bounds_of_parts(t, path, outer)
             key = id(t), outer  # one type may occur inside another many times
             if key not in self._known:
-                self._known[key] = self._part_bounds(t, path, outer)
+                self._known[key] = self._bounds_of_parts(t, path, outer)
             return self._known[key]
         if not isinstance(t, (FloatType, IntType)):
             return (None,), True
         if isinstance(t, IntType):
-            outer = _inside_type(outer, t)
+            outer = _cut_to_type(outer, t)
         return (outer,), outer is not None
 
-    def _part_bounds(
+    def _bounds_of_parts(
         self, t: RecordType | ArrayType | ListType, path: tuple[str, ...], outer: Bound | None
     ) -> tuple[Bounds, bool]:
         if isinstance(t, RecordType):
-            parts = [self.bounds(f, (*path, n), outer) for n, f in t.fields]
+            parts = [self.bounds_of_leaves(f, (*path, n), outer) for n, f in t.fields]
             return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
-        bounds, declared = self.bounds(t.element, (*path, ""), outer)
+        bounds, declared = self.bounds_of_leaves(t.element, (*path, ""), outer)
         return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
 
 
-def _inside_type(bound: Bound | None, t: IntType) -> Bound | None:
-    """The bound of an int cut to what its type can hold: draws and the gate rely on that."""
+def _cut_to_type(bound: Bound | None, t: IntType) -> Bound | None:
+    """Cuts the bound of an int to what its type can hold; draws and the gate rely on this."""
     if bound is None:
         return None if t.is_full else Bound(t.low, t.high)
     return Bound(max(bound.low, t.low), min(bound.high, t.high))
 
 
 def first_outside(t: Type, value: Value, bounds: Bounds) -> tuple[str, float, Bound] | None:
-    """The first leaf of a value outside its bound: (path, value, bound), or None."""
-    violation, _ = _outside(t, value, bounds, 0, "")
+    """Gives the first leaf of a value that is outside its bound: (path, value, bound); or None."""
+    violation, _ = _first_outside_from(t, value, bounds, 0, "")
     return violation
 
 
-def _parts(t: RecordType | ArrayType, value: Value, path: str) -> Iterator[tuple[Type, Value, str]]:
-    """Yields type, value and path of each part of a value."""
+def _parts_at(
+    t: RecordType | ArrayType, value: Value, path: str
+) -> Iterator[tuple[Type, Value, str]]:
+    """Yields type, value and path of each field or element of a value."""
     if isinstance(t, RecordType):
         for (name, part_type), part in zip(t.fields, value, strict=True):
             yield part_type, part, f"{path}.{name}" if path else name
@@ -187,20 +191,20 @@ def _parts(t: RecordType | ArrayType, value: Value, path: str) -> Iterator[tuple
         yield from ((t.element, part, f"{path}[{i}]") for i, part in enumerate(value))
 
 
-def _outside(
+def _first_outside_from(
     t: Type, value: Value, bounds: Bounds, at: int, path: str
 ) -> tuple[tuple[str, float, Bound] | None, int]:
-    """The first leaf outside, and the position in `bounds` behind this value's leaves."""
+    """Gives the first leaf outside its bound, and the position in `bounds` behind the value."""
     if isinstance(t, (RecordType, ArrayType)):
-        for part_type, part, where in _parts(t, value, path):
-            violation, at = _outside(part_type, part, bounds, at, where)
+        for part_type, part, where in _parts_at(t, value, path):
+            violation, at = _first_outside_from(part_type, part, bounds, at, where)
             if violation is not None:
                 return violation, at
         return None, at
     if isinstance(t, ListType):
-        after = at + len(_Bounder({}).bounds(t.element)[0])
+        after = at + len(_Bounder({}).bounds_of_leaves(t.element)[0])
         for i, e in enumerate(value):
-            violation, _ = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            violation, _ = _first_outside_from(t.element, e, bounds, at, f"{path}[{i}]")
             if violation is not None:
                 return violation, after
         return None, after

@@ -18,7 +18,7 @@ from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementPar
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
+from soter.language.syntax.tokens import EOF, NAME, STRING, printable, string_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -126,14 +126,14 @@ class BodyParser(StatementParser):
             self.report(
                 "S005",
                 f"no `{sign}` after `{self.texts[word]}`",
-                helps=(self._without(word + 1),),
+                helps=(self._fix_without(word + 1),),
                 once=False,
             )
             # The item steps over one token, which is now the sign in place of its word.
             self.texts[word + 1], self.kinds[word + 1] = self.texts[word], self.kinds[word]
 
-    def _without(self, index: int) -> Fix:
-        """Leave one token out, with the blanks around it."""
+    def _fix_without(self, index: int) -> Fix:
+        """Gives the edit that leaves one token out, with the blanks around it."""
         start, end = self.ends[index - 1], self.starts[index + 1]
         return replace(Span(self.source, start, end), " ", "leave it out")
 
@@ -193,7 +193,7 @@ class BodyParser(StatementParser):
             return self._asked_with_always(items)
         alone = self.kinds[self.i] == NAME and self.kinds[self.i + 1] == ";"
         if alone and not {"system", "until"}.isdisjoint(items):
-            return self._named_alone(word, items)
+            return self._lone_name_help(word, items)
         return None
 
     def _parse_as(self, word: str, message: str, parts: Parts, items: Items) -> None:
@@ -203,14 +203,14 @@ class BodyParser(StatementParser):
         self.texts[self.i] = word
         self._parse_item(items[word], parts)
 
-    def _named_alone(self, word: str, items: Items) -> Help:
-        """`House;` for `system House;`: by what is declared under that name."""
+    def _lone_name_help(self, word: str, items: Items) -> Help:
+        """Gives `system House;` for `House;`, by what is declared under that name."""
         kinds, texts = self.kinds, self.texts
         declared = {k for i, k in enumerate(kinds[:-1]) if texts[i + 1] == word and k in _ITEM_OF}
         item = _ITEM_OF[declared.pop()] if len(declared) == 1 else None
         if item in items:
             return replace(self.token_span(self.i), f"{item} {word}", f"write `{item} {word};`")
-        name = visible(word)
+        name = printable(word)
         if "module" not in items:
             return f"write `system {name};`"
         return f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
@@ -220,7 +220,7 @@ class BodyParser(StatementParser):
         at = self.i
         while self.kinds[at] in (NAME, ".", "(", ")"):
             at += 1
-        text = visible("".join(self.texts[self.i : at]))
+        text = printable("".join(self.texts[self.i : at]))
         where = "" if "eventually" in items else " in a `test` block"
         return f"write `always {text};`{where}"
 
@@ -280,7 +280,7 @@ class BodyParser(StatementParser):
         message = f"expected `,` or `;` after the name, found {self.found()}"
         if self.kinds[i + 1] != "." and not self._is_a_topic(self.texts[i]):
             gone = Span(self.source, self.ends[i - 1], self.ends[i])
-            out = replace(gone, "", f"leave `{visible(self.texts[i])}` out")
+            out = replace(gone, "", f"leave `{printable(self.texts[i])}` out")
             self.report("S005", message, label="no topic is called so", helps=(out,), skip=1)
             return self.accept(",")
         self.report("S005", message, self.after_previous(), "`,` is missing here")
@@ -308,7 +308,7 @@ class BodyParser(StatementParser):
     def period(self, kind: str, name: tree.Name) -> tree.SyntaxExpr:
         """The period in the head of a declaration, an ErrorExpr where there is none."""
         word = self.texts[self.i]
-        example = f"write `{kind} {visible(name.text)} period 10ms {{ ... }}`"
+        example = f"write `{kind} {printable(name.text)} period 10ms {{ ... }}`"
         message = f"expected `period` after the name of the {kind}, found {self.found()}"
         self.without_period = f"{kind} `{name.text}`"
         span = self.after_previous() if self.kinds[self.i] == "{" else None
@@ -328,7 +328,7 @@ class BodyParser(StatementParser):
             if depth == 1 and begins and self.texts[i] == "period" and self.kinds[i + 2] == ";":
                 written = Span(self.source, self.starts[i], self.ends[i + 2])
                 head = f"period {self.texts[i + 1]}"
-                title = f"write `{kind} {visible(name.text)} {head} {{ ... }}`"
+                title = f"write `{kind} {printable(name.text)} {head} {{ ... }}`"
                 moved = append(name.span, f" {head}", title)
                 return Fix(title, (*moved.edits, *remove(written, title).edits))
             i += 1
@@ -337,7 +337,7 @@ class BodyParser(StatementParser):
     # ------------------------------------------------------------ common parts
 
     def typed(self, owner: str) -> tree.TypeExpr:
-        """`: type` behind the name of `owner`."""
+        """Parses `: type` behind the name of `owner`."""
         if self.accept(":"):
             return type_expression(self, f"the type of {owner}")
         self.report(
@@ -355,7 +355,7 @@ class BodyParser(StatementParser):
         return tree.ErrorTypeExpr(self.after_previous())
 
     def range_of(self, subject: str) -> tree.IntervalExpr:
-        """An interval, made of errors where it cannot be read."""
+        """Parses an interval, which is made of errors if it cannot be read."""
         start = self.i
         try:
             return self.interval(subject)

@@ -38,7 +38,7 @@ from soter.language.syntax.parsing.items import (
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.schemes import SCHEMES
-from soter.language.syntax.tokens import EOF, ERROR, INT, NAME, visible
+from soter.language.syntax.tokens import EOF, ERROR, INT, NAME, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from soter.language.syntax.parsing.bodies import BodyParser
 
 
-def fun(parser: BodyParser) -> tree.Decl:
+def parse_fun(parser: BodyParser) -> tree.Decl:
     """`fun` and `extern fun`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
@@ -100,7 +100,7 @@ def _function_body(parser: BodyParser) -> tree.Block | None:
 def _report_extern_body(parser: BodyParser, name: tree.Name, not_extern: Fix) -> None:
     parser.report(
         "S025",
-        f"the extern function `{visible(name.text)}` has a body",
+        f"the extern function `{printable(name.text)}` has a body",
         helps=(not_extern, "or write `;` instead of the body"),
     )
     parser.block("after the result type")
@@ -119,7 +119,7 @@ def _result_type(parser: BodyParser, name: tree.Name) -> tree.TypeExpr:
         return type_expression(parser, "the result type")
     parser.report(
         "S005",
-        f"expected `:` and the result type of `{visible(name.text)}`, found {parser.found()}",
+        f"expected `:` and the result type of `{printable(name.text)}`, found {parser.found()}",
         parser.after_previous(),
         "the result type is missing here",
         notes=("a function computes a value: it always has a result type",),
@@ -162,19 +162,19 @@ def _parameter(parser: BodyParser) -> tuple[tree.Name, tree.TypeExpr]:
             "S005",
             f"expected `:` after the name of the parameter, found `{parser.texts[i + 1]}`",
             parser.token_span(i),
-            helps=(f"the name comes first: write `{visible(written)}`",),
+            helps=(f"the name comes first: write `{printable(written)}`",),
             skip=1,
         )
         name = parser.name("the name of a parameter")
         return name, tree.ErrorTypeExpr(name.span)
     name = parser.name("the name of a parameter")
-    return name, parser.typed(f"the parameter `{visible(name.text)}`")
+    return name, parser.typed(f"the parameter `{printable(name.text)}`")
 
 
 _ONE_DRIVES = "write one `drives` for each topic"
 
 
-def plant(parser: BodyParser) -> tree.Decl:
+def parse_plant(parser: BodyParser) -> tree.Decl:
     """`plant` and `extern plant`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
@@ -182,7 +182,7 @@ def plant(parser: BodyParser) -> tree.Decl:
     name = parser.declare("the name of the plant")
     period, _, source, source_span = parser.head_of("plant", name, extern=extern)
     items = EXTERN_PLANT_ITEMS if extern else PLANT_ITEMS
-    parts = parser.body(f"plant `{visible(name.text)}`", items)
+    parts = parser.body(f"plant `{printable(name.text)}`", items)
     return tree.PlantDecl(
         name,
         parser.span_from(start),
@@ -194,12 +194,12 @@ def plant(parser: BodyParser) -> tree.Decl:
     )
 
 
-def _reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Ref]:
+def _parse_reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Ref]:
     yield from parser.refs("the name of a topic")
     parser.expect_semicolon("the read topics")
 
 
-def _drives(
+def _parse_drives(
     parser: BodyParser, word: str, start: int, *, extern: bool = False
 ) -> Iterator[tuple[tree.Ref, tree.SyntaxExpr | None]]:
     """Yields driven topics of `topic = value;`, several if a comma stands in place of the `;`."""
@@ -212,7 +212,7 @@ def _drives(
             parser.report_missing_semicolon("the driven value", (_ONE_DRIVES,))
             yield topic, value
             parser.i += 1
-            yield from _drives(parser, word, start, extern=extern)
+            yield from _parse_drives(parser, word, start, extern=extern)
             return
         value = parser.ended(value, "the driven value")
     elif parser.kinds[parser.i] == ",":
@@ -240,7 +240,7 @@ _OF_A_STATE = {
 _OF_A_DISTURBANCE = {"in": range_of("the range of the disturbance"), "hold": time("`hold`")}
 
 
-def _state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
+def _parse_state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     name = parser.name("the name of a state")
     type_ = parser.typed("the state")
     found = clauses(parser, "state", _OF_A_STATE)
@@ -252,7 +252,7 @@ def _state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     return tree.PlantState(name, type_, interval, initial, parser.span_from(start))
 
 
-def _disturbance(parser: BodyParser, _word: str, start: int) -> tree.DisturbanceItem:
+def _parse_disturbance(parser: BodyParser, _word: str, start: int) -> tree.DisturbanceItem:
     name = parser.name("the name of a disturbance")
     type_ = parser.typed("the disturbance")
     found = clauses(parser, "disturbance", _OF_A_DISTURBANCE)
@@ -272,19 +272,23 @@ def _disturbance(parser: BodyParser, _word: str, start: int) -> tree.Disturbance
     return tree.DisturbanceItem(name, type_, interval, found.get("hold"), parser.span_from(start))
 
 
-def _plant_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.PlantLet]:
+def _parse_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.PlantLet]:
     parser.i -= 1
     statement = parser.let()
     if isinstance(statement, tree.LetStmt):
         yield tree.PlantLet(statement.name, statement.type, statement.value, statement.span)
 
 
-def _equation(parser: BodyParser, word: str, _start: int) -> tuple[tree.Name, tree.SyntaxExpr]:
+def _parse_equation(
+    parser: BodyParser, word: str, _start: int
+) -> tuple[tree.Name, tree.SyntaxExpr]:
     name = parser.name(f"the name of a state after `{word}`")
     return name, parser.assigned_value("the state", "the equation")
 
 
-def _integrate(parser: BodyParser, _word: str, _start: int) -> tuple[str, tree.SyntaxExpr | None]:
+def _parse_integrate(
+    parser: BodyParser, _word: str, _start: int
+) -> tuple[str, tree.SyntaxExpr | None]:
     method = parser.texts[parser.i]
     if method not in SCHEMES:
         names = " or ".join(f"`{name}`" for name in SCHEMES)
@@ -301,7 +305,7 @@ _BOUND = group(
 )  # fmt: skip
 
 
-def _measured(
+def _parse_measured(
     parser: BodyParser, _word: str, _start: int
 ) -> Iterator[tuple[tree.DottedPath, tree.SyntaxExpr]]:
     while True:
@@ -312,27 +316,30 @@ def _measured(
 
 
 PLANT_ITEMS: Items = {
-    "reads": each("reads", _reads),
-    "drives": each("drives", _drives),
-    "state": often("states", _state),
-    "disturbance": often("disturbances", _disturbance),
-    "let": each("lets", _plant_let),
-    "der": often("der", _equation),
-    "next": often("next", _equation),
-    "integrate": once("integrate", _integrate),
-    "measured": each("measured", _measured),
+    "reads": each("reads", _parse_reads),
+    "drives": each("drives", _parse_drives),
+    "state": often("states", _parse_state),
+    "disturbance": often("disturbances", _parse_disturbance),
+    "let": each("lets", _parse_let),
+    "der": often("der", _parse_equation),
+    "next": often("next", _parse_equation),
+    "integrate": once("integrate", _parse_integrate),
+    "measured": each("measured", _parse_measured),
 }
-EXTERN_PLANT_ITEMS: Items = {**PLANT_ITEMS, "drives": each("drives", partial(_drives, extern=True))}
+EXTERN_PLANT_ITEMS: Items = {
+    **PLANT_ITEMS,
+    "drives": each("drives", partial(_parse_drives, extern=True)),
+}
 
 
-def node(parser: BodyParser) -> tree.Decl:
+def parse_node(parser: BodyParser) -> tree.Decl:
     """`node` and `extern node`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the node")
     period, phase, source, source_span = parser.head_of("node", name, extern=extern)
-    subject = f"node `{visible(name.text)}`"
+    subject = f"node `{printable(name.text)}`"
     parts = parser.body(subject, NODE_ITEMS)
     fields = parts.fields(NODE_ITEMS)
     if extern and fields["step"] is not None:
@@ -372,22 +379,22 @@ def _report_loudly(parser: BodyParser, code: Code, message: str, span: Span, *he
     parser.quiet = quiet
 
 
-def _subscribes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Subscription]:
+def _parse_subscribes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Subscription]:
     while True:
         start = parser.starts[parser.i]
         topic = parser.ref("the name of a topic")
         queue: int | None = None
         policy: str | None = None
         if parser.accept_word("queue"):
-            queue = _count(parser, "the length of the queue")
-            policy = _policy(parser)
+            queue = _parse_count(parser, "the length of the queue")
+            policy = _parse_policy(parser)
         yield tree.Subscription(topic, queue, policy, parser.span_from(start))
         if not parser.accept(",") and not parser.forgotten_comma():
             break
     parser.expect_semicolon("the subscriptions")
 
 
-def _count(parser: BodyParser, subject: str) -> int | None:
+def _parse_count(parser: BodyParser, subject: str) -> int | None:
     i = parser.i
     if parser.kinds[i] == INT and len(parser.texts[i]) <= 9:
         parser.i += 1
@@ -398,7 +405,7 @@ def _count(parser: BodyParser, subject: str) -> int | None:
     raise parser.failure("S005", f"expected {subject} as a whole number, found {parser.found()}")
 
 
-def _policy(parser: BodyParser) -> str | None:
+def _parse_policy(parser: BodyParser) -> str | None:
     """Parses what a full queue does; None if the program does not say it."""
     word = parser.texts[parser.i]
     if word in ("drop_oldest", "drop_newest", "fault"):
@@ -415,31 +422,31 @@ def _policy(parser: BodyParser) -> str | None:
     return None
 
 
-def _publishes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Publication]:
+def _parse_publishes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Publication]:
     while True:
         start = parser.starts[parser.i]
         topic = parser.ref("the name of a topic")
-        burst = _burst(parser) if parser.kinds[parser.i] == "[" else None
+        burst = _parse_burst(parser) if parser.kinds[parser.i] == "[" else None
         yield tree.Publication(topic, burst, parser.span_from(start))
         if not parser.accept(",") and not parser.forgotten_comma():
             break
     parser.expect_semicolon("the published topics")
 
 
-def _burst(parser: BodyParser) -> int | None:
-    """`[<=4]`: how many messages a step may publish."""
+def _parse_burst(parser: BodyParser) -> int | None:
+    """Parses `[<=4]`: how many messages a step may publish."""
     parser.tight.append(parser.take())
     if parser.kinds[parser.i] != "<=":
         message = f"expected `<=` before the number of messages, found {parser.found()}"
         helps = ("a topic of which a step may publish up to four messages: `alarm[<=4]`",)
         raise parser.failure("S005", message, helps=helps)
     parser.i += 1
-    count = _count(parser, "the number of messages")
+    count = _parse_count(parser, "the number of messages")
     parser.expect("]", "after the number of messages")
     return count
 
 
-def _local(parser: BodyParser, _word: str, start: int) -> tree.LocalVar:
+def _parse_local(parser: BodyParser, _word: str, start: int) -> tree.LocalVar:
     name = parser.name("a name after `var`")
     type_ = parser.typed("the variable")
     initial: tree.SyntaxExpr | None = None
@@ -455,15 +462,15 @@ _FAILSAFE = group(
     value("the fail-safe value"),
 )  # fmt: skip
 NODE_ITEMS: Items = {
-    "subscribes": each("subscribes", _subscribes),
-    "publishes": each("publishes", _publishes),
+    "subscribes": each("subscribes", _parse_subscribes),
+    "publishes": each("publishes", _parse_publishes),
     "takes": once(
         "takes", only(range_of("how long a step takes"), semicolon("how long a step takes"))
     ),
     "wcet": once("wcet", of_word("time_value")),
     "jitter": once("jitter", of_word("time_value")),
     "failsafe": often("failsafe", only(_FAILSAFE)),
-    "var": often("locals", _local),
+    "var": often("locals", _parse_local),
     "assumes": often("assumes", only(value("the assumption"))),
     "guarantees": often("guarantees", only(value("the guarantee"))),
     "on": once(

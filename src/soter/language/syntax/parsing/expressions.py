@@ -19,17 +19,17 @@ from soter.language.syntax.parsing.literals_and_operators import (
     NUMBERS,
     PRECEDENCE,
     explain_unit,
-    height,
-    named_fields,
-    no_expression,
-    number,
+    fields_helps,
+    number_literal,
+    refuse_depth,
+    refuse_expression,
     report_nesting,
     report_slip,
-    slip,
-    too_deep,
+    slipped_operator,
+    tree_height,
 )
 from soter.language.syntax.parsing.token_cursor import Cursor, Panic
-from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, period_of, visible
+from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, period_text, printable
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Help
@@ -65,7 +65,7 @@ class ExpressionParser(Cursor):
             self.depth = depth
             self.skip_expression(start, stop_at_brace=stop_at_brace)
             return tree.ErrorExpr(self.span_from(self.starts[start]))
-        if self.i - start > LEVELS_MAX and height(result) > LEVELS_MAX:
+        if self.i - start > LEVELS_MAX and tree_height(result) > LEVELS_MAX:
             report_nesting(self, result.span, subject)
             return tree.ErrorExpr(result.span)
         return result
@@ -101,7 +101,7 @@ class ExpressionParser(Cursor):
                 helps = (replace(whole, f"{number}{unit}", title),)
                 self.i += 1
             elif unit.lower() == "hz":
-                period = period_of(result.value)
+                period = period_text(result.value)
                 title = f"write the time between two steps: `{period}`"
                 helps = (replace(whole, period, title),)
                 self.i += 1
@@ -133,7 +133,7 @@ class ExpressionParser(Cursor):
         kinds = self.kinds
         self.depth += 1
         if self.depth > LEVELS_MAX:
-            too_deep(self, "expression")
+            refuse_depth(self, "expression")
         start = self.starts[self.i]
         kind = kinds[self.i]
         left = self._prefixed() if kind in ("-", "!") else self._postfix()
@@ -141,7 +141,7 @@ class ExpressionParser(Cursor):
             op = kinds[self.i]
             precedence = PRECEDENCE.get(op)
             if precedence is None:
-                meant = slip(self, op)
+                meant = slipped_operator(self, op)
                 if meant is None:
                     break
                 op, precedence = meant, PRECEDENCE[meant]
@@ -171,7 +171,7 @@ class ExpressionParser(Cursor):
         self.i += 1
         self.tight.extend(signs)
         if len(signs) > LEVELS_MAX:
-            too_deep(self, "expression")
+            refuse_depth(self, "expression")
         operand = self._postfix()
         end = self.ends[self.i - 1]
         for sign in reversed(signs):
@@ -355,10 +355,10 @@ class ExpressionParser(Cursor):
             return self._record()
         misused = text in self.misused
         if not misused and kind not in NUMBERS and kind not in ("true", "false", "[", ERROR):
-            return no_expression(self, kind)
+            return refuse_expression(self, kind)
         self.i = i + 1
         if kind in NUMBERS:
-            return number(self, span, kind)
+            return number_literal(self, span, kind)
         if kind in ("true", "false"):
             return tree.BoolLit(span, kind == "true")
         if kind == "[":
@@ -383,13 +383,13 @@ class ExpressionParser(Cursor):
                     "S007",
                     "expected `field: value` in a record, found `{`",
                     self.token_span(opener),
-                    helps=named_fields(self, opener),
+                    helps=fields_helps(self, opener),
                 )
             if self.kinds[self.i + 1] in (",", "}") and not entries:
                 raise self.failure(
                     "S007",
                     f"expected `field: value` in a record, found {self.found()}",
-                    helps=named_fields(self, opener),
+                    helps=fields_helps(self, opener),
                 )
             field = self.name("the name of a field")
             if self.kinds[self.i] == "=":
@@ -400,7 +400,7 @@ class ExpressionParser(Cursor):
                     skip=1,
                 )
             else:
-                self.expect(":", f"after the field `{visible(field.text)}`")
+                self.expect(":", f"after the field `{printable(field.text)}`")
             entries.append((field, self.expression(ANY)))
             if not self.comma("}", "the field", opener):
                 break

@@ -34,8 +34,8 @@ def behind_indices(parser: BodyParser, at: int) -> int:
     return at
 
 
-def element(parser: BodyParser, name: tree.Name) -> tree.Name:
-    """`name`, with the indices that follow it."""
+def parse_element(parser: BodyParser, name: tree.Name) -> tree.Name:
+    """Parses the indices that follow `name`; gives the name with them."""
     indices = []
     while parser.kinds[parser.i] == "[":
         opener = parser.take()
@@ -47,23 +47,25 @@ def element(parser: BodyParser, name: tree.Name) -> tree.Name:
     return tree.ElementName(name.text, parser.span_from(name.span.start), tuple(indices))
 
 
-def path(parser: BodyParser, subject: str) -> tree.DottedPath:
+def parse_path(parser: BodyParser, subject: str) -> tree.DottedPath:
     """`name[i].name.name`."""
     first = parser.name(subject)
-    parts = [element(parser, first)]
+    parts = [parse_element(parser, first)]
     while parser.accept("."):
-        parts.append(element(parser, parser.name("a name after `.`")))
+        parts.append(parse_element(parser, parser.name("a name after `.`")))
     return tree.DottedPath(tuple(parts), parser.span_from(first.span.start))
 
 
 def dotted(subject: str) -> Step:
     """`path`, as a step of a row of items."""
-    return lambda parser: path(parser, subject)
+    return lambda parser: parse_path(parser, subject)
 
 
-def setting(parser: BodyParser, _word: str, start: int, *, inside: bool = False) -> tree.SetParam:
+def parse_setting(
+    parser: BodyParser, _word: str, start: int, *, inside: bool = False
+) -> tree.SetParam:
     """`set K = 3`, behind `set` at `start`; `inside` an instance's braces a comma may follow."""
-    param = path(parser, "the name of a parameter")
+    param = parse_path(parser, "the name of a parameter")
     parser.assign("after the parameter")
     subject = "the value of the parameter"
     value = parser.expr(subject) if inside else parser.value(subject)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LEVELS_MAX = 200
 
 
-def too_deep(cursor: Cursor, kind: str) -> NoReturn:
+def refuse_depth(cursor: Cursor, kind: str) -> NoReturn:
     """Report what nests deeper than `LEVELS_MAX`; raises Panic."""
     raise cursor.failure(
         "S020",
@@ -56,17 +56,17 @@ def report_nesting(cursor: Cursor, span: Span, subject: str) -> None:
     )
 
 
-def height(expr: tree.SyntaxExpr) -> int:
-    """Levels of an expression tree, without recursion; stops counting past `LEVELS_MAX`."""
+def tree_height(expr: tree.SyntaxExpr) -> int:
+    """Gives the levels of an expression tree, counted without recursion up to `LEVELS_MAX`."""
     level = 0
     row: list[tree.SyntaxExpr] = [expr]
     while row and level <= LEVELS_MAX:
         level += 1
-        row = [child for parent in row for child in children(parent)]
+        row = [child for parent in row for child in subexpressions(parent)]
     return level
 
 
-def children(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
+def subexpressions(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
     """The expressions directly inside `expr`, in source order."""
     subexpressions: list[tree.SyntaxExpr] = []
     for field in fields(expr):
@@ -88,7 +88,7 @@ def report_unclosed(cursor: Cursor, opener: int, subject: str) -> None:
     """Report that the block opened at token `opener` has no end before the cursor."""
     begins = "it" if subject == "this block" else f"the body of {subject}"
     also = [(cursor.token_span(opener), f"{begins} begins here")]
-    suspect = _suspect(cursor, opener)
+    suspect = _suspect_braces(cursor, opener)
     if suspect is not None:
         opening, closing = suspect
         also.append((cursor.token_span(opening), "this `{` may be the one without an end"))
@@ -97,7 +97,7 @@ def report_unclosed(cursor: Cursor, opener: int, subject: str) -> None:
     cursor.report("S012", message, also=tuple(also))
 
 
-def _suspect(cursor: Cursor, opener: int) -> tuple[int, int] | None:
+def _suspect_braces(cursor: Cursor, opener: int) -> tuple[int, int] | None:
     """The first pair of braces inside `opener` whose indentation does not match."""
     stack: list[int] = []
     for index in range(opener, min(cursor.i, opener + 20_000)):
@@ -118,7 +118,7 @@ _INT_DIGITS_MAX = 40
 _DURATION_NS_MAX = 2**63 - 1
 
 
-def number(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
+def number_literal(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
     """The token before the cursor, of a kind among NUMBERS, as a literal."""
     text = cursor.texts[cursor.i - 1]
     if kind == FLOAT:
@@ -130,10 +130,10 @@ def number(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
         if len(text) > _INT_DIGITS_MAX:
             return _too_large(cursor, span, "an int")
         return tree.IntLit(span, int(text))
-    return _duration(cursor, span, text)
+    return _duration_literal(cursor, span, text)
 
 
-def _duration(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
+def _duration_literal(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
     digits = text.rstrip("nusmih")
     unit = UNIT_NS[text[len(digits) :]]
     approximate = float(digits) * unit
@@ -153,7 +153,7 @@ def _too_large(cursor: Cursor, span: Span, subject: str) -> tree.SyntaxExpr:
 
 
 def explain_unit(cursor: Cursor, i: int) -> None:
-    """`10 ms`: extend the error just reported by a help."""
+    """Adds a help to the error just reported, for `10 ms`."""
     if cursor.kinds[i] == NAME and cursor.texts[i] in UNIT_NS and i and cursor.problems:
         last = cursor.problems[-1]
         here = last.primary is not None and last.primary.span.start == cursor.ends[i - 1]
@@ -166,7 +166,7 @@ def explain_unit(cursor: Cursor, i: int) -> None:
             )
 
 
-def in_brackets(cursor: Cursor, opener: int) -> Help:
+def brackets_help(cursor: Cursor, opener: int) -> Help:
     """`[a, b]` for the braces opened at a token."""
     level = 0
     for i in range(opener, len(cursor.kinds)):
@@ -177,7 +177,7 @@ def in_brackets(cursor: Cursor, opener: int) -> Help:
     return "arrays and lists are written `[a, b]`"
 
 
-def named_fields(cursor: Cursor, opener: int) -> tuple[Help, ...]:
+def fields_helps(cursor: Cursor, opener: int) -> tuple[Help, ...]:
     """`{ x, v }` opened at a token: a record says its fields, an array has other brackets."""
     names: list[str] = []
     i = opener + 1
@@ -194,7 +194,7 @@ def named_fields(cursor: Cursor, opener: int) -> tuple[Help, ...]:
     if names and cursor.kinds[opener - 1] == "(":
         return ()
     if not names or cursor.kinds[i - 1] != "}" or cursor.texts[opener - 1] == "in":
-        return (in_brackets(cursor, opener),)
+        return (brackets_help(cursor, opener),)
     whole = Span(cursor.source, cursor.starts[opener], cursor.ends[i - 1])
     record = "{ " + ", ".join(f"{name}: {name}" for name in names) + " }"
     fix = Fix(f"write `{record}`: a record names its fields", (Edit(whole, record),))
@@ -236,8 +236,8 @@ _SLIPS = {
 _OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!", "-"])
 
 
-def slip(cursor: Cursor, kind: str) -> str | None:
-    """The operator meant by a token of another language after an operand."""
+def slipped_operator(cursor: Cursor, kind: str) -> str | None:
+    """Gives the operator meant by a token of another language behind an operand; or None."""
     if kind == NAME:
         word = cursor.texts[cursor.i]
         if word in _SLIPS and cursor.kinds[cursor.i + 1] in _OPERAND_WORDS:
@@ -261,7 +261,7 @@ def report_slip(cursor: Cursor, meant: str) -> None:
         cursor.report("S015", f"`{text}` is not an operator of Soter", helps=helps)
 
 
-def no_expression(cursor: Cursor, kind: str) -> NoReturn:
+def refuse_expression(cursor: Cursor, kind: str) -> NoReturn:
     """Nothing here begins an expression: say why, as the token lets us, and Panic."""
     message = f"expected an expression, found {cursor.found()}"
     helps: tuple[str, ...] = ()
@@ -287,7 +287,7 @@ def no_expression(cursor: Cursor, kind: str) -> NoReturn:
 
 
 def _skip_choice(cursor: Cursor) -> None:
-    """Past an `if ... { } else { }` that stands where an expression should."""
+    """Steps past an `if ... { } else { }` that stands in the place of an expression."""
     while cursor.kinds[cursor.i] in ("if", "else", "elseif"):
         while cursor.kinds[cursor.i] not in ("{", "}", ";", EOF):
             cursor.i += 1
@@ -295,7 +295,7 @@ def _skip_choice(cursor: Cursor) -> None:
             cursor.skip_braces()
 
 
-def c_style_loop(cursor: Cursor) -> NoReturn:
+def refuse_c_loop(cursor: Cursor) -> NoReturn:
     """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole; raises Panic."""
     cursor.report(
         "S006",

@@ -37,7 +37,7 @@ from soter.language.syntax.parsing.items import (
     word,
     word_of,
 )
-from soter.language.syntax.tokens import NAME, visible
+from soter.language.syntax.tokens import NAME, printable
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
@@ -46,20 +46,20 @@ if TYPE_CHECKING:
     Expr = tree.SyntaxExpr | None
 
 
-def verify(parser: BodyParser, _word: str, start: int) -> tree.VerifyBlock:
-    """`verify { ... }` of a module."""
+def parse_verify(parser: BodyParser, _word: str, start: int) -> tree.VerifyBlock:
+    """Parses `verify { ... }` of a module."""
     parts = parser.body("this `verify` block", VERIFY_ITEMS)
     return tree.VerifyBlock(**parts.fields(VERIFY_ITEMS), span=parser.span_from(start))
 
 
-def _view(parser: BodyParser, _word: str, start: int) -> tree.View:
+def _parse_view(parser: BodyParser, _word: str, start: int) -> tree.View:
     name = parser.name("the name of a view")
     parts = parser.body(f"view `{name.text}`", VIEW_ITEMS)
     return tree.View(name, span=parser.span_from(start), **parts.fields(VIEW_ITEMS))
 
 
-def _open(parser: BodyParser) -> tuple[Expr, bool]:
-    """`open`, `open to e`: where the axis ends, and whether it has no end."""
+def _parse_open(parser: BodyParser) -> tuple[Expr, bool]:
+    """Parses `open` or `open to e`: where the axis ends, and whether it has no end."""
     if not parser.accept_word("open"):
         return None, False
     if parser.kinds[parser.i] in (",", ";"):
@@ -68,8 +68,7 @@ def _open(parser: BodyParser) -> tuple[Expr, bool]:
     return parser.expr("where an open axis ends"), False
 
 
-def _abstracted(parser: BodyParser) -> object:
-    """`by` behind an abstracted plant, or another word in its place."""
+def _parse_abstracted(parser: BodyParser) -> object:
     if not parser.is_word("by") and parser.kinds[parser.i : parser.i + 2] == [NAME, NAME]:
         parser.report(
             "S005", f"expected `by` after the abstracted plant, found {parser.found()}", skip=1
@@ -79,7 +78,7 @@ def _abstracted(parser: BodyParser) -> object:
     return NOTHING
 
 
-def _delays(parser: BodyParser, word: str, _start: int) -> tree.Delays:
+def _parse_delays(parser: BodyParser, word: str, _start: int) -> tree.Delays:
     time_by_role: dict[str, tree.SyntaxExpr] = {}
     nodes: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = []
     while True:
@@ -99,8 +98,8 @@ def _delays(parser: BodyParser, word: str, _start: int) -> tree.Delays:
     return tree.Delays(time_by_role.get("dm"), time_by_role.get("sc"), tuple(nodes))
 
 
-def _acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr]:
-    """`acts within 10ms;`, or `acts within 1ms to 10ms;`."""
+def _parse_acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr]:
+    """Parses `acts within 10ms;`, or `acts within 1ms to 10ms;`."""
     parser.expect_word("within", "after `acts`")
     least, most = None, parser.time("`within`")
     if parser.texts[parser.i] == "to":
@@ -111,7 +110,7 @@ def _acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr]:
 
 
 def _recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | None]:
-    """`recover within 10s;`, or `recover never;`: SC may stop for good."""
+    """Parses `recover within 10s;`, or `recover never;`: then SC may stop for good."""
     if parser.texts[parser.i] != "never":
         parser.expect_word("within", "after `recover`")
         return parser.time_value("`within`"), None
@@ -125,7 +124,7 @@ _CELLS = group(
     dotted("a topic or one of its fields"), word("in", "after the axis"),
     range_of("the range of the axis"),
     word("/", "and the number of cells after the range of the axis"),
-    expr("the number of cells"), _open,
+    expr("the number of cells"), _parse_open,
 )  # fmt: skip
 _ABSTRACTION = group(
     tree.Abstraction, name("the name of an abstraction"),
@@ -138,7 +137,7 @@ VIEW_ITEMS: Items = {
         "abstracts",
         only(
             group(
-                pair, name("the name of a plant after `abstracts`"), _abstracted,
+                pair, name("the name of a plant after `abstracts`"), _parse_abstracted,
                 commas(_ABSTRACTION), semicolon("the abstractions"),
             )
         ),
@@ -146,7 +145,7 @@ VIEW_ITEMS: Items = {
 }  # fmt: skip
 VERIFY_ITEMS: Items = {
     **VIEW_ITEMS,
-    "view": often("views", _view),
+    "view": often("views", _parse_view),
     "commands": often(
         "commands",
         made(
@@ -159,9 +158,9 @@ VERIFY_ITEMS: Items = {
     "enters": once("enters", only(value("where views are entered"))),
     "horizon": once("horizon", only(value("the horizon"))),
     "levels": once("levels", only(value("the levels"))),
-    "late": once("late", _delays),
-    "response": once("response", _delays),
-    "acts": once({"acts_least": None, "acts": None}, _acts, "acts within"),
+    "late": once("late", _parse_delays),
+    "response": once("response", _parse_delays),
+    "acts": once({"acts_least": None, "acts": None}, _parse_acts, "acts within"),
     "recover": once({"recover": None, "stays": None}, _recover, "recover within", "recover never"),
     "dropout": once("dropout", of_word("time_value")),
     "age": once("age", of_word("time_value")),
@@ -173,16 +172,16 @@ VERIFY_ITEMS: Items = {
 }  # fmt: skip
 
 
-def rta(parser: BodyParser) -> tree.Decl:
+def parse_rta(parser: BodyParser) -> tree.Decl:
     """Parses an `rta` declaration: a module."""
     start = parser.starts[parser.take()]
     name = parser.declare("the name of the module")
-    parts = parser.body(f"module `{visible(name.text)}`", RTA_ITEMS)
+    parts = parser.body(f"module `{printable(name.text)}`", RTA_ITEMS)
     return tree.RtaDecl(name, parser.span_from(start), **parts.fields(RTA_ITEMS))
 
 
-def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
-    """`assumes name: e;` and `guarantees name: e;`."""
+def _parse_clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
+    """Parses `assumes name: e;` and `guarantees name: e;`."""
     subject = "the assumption" if kind == "assumes" else "the guarantee"
     if parser.kinds[parser.i] != NAME or parser.kinds[parser.i + 1] != ":":
         raise parser.failure(
@@ -197,8 +196,8 @@ def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
     return tree.Clause(kind, name, condition, parser.span_from(start))
 
 
-def _advanced(parser: BodyParser, _word: str, _start: int) -> tree.Ref:
-    """A node; S026 for `ac module Keep;`."""
+def _parse_ac(parser: BodyParser, _word: str, _start: int) -> tree.Ref:
+    """Parses the AC of a module; reports S026 for `ac module Keep;`."""
     if parser.is_word("module") and parser.kinds[parser.i + 1] == NAME:
         raise parser.failure(
             "S026",
@@ -211,8 +210,8 @@ def _advanced(parser: BodyParser, _word: str, _start: int) -> tree.Ref:
     return node
 
 
-def _safe(parser: BodyParser, _word: str, _start: int) -> tuple[object, tuple[tree.Ref, ...]]:
-    """A node, or several plans; or `sc synthesized period 10ms;`: none yet."""
+def _parse_sc(parser: BodyParser, _word: str, _start: int) -> tuple[object, tuple[tree.Ref, ...]]:
+    """Parses an SC, several plans, or `sc synthesized period 10ms;`, which names no node yet."""
     start = parser.starts[parser.i]
     if parser.is_word("synthesized") and parser.kinds[parser.i + 1] != ".":
         parser.i += 1
@@ -224,8 +223,8 @@ def _safe(parser: BodyParser, _word: str, _start: int) -> tuple[object, tuple[tr
     return plans[0], plans if len(plans) > 1 else ()
 
 
-def _returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
-    """`returns after button;`, or `returns never;`: the latch."""
+def _parse_returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
+    """Parses the latch: `returns after button;`, or `returns never;`."""
     topic: tree.Ref | None = None
     if not parser.accept_word("never"):
         parser.expect_word("after", "or `never` after `returns`")
@@ -234,8 +233,10 @@ def _returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
     return tree.Returns(topic, parser.span_from(start))
 
 
-def _shield(parser: BodyParser, _word: str, start: int) -> tuple[object, bool, tree.Ref | None]:
-    """`shield 8;`, `shield 8 toward sc;`, `shield;`, or `shield toward plans, sc;`."""
+def _parse_shield(
+    parser: BodyParser, _word: str, start: int
+) -> tuple[object, bool, tree.Ref | None]:
+    """Parses `shield 8;`, `shield 8 toward sc;`, `shield;`, or `shield toward plans, sc;`."""
     subject, candidates = "the value of `shield`", None
     no_number = parser.kinds[parser.i] == ";" or (
         parser.texts[parser.i] == "toward" and parser.kinds[parser.i + 1] == NAME
@@ -259,8 +260,8 @@ _MOVE = group(
 
 
 RTA_ITEMS: Items = {
-    "ac": once("ac", _advanced),
-    "sc": once({"sc": None, "plans": ()}, _safe),
+    "ac": once("ac", _parse_ac),
+    "sc": once({"sc": None, "plans": ()}, _parse_sc),
     "period": once("period", only(time_value("`period`"))),
     "wcet": NODE_ITEMS["wcet"],
     "jitter": NODE_ITEMS["jitter"],
@@ -268,8 +269,8 @@ RTA_ITEMS: Items = {
     "safer": once("safer", only(value("the safer condition"))),
     "ttf": once("ttf", only(value("the ttf condition"))),
     "clean": once("clean", only(value("the value of `clean`"))),
-    "returns": once("returns", _returns, "returns after", "returns never"),
-    "shield": once({"shield": None, "toward_sc": False, "candidates": None}, _shield),
+    "returns": once("returns", _parse_returns, "returns after", "returns never"),
+    "shield": once({"shield": None, "toward_sc": False, "candidates": None}, _parse_shield),
     "rest": once(
         "rest",
         made(
@@ -278,7 +279,7 @@ RTA_ITEMS: Items = {
         ),
     ),
     "failsafe": NODE_ITEMS["failsafe"],
-    "assumes": often("contract", _clause),
-    "guarantees": often("contract", _clause),
-    "verify": once("verify", verify),
+    "assumes": often("contract", _parse_clause),
+    "guarantees": often("contract", _parse_clause),
+    "verify": once("verify", parse_verify),
 }  # fmt: skip

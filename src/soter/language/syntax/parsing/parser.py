@@ -18,10 +18,10 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, Span
 from soter.diagnostics.fixes import insert, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.bodies import BodyParser
-from soter.language.syntax.parsing.declarations import fun, node, plant
+from soter.language.syntax.parsing.declarations import parse_fun, parse_node, parse_plant
 from soter.language.syntax.parsing.items import clauses, equal, range_of, time
-from soter.language.syntax.parsing.modules import rta
-from soter.language.syntax.parsing.systems import system, test
+from soter.language.syntax.parsing.modules import parse_rta
+from soter.language.syntax.parsing.systems import parse_system, parse_test
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
     ERRORS_MAX,
@@ -29,9 +29,9 @@ from soter.language.syntax.parsing.token_cursor import (
     Panic,
     TooManyErrorsError,
 )
-from soter.language.syntax.parsing.types import type_expression, value_set
+from soter.language.syntax.parsing.types import parse_value_set, type_expression
 from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
+from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, printable, string_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -79,7 +79,7 @@ class Parser(BodyParser):
     # ------------------------------------------------------------ files
 
     def file(self) -> tree.File:
-        """`program` of the grammar."""
+        """Parses `program` of the grammar."""
         self.edition: int | None = None
         self.broken.update(self.tokens.lost)
         imports: list[tree.ImportDecl] = []
@@ -131,7 +131,7 @@ class Parser(BodyParser):
             else:
                 self.report(
                     "S002",
-                    f"there is no edition `{visible(self.texts[1])}` of Soter",
+                    f"there is no edition `{printable(self.texts[1])}` of Soter",
                     label=f"this compiler reads edition {EDITION}",
                 )
             self.i = 2
@@ -163,7 +163,7 @@ class Parser(BodyParser):
             self.report("S001", "`soter` stands only once, at the very beginning of the file")
             self.skip_statement()
         else:
-            return self._no_declaration(kind)
+            return self._parse_or_refuse(kind)
         return None
 
     def _declaration(self, parse: Callable[[Parser], tree.Decl]) -> tree.Decl | None:
@@ -196,7 +196,7 @@ class Parser(BodyParser):
         if self.kinds[self.i] not in _DECLARATIONS:
             self.skip_to_declaration()
 
-    def _no_declaration(self, kind: str) -> tree.Decl | None:
+    def _parse_or_refuse(self, kind: str) -> tree.Decl | None:
         i = self.i
         word = self.texts[i]
         message = f"expected a declaration, found {self.found()}"
@@ -274,7 +274,7 @@ class Parser(BodyParser):
             self.report(
                 "S005",
                 "expected `=` after the name of the type, found `{`",
-                helps=(f"write `type {visible(name.text)} = {{ ... }};`",),
+                helps=(f"write `type {printable(name.text)} = {{ ... }};`",),
             )
         else:
             self.assign("after the name of the type")
@@ -369,7 +369,7 @@ class Parser(BodyParser):
     def _value_set(self) -> tree.ValueSet:
         start = self.i
         try:
-            return value_set(self)
+            return parse_value_set(self)
         except Panic:
             self.damaged = True
             self.depth = 0
@@ -384,11 +384,11 @@ class Parser(BodyParser):
     def _extern(self) -> tree.Decl:
         following = self.kinds[self.i + 1]
         if following == "fun":
-            return fun(self)
+            return parse_fun(self)
         if following == "node":
-            return node(self)
+            return parse_node(self)
         if following == "plant":
-            return plant(self)
+            return parse_plant(self)
         self.i += 1
         if self.kinds[self.i + 1] == NAME and self.kinds[self.i] in (NAME, "topic", "rta"):
             self.broken.add(self.texts[self.i + 1])
@@ -412,13 +412,13 @@ _DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
     "type": Parser._type_declaration,
     "const": Parser._const,
     "param": Parser._param,
-    "fun": fun,
+    "fun": parse_fun,
     "extern": Parser._extern,
     "topic": Parser._topic,
-    "node": node,
-    "rta": rta,
-    "plant": plant,
-    "system": system,
-    "test": test,
+    "node": parse_node,
+    "rta": parse_rta,
+    "plant": parse_plant,
+    "system": parse_system,
+    "test": parse_test,
 }
 _SHOWN_WORDS = tuple(word for word in _DECLARATIONS if word != "import")

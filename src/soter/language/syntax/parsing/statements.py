@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.expressions import ExpressionParser
-from soter.language.syntax.parsing.literals_and_operators import c_style_loop, report_unclosed
+from soter.language.syntax.parsing.literals_and_operators import refuse_c_loop, report_unclosed
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
     ITEM_WORDS,
@@ -30,8 +30,8 @@ from soter.language.syntax.tokens import (
     NAME,
     RESERVED,
     STRING,
+    printable,
     string_value,
-    visible,
 )
 
 #: Statement blocks may nest so deep.
@@ -94,7 +94,7 @@ class StatementParser(ExpressionParser):
         return tree.Block(tuple(statements), self.span_from(start))
 
     def _parse_or_recover(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
-        """One statement into the list, or past what is none."""
+        """Parses one statement into the list, or steps past tokens that are none."""
         before = self.i
         blocks = self.blocks
         try:
@@ -140,7 +140,7 @@ class StatementParser(ExpressionParser):
         return kind in STATEMENT_WORDS
 
     def head(self, subject: str) -> tree.SyntaxExpr:
-        """The expression between a statement word and its block; Panic where there is no block."""
+        """Parses the expression between a statement word and its block; Panic without a block."""
         start = self.i
         if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
             self.report("S007", f"expected {subject}, found `{{`", once=False)
@@ -160,7 +160,7 @@ class StatementParser(ExpressionParser):
     # ------------------------------------------------------------ one method per statement
 
     def let(self) -> tree.SyntaxStmt:
-        """`let name = value;`."""
+        """Parses `let name = value;`."""
         start = self.starts[self.take()]
         if self.is_word("mut"):
             both = self.token_span(self.i - 1).to(self.token_span(self.i))
@@ -168,7 +168,7 @@ class StatementParser(ExpressionParser):
             self.report("S015", "`mut` is no word of Soter", helps=helps, skip=1)
         name = self.name("a name after `let`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
-        value = self.assigned_value(f"`{visible(name.text)}`", "the value")
+        value = self.assigned_value(f"`{printable(name.text)}`", "the value")
         return tree.LetStmt(self.span_from(start), name, type_, value)
 
     def _var(self) -> tree.SyntaxStmt:
@@ -178,7 +178,7 @@ class StatementParser(ExpressionParser):
         if type_ is not None and self.kinds[self.i] not in ("=", ":=", "=="):
             self.skip_missing_initial("the type of the variable")
             return tree.VarStmt(self.span_from(start), name, type_, None)
-        value = self.assigned_value(f"`{visible(name.text)}`", "the value")
+        value = self.assigned_value(f"`{printable(name.text)}`", "the value")
         return tree.VarStmt(self.span_from(start), name, type_, value)
 
     def skip_missing_initial(self, after: str) -> None:
@@ -204,7 +204,7 @@ class StatementParser(ExpressionParser):
 
     def _assign(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
-        slip = self._misspelt()
+        slip = self._parse_misspelt()
         if slip is not None:
             return slip
         place = self._place()
@@ -218,7 +218,7 @@ class StatementParser(ExpressionParser):
             helps = (fix,) if operand != "()" else ()
             self.report("S015", f"`{kind}` is not an operator of Soter", helps=helps, skip=1)
         elif kind == "++" or (kind == "-" and self.kinds[self.i + 1] == "-"):
-            text = visible(place.span.text)
+            text = printable(place.span.text)
             raise self.failure(
                 "S015",
                 f"`{kind}` is not a statement of Soter",
@@ -231,52 +231,51 @@ class StatementParser(ExpressionParser):
         elif kind in (";", "}"):
             raise self.failure("S011", "an expression is not a statement", place.span)
         else:
-            self.assign(f"after `{visible(place.span.text)}`")
+            self.assign(f"after `{printable(place.span.text)}`")
         value = self.value("the assignment")
         return tree.AssignStmt(self.span_from(start), place, value)
 
-    def _misspelt(self) -> tree.SyntaxStmt | None:
-        """A word that is nearly a statement word, or is one in other languages."""
+    def _parse_misspelt(self) -> tree.SyntaxStmt | None:
+        """Parses a statement with a misspelt word, or one of another language; else None."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
         if following in PLACE_FOLLOWS:
             return None
         if word in THEIRS:
-            raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
+            raise self.failure("S011", f"expected a statement, found `{printable(word)}`")
         if word in _ELSEIF:
             raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
         if following in (NAME, INT) or following in RESERVED:
             near = self.close_word(word, STATEMENT_WORDS)
             if near in _STATEMENTS and near != "while":
-                message = f"expected a statement, found `{visible(word)}`"
+                message = f"expected a statement, found `{printable(word)}`"
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
                 self.report("S011", message, helps=helps, once=False)
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
-            message = f"expected a statement, found `{visible(word)}`"
+            message = f"expected a statement, found `{printable(word)}`"
             note = "a variable is declared by `var`, its type stands behind: `var x: float`"
             self.report("S011", message, notes=(note,))
             return self._c_style_declaration()
         return None
 
     def _c_style_declaration(self) -> tree.SyntaxStmt:
-        """`float x = 3;`, already reported: declares `x` all the same."""
+        """Declares `x` for `float x = 3;`, which was reported."""
         start = self.starts[self.take()]
         name = self.name("a name")
         self.quiet = -1
         value = (
             tree.ErrorExpr(self.after_previous())
             if self.accept(";")
-            else self.assigned_value(f"`{visible(name.text)}`", "the value")
+            else self.assigned_value(f"`{printable(name.text)}`", "the value")
         )
         return tree.VarStmt(self.span_from(start), name, None, value)
 
     def _typed_declaration(self) -> tree.SyntaxStmt:
-        """A statement that begins with a built-in type."""
         word = self.texts[self.i]
         message = f"expected a statement, found the keyword `{word}`"
         if self.kinds[self.i + 1] == NAME:
-            name = visible(self.texts[self.i + 1])
+            name = printable(self.texts[self.i + 1])
             self.report("S011", message, helps=(f"write `var {name}: {word} = ...;`",))
             return self._c_style_declaration()
         raise self.failure("S011", message)
@@ -328,14 +327,13 @@ class StatementParser(ExpressionParser):
 
     def _if(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
-        arms = [self._arm()]
+        arms = [self._parse_arm()]
         while self.accept("elseif") or self._else_if():
-            arms.append(self._arm())
+            arms.append(self._parse_arm())
         otherwise = self.block("after `else`", single=True) if self.accept("else") else None
         return tree.IfStmt(self.span_from(start), tuple(arms), otherwise)
 
-    def _arm(self) -> tuple[tree.SyntaxExpr, tree.Block]:
-        """A condition and the block behind it."""
+    def _parse_arm(self) -> tuple[tree.SyntaxExpr, tree.Block]:
         condition = self.head("the condition")
         return condition, self.block("after the condition", single=True)
 
@@ -363,15 +361,15 @@ class StatementParser(ExpressionParser):
         return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
 
     def loop_head(self) -> tuple[tree.Name, tree.SyntaxExpr]:
-        """`for name in low`, behind `for`."""
+        """Parses `for name in low`, behind `for`."""
         if self.kinds[self.i] == "(":
-            c_style_loop(self)
+            refuse_c_loop(self)
         name = self.name("the name of the loop variable after `for`")
         if self.kinds[self.i] in ("=", ":", ":="):
             self.report(
                 "S005",
                 f"expected `in` after the loop variable, found {self.found()}",
-                helps=(f"write `for {visible(name.text)} in 0..10 {{ ... }}`",),
+                helps=(f"write `for {printable(name.text)} in 0..10 {{ ... }}`",),
                 skip=1,
             )
         else:
@@ -388,7 +386,7 @@ class StatementParser(ExpressionParser):
             helps=("write `for i in 0..N { if condition { ... } }`",),
             skip=1,
         )
-        return tree.IfStmt(self.span_from(start), (self._arm(),), None)
+        return tree.IfStmt(self.span_from(start), (self._parse_arm(),), None)
 
     def _dangling_else(self) -> tree.SyntaxStmt:
         word = self.texts[self.i]
@@ -396,13 +394,13 @@ class StatementParser(ExpressionParser):
         if self.kinds[self.i] == "if" or word == "elseif":
             self.accept("if")
             start = self.starts[self.i]
-            return tree.IfStmt(self.span_from(start), (self._arm(),), None)
+            return tree.IfStmt(self.span_from(start), (self._parse_arm(),), None)
         body = self.block("after `else`", single=True)
         condition = tree.ErrorExpr(body.span)
         return tree.IfStmt(body.span, ((condition, body),), None)
 
     def _report_no_statement(self, kind: str) -> None:
-        """The token at the cursor begins no statement."""
+        """Reports that the token at the cursor begins no statement."""
         if kind == ";":
             self.skip_stray_semicolons()
             return

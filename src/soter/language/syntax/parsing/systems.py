@@ -40,7 +40,7 @@ from soter.language.syntax.parsing.items import (
 )
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import EOF, NAME, visible
+from soter.language.syntax.tokens import EOF, NAME, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,13 +55,13 @@ TIMED = ("late", "overrun")
 """Kinds of faults whose amount is a time."""
 
 
-def _fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
-    """`kind target [by X] [at N per T] [for T];`."""
-    target = instance_arrays.path(parser, f"what `{kind}` is about")
+def _parse_fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
+    """Parses `kind target [by X] [at N per T] [for T];`."""
+    target = instance_arrays.parse_path(parser, f"what `{kind}` is about")
     by: tuple[tree.SyntaxExpr, ...] = ()
     if kind in GIVEN:
         parser.expect_word("by", f"and how much, after what `{kind}` is about")
-        by = _amounts(parser, parser.time if kind in TIMED else parser.expr)
+        by = _parse_amounts(parser, parser.time if kind in TIMED else parser.expr)
     rate = per = lasts = None
     if kind != "late" or parser.is_word("at"):
         parser.expect_word("at", "and how often: `at 2 per 1h`")
@@ -74,10 +74,9 @@ def _fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
     return tree.SystemFault(kind, target, by, rate, per, lasts, parser.span_from(start))
 
 
-def _amounts(
+def _parse_amounts(
     parser: BodyParser, one: Callable[[str], tree.SyntaxExpr]
 ) -> tuple[tree.SyntaxExpr, ...]:
-    """`X`, or `[X, Y, ...]`."""
     if not parser.accept("["):
         return (one("how much"),)
     amounts = [one("how much")]
@@ -97,24 +96,24 @@ FAULT_ITEMS: Items = {
         lambda *at: tree.SystemFault("order", None, (), None, None, None, _order(*at)),
         "order any",
     ),
-    **dict.fromkeys(KINDS, often("faults", _fault)),
+    **dict.fromkeys(KINDS, often("faults", _parse_fault)),
 }
 
 
-def system(parser: BodyParser) -> tree.Decl:
+def parse_system(parser: BodyParser) -> tree.Decl:
     """Parses a `system` declaration."""
     start = parser.starts[parser.take()]
     name = parser.declare("the name of the system")
     default = parser.accept_word("default")
     deploys = parser.ref("the name of a system") if parser.accept_word("deploys") else None
-    parts = parser.body(f"system `{visible(name.text)}`", SYSTEM_ITEMS, _instance)
+    parts = parser.body(f"system `{printable(name.text)}`", SYSTEM_ITEMS, _parse_instance)
     span = parser.span_from(start)
     fields = parts.fields(SYSTEM_ITEMS)
     return tree.SystemDecl(name, span, default=default, deploys=deploys, **fields)
 
 
-def _instance(parser: BodyParser, parts: Parts) -> bool:
-    """`name: What;` if that stands here."""
+def _parse_instance(parser: BodyParser, parts: Parts) -> bool:
+    """Parses `name: What;` if that stands here."""
     i = parser.i
     _refuse_leads_to(parser, i)
     element = parser.kinds[i : i + 2] == [NAME, "["] and (
@@ -123,17 +122,17 @@ def _instance(parser: BodyParser, parts: Parts) -> bool:
     colon = parser.kinds[i + 1] == ":" or element
     if colon and not element and parser.texts[i] in SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
         return False
-    if not colon and not _instance_without_colon(parser, i):
+    if not colon and not _lacks_colon(parser, i):
         return False
     start = parser.starts[i]
-    name = instance_arrays.element(parser, parser.name("the name of an instance"))
+    name = instance_arrays.parse_element(parser, parser.name("the name of an instance"))
     if colon:
         parser.i += 1
     else:
         message = f"expected `:` after the name of the instance, found {parser.found()}"
         parser.report("S005", message, parser.after_previous(), "`:` is missing here")
     made_of = parser.ref("what the instance is made of")
-    renames, sets = _wires_and_sets(parser, made_of)
+    renames, sets = _parse_braces(parser, made_of)
     parser.expect_semicolon("the instance")
     instance = tree.Instance(name, made_of, None, renames, parser.span_from(start), sets)
     parts.several["instances"].append(instance)
@@ -141,7 +140,7 @@ def _instance(parser: BodyParser, parts: Parts) -> bool:
 
 
 def _refuse_leads_to(parser: BodyParser, i: int) -> None:
-    """`p leadsto q within d;` is a property of tests only."""
+    """Reports `p leadsto q within d;`, a property of tests only."""
     at = i
     while parser.kinds[at] not in (";", "{", "}", EOF) and parser.texts[at] != "leadsto":
         at += 1
@@ -154,8 +153,8 @@ def _refuse_leads_to(parser: BodyParser, i: int) -> None:
         )
 
 
-def _instance_without_colon(parser: BodyParser, i: int) -> bool:
-    """`c Cart;`, where `c` is no item word and not nearly one."""
+def _lacks_colon(parser: BodyParser, i: int) -> bool:
+    """Whether `c Cart;` stands here, and `c` is no item word and not nearly one."""
     if parser.kinds[i] != NAME or parser.kinds[i + 1] != NAME:
         return False
     if parser.kinds[i + 2] not in (";", "{", "."):
@@ -166,17 +165,17 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     return parser.close_word(word, SYSTEM_ITEMS) is None
 
 
-def _instance_item(parser: BodyParser, kind: str, start: int) -> tree.Instance:
+def _parse_instance_item(parser: BodyParser, kind: str, start: int) -> tree.Instance:
     made_of = parser.ref(f"the name of a {kind}")
-    renames, sets = _wires_and_sets(parser, made_of)
+    renames, sets = _parse_braces(parser, made_of)
     parser.expect_semicolon(f"the {kind}")
     return tree.Instance(made_of.name, made_of, kind, renames, parser.span_from(start), sets)
 
 
-def _wires_and_sets(
+def _parse_braces(
     parser: BodyParser, made_of: tree.Ref
 ) -> tuple[tuple[tuple[tree.Ref, tree.DottedPath], ...], tuple[tree.SetParam, ...]]:
-    """`{ topic = other, set K = 3 }` behind what an instance is made of: wires and settings."""
+    """Parses `{ topic = other, set K = 3 }` behind an instance's declaration: wires, settings."""
     if parser.kinds[parser.i] != "{":
         return (), ()
     opener = parser.take()
@@ -184,7 +183,7 @@ def _wires_and_sets(
     sets: list[tree.SetParam] = []
     try:
         while True:
-            after = _wire_or_setting(parser, made_of, pairs, sets)
+            after = _parse_wire_or_setting(parser, made_of, pairs, sets)
             if not parser.comma("}", after, opener):
                 break
     except Panic:
@@ -195,7 +194,7 @@ def _wires_and_sets(
     return tuple(pairs), tuple(sets)
 
 
-def _wire_or_setting(
+def _parse_wire_or_setting(
     parser: BodyParser,
     made_of: tree.Ref,
     pairs: list[tuple[tree.Ref, tree.DottedPath]],
@@ -204,19 +203,19 @@ def _wire_or_setting(
     """Parses one wire or setting; returns its name, for the message about a missing comma."""
     if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
         start = parser.starts[parser.take()]
-        sets.append(instance_arrays.setting(parser, "set", start, inside=True))
+        sets.append(instance_arrays.parse_setting(parser, "set", start, inside=True))
         return "the value of the parameter"
-    pair = _reversed_wire(parser)
+    pair = _parse_reversed_wire(parser)
     if pair is None:
-        inner = parser.ref(f"a topic of `{visible(made_of.text)}`")
+        inner = parser.ref(f"a topic of `{printable(made_of.text)}`")
         parser.assign("between the two names of a topic")
-        pair = inner, instance_arrays.path(parser, "the name of a topic")
+        pair = inner, instance_arrays.parse_path(parser, "the name of a topic")
     pairs.append(pair)
     return "the renamed topic"
 
 
-def _reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | None:
-    """`r[0].pose = ahead`, S005: the topic inside comes first; None where that does not stand."""
+def _parse_reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | None:
+    """Reports S005 for `r[0].pose = ahead`, as the inner topic comes first; None without it."""
     i = parser.i
     behind = instance_arrays.behind_indices(parser, i + 1)
     while parser.kinds[behind] == "." and parser.kinds[behind + 1] == NAME:
@@ -229,18 +228,17 @@ def _reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | Non
     helps = (exchange(outer, inner, f"write `{inner.text} = {outer.text}`"),)
     message = "the topic inside of the instance stands before the `=`, that of the system behind it"
     parser.report("S005", message, outer, helps=helps)
-    path = instance_arrays.path(parser, "the name of a topic")
+    path = instance_arrays.parse_path(parser, "the name of a topic")
     parser.i += 1
     return parser.ref("a topic inside"), path
 
 
-def _faults(parser: BodyParser, _word: str, _start: int) -> tuple[tree.SystemFault, ...]:
-    """`faults { ... }`."""
+def _parse_faults(parser: BodyParser, _word: str, _start: int) -> tuple[tree.SystemFault, ...]:
     parts = parser.body("`faults`", FAULT_ITEMS)
     return tuple(parts.several["faults"])
 
 
-def _always(parser: BodyParser, kind: str, start: int) -> tree.PropertyItem:
+def _parse_always(parser: BodyParser, kind: str, start: int) -> tree.PropertyItem:
     _skip_property_name(parser)
     condition = parser.value("the property")
     return tree.PropertyItem(kind, None, condition, None, parser.span_from(start))
@@ -258,8 +256,8 @@ def _skip_property_name(parser: BodyParser) -> None:
     parser.i += 2
 
 
-def _force(parser: BodyParser, _word: str, start: int) -> tree.Force:
-    module = instance_arrays.path(parser, "the name of a module after `force`")
+def _parse_force(parser: BodyParser, _word: str, start: int) -> tree.Force:
+    module = instance_arrays.parse_path(parser, "the name of a module after `force`")
     to = parser.texts[parser.i]
     if to not in ("ac", "sc"):
         raise parser.failure(
@@ -270,20 +268,20 @@ def _force(parser: BodyParser, _word: str, start: int) -> tree.Force:
     return tree.Force(module, to, parser.span_from(start))
 
 
-def _inline(parser: BodyParser, _word: str, start: int) -> Iterator[tree.Inline]:
+def _parse_inline(parser: BodyParser, _word: str, start: int) -> Iterator[tree.Inline]:
     while True:
-        node = instance_arrays.path(parser, "the name of a node after `inline`")
+        node = instance_arrays.parse_path(parser, "the name of a node after `inline`")
         yield tree.Inline(node, parser.span_from(start))
         if not parser.accept(","):
             break
     parser.expect_semicolon("the nodes of `inline`")
 
 
-def _stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
-    """`guarantees t.x in { a, b };`, `assumes ...`: values of what stands for its publisher."""
-    topic = instance_arrays.path(parser, f"the name of a topic after `{kind}`")
+def _parse_stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
+    """Parses `guarantees t.x in { a, b };` or `assumes ...`: values of a stand-in's topic."""
+    topic = instance_arrays.parse_path(parser, f"the name of a topic after `{kind}`")
     parser.expect("in", "after the topic")
-    values = _values(parser)
+    values = _parse_values(parser)
     parser.expect_semicolon("the values")
     return tree.StatedValues(kind, topic, values, parser.span_from(start))
 
@@ -301,7 +299,7 @@ _OF_AN_EXTERNAL_TOPIC: dict[str, Step] = {
 }
 
 
-def _external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
+def _parse_external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
     """`external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
     parser.expect("topic", "after `external`")
     topic = parser.path("the name of a topic")
@@ -316,9 +314,9 @@ def _external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
     )
 
 
-def _input(parser: BodyParser, _word: str, start: int) -> tree.DriveInput:
-    topic = instance_arrays.path(parser, "the name of an input topic")
-    found = clauses(parser, "input", {"in": _values, "every": time("`every`")})
+def _parse_input(parser: BodyParser, _word: str, start: int) -> tree.DriveInput:
+    topic = instance_arrays.parse_path(parser, "the name of an input topic")
+    found = clauses(parser, "input", {"in": _parse_values, "every": time("`every`")})
     if "every" not in found:
         parser.expect_word("every", "after the input")
         found["every"] = parser.time("`every`")
@@ -326,8 +324,7 @@ def _input(parser: BodyParser, _word: str, start: int) -> tree.DriveInput:
     return tree.DriveInput(topic, found.get("in"), found["every"], parser.span_from(start))
 
 
-def _values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
-    """`{ a, b }`: the values of an input, or of a stand-in."""
+def _parse_values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
     parser.expect("{", "before the values")
     if parser.accept("}"):
         return ()  # the checker says what it says of every empty choice
@@ -345,25 +342,23 @@ def _values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
     return tuple(values)
 
 
-def test(parser: BodyParser) -> tree.Decl:
+def parse_test(parser: BodyParser) -> tree.Decl:
     """Parses a `test` declaration."""
     start = parser.starts[parser.take()]
     name = parser.declare("the name of the test")
-    parts = parser.body(f"test `{visible(name.text)}`", TEST_ITEMS, _leads_to)
+    parts = parser.body(f"test `{printable(name.text)}`", TEST_ITEMS, _parse_leads_to)
     return tree.TestDecl(name, parser.span_from(start), **parts.fields(TEST_ITEMS))
 
 
-def _late(parser: BodyParser, kind: str, start: int) -> tree.TimingFaultItem:
-    """`late N by d;` and `overrun N by d;`."""
-    component = instance_arrays.path(parser, f"the name of a node after `{kind}`")
+def _parse_late(parser: BodyParser, kind: str, start: int) -> tree.TimingFaultItem:
+    component = instance_arrays.parse_path(parser, f"the name of a node after `{kind}`")
     parser.expect_word("by", "and a time after the node")
     by = parser.time_value("`by`")
     return tree.TimingFaultItem(kind, component, by, None, parser.span_from(start))
 
 
-def _skip(parser: BodyParser, _word: str, start: int) -> tree.TimingFaultItem:
-    """`skip N [at most k];`."""
-    component = instance_arrays.path(parser, "the name of a node after `skip`")
+def _parse_skip(parser: BodyParser, _word: str, start: int) -> tree.TimingFaultItem:
+    component = instance_arrays.parse_path(parser, "the name of a node after `skip`")
     at_most: tree.SyntaxExpr | None = None
     if parser.accept_word("at"):
         parser.expect_word("most", "after `at`")
@@ -373,14 +368,14 @@ def _skip(parser: BodyParser, _word: str, start: int) -> tree.TimingFaultItem:
     return tree.TimingFaultItem("skip", component, None, at_most, parser.span_from(start))
 
 
-def _eventually(parser: BodyParser, _word: str, start: int) -> tree.PropertyItem:
+def _parse_eventually(parser: BodyParser, _word: str, start: int) -> tree.PropertyItem:
     _skip_property_name(parser)
     condition = parser.expr("the property")
-    within = _within(parser)
+    within = _parse_within(parser)
     return tree.PropertyItem("eventually", None, condition, within, parser.span_from(start))
 
 
-def _leads_to(parser: BodyParser, parts: Parts) -> bool:
+def _parse_leads_to(parser: BodyParser, parts: Parts) -> bool:
     """`premise leadsto condition within d;` if that stands here."""
     i = parser.i
     kinds, texts = parser.kinds, parser.texts
@@ -395,14 +390,14 @@ def _leads_to(parser: BodyParser, parts: Parts) -> bool:
     premise = parser.expr("the premise")
     parser.expect_word("leadsto", "after the premise")
     condition = parser.expr("the property")
-    within = _within(parser)
+    within = _parse_within(parser)
     span = parser.span_from(start)
     item = tree.PropertyItem("leadsto", premise, condition, within, span)
     parts.several["properties"].append(item)
     return True
 
 
-def _within(parser: BodyParser) -> tree.SyntaxExpr:
+def _parse_within(parser: BodyParser) -> tree.SyntaxExpr:
     if parser.accept_word("within"):
         return parser.time_value("`within`")
     message = f"expected `within` and a time after the property, found {parser.found()}"
@@ -430,19 +425,19 @@ _IN_BOTH: Items = {
             semicolon("the replacement"),
         ),
     ),
-    "set": often("sets", instance_arrays.setting),
-    "input": often("inputs", _input),
-    "always": often("properties", _always),
-    "never": often("properties", _always),
+    "set": often("sets", instance_arrays.parse_setting),
+    "input": often("inputs", _parse_input),
+    "always": often("properties", _parse_always),
+    "never": often("properties", _parse_always),
 }  # fmt: skip
 SYSTEM_ITEMS: Items = {
-    "module": often("instances", _instance_item),
-    "node": often("instances", _instance_item),
+    "module": often("instances", _parse_instance_item),
+    "node": often("instances", _parse_instance_item),
     "until": once("until", of_word("time_value")),
     "always": _IN_BOTH["always"],
     "never": _IN_BOTH["never"],
-    "force": often("forces", _force),
-    "inline": each("inlines", _inline),
+    "force": often("forces", _parse_force),
+    "inline": each("inlines", _parse_inline),
     **_IN_BOTH,
 }
 TEST_ITEMS: Items = {
@@ -452,26 +447,26 @@ TEST_ITEMS: Items = {
     "horizon": once("horizon", of_word("time_value")),
     "always": _IN_BOTH["always"],
     "never": _IN_BOTH["never"],
-    "eventually": often("properties", _eventually),
+    "eventually": often("properties", _parse_eventually),
     "quantum": once("quantum", of_word("time_value")),
     "order": once(
         "order",
         spanned(word("deployed", "after `order`"), semicolon("the order")),
         "order deployed",
     ),
-    "late": often("faults", _late),
-    "overrun": often("faults", _late),
-    "skip": often("faults", _skip),
+    "late": often("faults", _parse_late),
+    "overrun": often("faults", _parse_late),
+    "skip": often("faults", _parse_skip),
     "input": _IN_BOTH["input"],
     "set": _IN_BOTH["set"],
-    "assumes": often("stated", _stated),
-    "guarantees": often("stated", _stated),
+    "assumes": often("stated", _parse_stated),
+    "guarantees": often("stated", _parse_stated),
 }
 _IN_LOOPS = dict(SYSTEM_ITEMS)
-_LOOP = Item({}, instance_arrays.loop(_IN_LOOPS, _instance), "loop")
+_LOOP = Item({}, instance_arrays.loop(_IN_LOOPS, _parse_instance), "loop")
 _IN_LOOPS["for"] = SYSTEM_ITEMS["for"] = _LOOP
 SYSTEM_ITEMS |= {
-    "faults": once("faults", _faults, none=()),
+    "faults": once("faults", _parse_faults, none=()),
     "measure": often(
         "measures",
         made(
@@ -480,8 +475,8 @@ SYSTEM_ITEMS |= {
             word("every", "after the bins"), time_value("`every`"),
         ),
     ),
-    "external": often("externals", _external, "external topic"),
+    "external": often("externals", _parse_external, "external topic"),
 }  # fmt: skip
-TEST_ITEMS["for"] = Item({}, instance_arrays.loop(TEST_ITEMS, _leads_to), "loop")
+TEST_ITEMS["for"] = Item({}, instance_arrays.loop(TEST_ITEMS, _parse_leads_to), "loop")
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)

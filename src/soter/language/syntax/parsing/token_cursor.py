@@ -24,7 +24,7 @@ from soter.language.syntax.tokens import (
     RESERVED,
     STRING,
     lex,
-    visible,
+    printable,
 )  # fmt: skip
 from soter.language.syntax.tree import DottedPath, Name, Ref
 
@@ -140,7 +140,7 @@ class Cursor:
     # ------------------------------------------------------------ spans
 
     def span_from(self, start: int) -> Span:
-        """From character offset `start` to the end of the token before the cursor."""
+        """Gives the span from character `start` to the end of the token before the cursor."""
         end = self.ends[self.i - 1] if self.i else start
         return Span(self.source, start, max(start, end))
 
@@ -156,14 +156,14 @@ class Cursor:
     # ------------------------------------------------------------ reporting
 
     def found(self, index: int | None = None) -> str:
-        """How the token at `index` (or the cursor) is called in a message."""
+        """Names the token at `index` (or the cursor) as messages call it."""
         at = self.i if index is None else index
         kind = self.kinds[at]
         if kind == EOF:
             return "the end of the file"
         if kind == STRING:
             return "a string"
-        text = f"`{visible(self.texts[at])}`"
+        text = f"`{printable(self.texts[at])}`"
         return f"the keyword {text}" if kind in RESERVED else text
 
     def report(
@@ -295,13 +295,13 @@ class Cursor:
         if kind == "node":
             if third == NAME:
                 return self.close_word(self.texts[i + 2], ["period"]) is not None
-            return third in ("period", "phase") or (third == "{" and not self._renames(i))
+            return third in ("period", "phase") or (third == "{" and not self._is_instance(i))
         if kind == "system":
             return third == "{" or (third == NAME and self.texts[i + 2] == "default")
         return third != ";"
 
-    def _renames(self, i: int) -> bool:
-        """`node X { a = b }` of a system, as opposed to a node that lacks its period."""
+    def _is_instance(self, i: int) -> bool:
+        """Whether `node X { a = b }` of a system stands at `i`, not a node without a period."""
         if self.kinds[i + 3 : i + 5] == [NAME, NAME]:
             return self.texts[i + 3] == "set"
         wired = self.kinds[i + 3] == NAME and self.kinds[i + 4] in ("=", ":=")
@@ -315,7 +315,7 @@ class Cursor:
     # ------------------------------------------------------------ expecting
 
     def advance(self) -> None:
-        """One token on, but never past the end."""
+        """Moves one token on, but never past the end."""
         if self.kinds[self.i] != EOF:
             self.i += 1
 
@@ -392,7 +392,7 @@ class Cursor:
         self.report("S004", message, self.after_previous(), label, notes=notes, helps=helps)
 
     def fresh_start(self) -> bool:
-        """Whether what follows looks like the next statement, item or end: nothing to skip."""
+        """Whether a statement, an item or the end follows, so that nothing need be skipped."""
         kind = self.kinds[self.i]
         return (
             kind in ("}", EOF)
@@ -466,15 +466,15 @@ class Cursor:
         )
 
     def ref(self, subject: str) -> Ref:
-        """`name` or `file.name`."""
+        """Parses `name` or `file.name`."""
         first = self.name(subject)
         if not self.accept("."):
             return Ref(None, first, first.span)
-        second = self.name(f"a name after `{visible(first.text)}.`")
+        second = self.name(f"a name after `{printable(first.text)}.`")
         return Ref(first, second, self.span_from(first.span.start))
 
     def path(self, subject: str) -> DottedPath:
-        """`name.name.name`."""
+        """Parses `name.name.name`."""
         first = self.name(subject)
         parts = [first]
         while self.accept("."):
@@ -506,7 +506,7 @@ class Cursor:
     # ------------------------------------------------------------ firm ground
 
     def skip_expression(self, start: int, *, stop_at_brace: bool = False) -> None:
-        """From somewhere inside an expression that began at token `start`, to its end."""
+        """Steps from inside an expression that began at token `start` to the expression's end."""
         kinds = self.kinds
         braces = kinds[start : self.i].count("{") - kinds[start : self.i].count("}")
         while True:
@@ -527,7 +527,7 @@ class Cursor:
         self.quiet = self.i
 
     def skip_statement(self) -> None:
-        """Past the next `;` or block, or up to a `}`, a statement word or a declaration."""
+        """Steps past the next `;` or block, or up to a `}`, a statement word or a declaration."""
         kinds = self.kinds
         while True:
             kind = kinds[self.i]
@@ -552,7 +552,7 @@ class Cursor:
         return self.texts[self.i] in self.items and kind != STRING and self.new_line()
 
     def skip_braces(self) -> None:
-        """Past a balanced `{ ... }`, or up to a declaration that shows it is not closed."""
+        """Steps past a balanced `{ ... }`, or up to a declaration that shows it is not closed."""
         kinds = self.kinds
         level = 0
         while True:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.literals_and_operators import ANY, LEVELS_MAX, too_deep
+from soter.language.syntax.parsing.literals_and_operators import ANY, LEVELS_MAX, refuse_depth
 from soter.language.syntax.parsing.token_cursor import Panic
-from soter.language.syntax.tokens import EOF, INT, NAME, STRING, string_value, visible
+from soter.language.syntax.tokens import EOF, INT, NAME, STRING, printable, string_value
 
 if TYPE_CHECKING:
     from soter.language.syntax.parsing.expressions import ExpressionParser
@@ -25,7 +25,7 @@ def type_expression(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
     """A type expression; a broken one becomes an ErrorTypeExpr."""
     start, depth = parser.i, parser.depth
     try:
-        return _type(parser, subject)
+        return _parse_type(parser, subject)
     except Panic:
         parser.depth = depth
         _skip_type(parser, start)
@@ -49,19 +49,19 @@ def _skip_type(parser: ExpressionParser, start: int) -> None:
     parser.quiet = parser.i
 
 
-def _type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
+def _parse_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
     parser.depth += 1
     if parser.depth > LEVELS_MAX:
-        too_deep(parser, "type")
+        refuse_depth(parser, "type")
     start = parser.starts[parser.i]
-    result = _base_type(parser, subject)
+    result = _parse_base_type(parser, subject)
     suffixes = 0
     while parser.kinds[parser.i] == "[":
         opener = parser.take()
         parser.tight.append(opener)
         suffixes += 1
         if suffixes > LEVELS_MAX:
-            too_deep(parser, "type")
+            refuse_depth(parser, "type")
         bounded = parser.accept("<=")
         parser.strict = True
         size = parser.expression(ANY)
@@ -80,7 +80,6 @@ def _type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
 
 
 def _report_missing_quotes(parser: ExpressionParser) -> None:
-    """`unit m/s`: told, and gone over."""
     parser.i += 1
     last = parser.i
     while parser.kinds[last + 1] in _IN_UNITS and parser.kinds[last + 2] in (NAME, INT):
@@ -91,7 +90,7 @@ def _report_missing_quotes(parser: ExpressionParser) -> None:
     parser.i = last + 1
 
 
-def _base_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
+def _parse_base_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
     i = parser.i
     kind = parser.kinds[i]
     if kind in _BUILTIN:
@@ -102,7 +101,7 @@ def _base_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
             return tree.RangedIntType(parser.span_from(parser.starts[i]), interval)
         return tree.BuiltinType(parser.token_span(i), kind)
     if kind == "{":
-        return _record_type(parser)
+        return _parse_record_type(parser)
     if kind == NAME:
         ref = parser.ref("a type")
         _refuse_foreign_type(parser, ref, i)
@@ -124,12 +123,12 @@ def _refuse_foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> Non
     parser.i = i
     raise parser.failure(
         "S008",
-        f"`{visible(ref.text)}<...>` is not a type",
+        f"`{printable(ref.text)}<...>` is not a type",
         helps=("an array is `float[8]`, a list of at most eight is `float[<=8]`",),
     )
 
 
-def _record_type(parser: ExpressionParser) -> tree.TypeExpr:
+def _parse_record_type(parser: ExpressionParser) -> tree.TypeExpr:
     opener = parser.take()
     entries: list[tuple[tree.Name, tree.TypeExpr]] = []
     while True:
@@ -138,21 +137,21 @@ def _record_type(parser: ExpressionParser) -> tree.TypeExpr:
                 "S008", "expected a field, found `}`", notes=("a record has fields",)
             )
         field = parser.name("the name of a field")
-        parser.expect(":", f"after the field `{visible(field.text)}`")
-        entries.append((field, _type(parser, "the type of the field")))
+        parser.expect(":", f"after the field `{printable(field.text)}`")
+        entries.append((field, _parse_type(parser, "the type of the field")))
         if not parser.comma("}", "the field", opener):
             break
     return tree.RecordTypeExpr(parser.span_from(parser.starts[opener]), tuple(entries))
 
 
-def value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
+def parse_value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
     """An interval, or one set per field of a record; Panic where neither can be read."""
     opener = parser.i
     if parser.kinds[opener] != "{":
         return parser.interval("a set of values")
     parser.depth += 1
     if parser.depth > LEVELS_MAX:
-        too_deep(parser, "set")
+        refuse_depth(parser, "set")
     parser.i += 1
     entries: list[tuple[tree.Name, tree.IntervalExpr | tree.RecordSet]] = []
     while True:
@@ -160,13 +159,13 @@ def value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
         if parser.kinds[parser.i] == ":":
             parser.report(
                 "S005",
-                f"expected `in` after the field `{visible(field.text)}`, found `:`",
-                helps=(f"write `{visible(field.text)} in [low, high]`",),
+                f"expected `in` after the field `{printable(field.text)}`, found `:`",
+                helps=(f"write `{printable(field.text)} in [low, high]`",),
                 skip=1,
             )
         else:
-            parser.expect("in", f"after the field `{visible(field.text)}`")
-        entries.append((field, value_set(parser)))
+            parser.expect("in", f"after the field `{printable(field.text)}`")
+        entries.append((field, parse_value_set(parser)))
         if not parser.comma("}", "the field", opener):
             break
     parser.depth -= 1

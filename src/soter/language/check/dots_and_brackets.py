@@ -15,7 +15,7 @@ from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.expression_base import ExprBase, error_expr, is_error
+from soter.language.check.expression_base import ExprBase, error_expr, has_error
 from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -80,22 +80,22 @@ class FieldChecker(ExprBase):
             return self.lost(expr.span)
         if names is not None and context.find_local(names[0].text) is None:
             if context.instances is not None and names[0].text in context.instances:
-                return self._below_instance(expr.span, names, context)
+                return self._check_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
-                helps = unknown_names.without_object(names[0], names[1])
-                helps = helps or self._measured(expr, names, context)
+                helps = unknown_names.bare_name_helps(names[0], names[1])
+                helps = helps or self._measured_helps(expr, names, context)
                 self.report_unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
             typed_expr = self._constant_length(expr, names, context)
-            typed_expr = typed_expr or self._below_name(expr, names, context)
+            typed_expr = typed_expr or self._check_below_name(expr, names, context)
             if typed_expr is not None:
                 return typed_expr
         target = self.container(expr.target, context)
-        if is_error(target):
+        if has_error(target):
             return error_expr(expr.span)
-        return self._select(target, expr.field, expr.span)
+        return self._check_part(target, expr.field, expr.span)
 
-    def _measured(
+    def _measured_helps(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> tuple[Help, ...]:
         """Helps for `c.truth.x` outside of its system: the topic that the plant drives with x."""
@@ -144,7 +144,7 @@ class FieldChecker(ExprBase):
         local.used = True
         return typed.Literal(INT, expr.span, t.size)
 
-    def _below_name(
+    def _check_below_name(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
         """Checks `Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
@@ -158,7 +158,7 @@ class FieldChecker(ExprBase):
             if len(names) == 3 and entry is not None and entry.kind == "type":
                 self.names.find_in_import(scope, names[0], names[1])
                 t = self.shared.resolve(entry, expr.target.span)
-                return self._member(t, names[2], expr.span)
+                return self._check_member(t, names[2], expr.span)
             return None
         if len(names) != 2:
             return None
@@ -166,14 +166,16 @@ class FieldChecker(ExprBase):
         if entry is not None and entry.kind == "type":
             entry.used = True
             self.names.note(names[0].span, entry)
-            helps = self.value_of_type(names[0], context)
+            helps = self.value_helps(names[0], context)
             t = self.shared.resolve(entry, names[0].span)
-            return self._member(t, names[1], expr.span, helps)
+            return self._check_member(t, names[1], expr.span, helps)
         return (
-            self._member(MODE, names[1], expr.span) if entry is None and first == "Mode" else None
+            self._check_member(MODE, names[1], expr.span)
+            if entry is None and first == "Mode"
+            else None
         )
 
-    def _select(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
+    def _check_part(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
         """Checks a field of a value, or the length of a list."""
         t = target.type
         helps: tuple[Help, ...] = ()
@@ -205,7 +207,7 @@ class FieldChecker(ExprBase):
             whole=span,
         )
 
-    def _member(
+    def _check_member(
         self, t: object, name: tree.Name, span: Span, helps: tuple[Help, ...] = ()
     ) -> typed.TypedExpr:
         if t is None or isinstance(t, ErrorType):
@@ -233,7 +235,7 @@ class FieldChecker(ExprBase):
 
     # ------------------------------------------------------------ below an instance of a system
 
-    def _below_instance(
+    def _check_instance(
         self, span: Span, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr:
         """Checks `plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
@@ -242,23 +244,23 @@ class FieldChecker(ExprBase):
         prefix, rest = names[:depth], names[depth:]
         path = ".".join(n.text for n in prefix)
         if not rest:
-            return self.no_value(symbol, path, span)
+            return self.refuse_instance(symbol, path, span)
         if isinstance(symbol, typed.PlantSymbol) and rest[0].text == "truth":
             if symbol in self.shared.damaged and symbol.truth.index(rest[-1].text) is None:
                 return self.lost(span)
             value: typed.TypedExpr = typed.TruthRead(symbol.truth, span, path)
-            return self._select_all(value, rest[1:], span)
+            return self._check_parts(value, rest[1:], span)
         if isinstance(symbol, typed.SystemSymbol):
-            topic = self._topic_of(symbol, [n.text for n in prefix], rest[0])
+            topic = self._topic_inside(symbol, [n.text for n in prefix], rest[0])
             if topic is not None:
                 value = self.topic_read(topic, span, context)
-                return value if is_error(value) else self._select_all(value, rest[1:], span)
+                return value if has_error(value) else self._check_parts(value, rest[1:], span)
         if symbol in self.shared.damaged:
             return self.lost(span)
-        self._report_not_below(symbol, path, rest[0], names[0], context)
+        self._report_no_part(symbol, path, rest[0], names[0], context)
         return error_expr(span)
 
-    def no_value(self, symbol: object, path: str, span: Span) -> typed.TypedExpr:
+    def refuse_instance(self, symbol: object, path: str, span: Span) -> typed.TypedExpr:
         """Reports N003 for an instance where a value is needed."""
         helps: tuple[str, ...] = ()
         if isinstance(symbol, typed.PlantSymbol):
@@ -267,7 +269,7 @@ class FieldChecker(ExprBase):
             helps = (f"the module's mode is `mode({path})`",)
         return self.wrong("N003", f"`{path}` is an instance, not a value", span, helps=helps)
 
-    def _report_not_below(
+    def _report_no_part(
         self, symbol: object, path: str, name: tree.Name, first: tree.Name, context: Context
     ) -> None:
         """Reports N004 for a name that an instance does not have, perhaps a topic beside it."""
@@ -297,7 +299,7 @@ class FieldChecker(ExprBase):
             "N004", f"`{path}` has no `{name.text}` that could be read", name.span, helps=helps
         )
 
-    def _topic_of(
+    def _topic_inside(
         self, system: typed.SystemSymbol, prefix: list[str], name: tree.Name
     ) -> typed.TopicSymbol | None:
         """The symbol for a topic of a sub-system instance, one for each path; or None."""
@@ -307,13 +309,13 @@ class FieldChecker(ExprBase):
                 return self.shared.stand_in(system, prefix, topic, name.span)
         return None
 
-    def _select_all(
+    def _check_parts(
         self, value: typed.TypedExpr, names: list[tree.Name], span: Span
     ) -> typed.TypedExpr:
         for name in names:
-            if is_error(value):
+            if has_error(value):
                 return value
-            value = self._select(value, name, span)
+            value = self._check_part(value, name, span)
         return value
 
     # ------------------------------------------------------------ brackets
@@ -322,7 +324,7 @@ class FieldChecker(ExprBase):
         """Checks `target[index]`."""
         target = self.container(expr.target, context)
         index = self.check(expr.index, context, INT)
-        if is_error(target, index):
+        if has_error(target, index):
             return error_expr(expr.span)
         if not isinstance(target.type, (ArrayType, ListType)):
             return self.wrong(
@@ -331,7 +333,7 @@ class FieldChecker(ExprBase):
                 expr.target.span,
                 f"this is `{target.type}`",
                 notes=("only arrays and lists have elements",),
-                helps=instead_of_index(target.type, expr.span, expr.target.span.text, index),
+                helps=index_help(target.type, expr.span, expr.target.span.text, index),
                 whole=expr.span,
             )
         constant_index(self.diagnostics, target.type, index, expr.target.span.text)
@@ -352,14 +354,12 @@ def constant_index(
         f"index {index.value} is outside `{t}`",
         index.span,
         f"0 to {limit - 1} are possible" if limit > 1 else "only 0 is possible",
-        helps=_from_the_end(t, index, target),
+        helps=_end_help(t, index, target),
     )
     return False
 
 
-def instead_of_index(
-    of: Type, whole: Span, target: str, index: typed.TypedExpr
-) -> tuple[Help, ...]:
+def index_help(of: Type, whole: Span, target: str, index: typed.TypedExpr) -> tuple[Help, ...]:
     """Help with `p.x` for `p[0]`; `whole` is all of it, `target` the text before the brackets."""
     if not isinstance(of, RecordType):
         return ()
@@ -369,7 +369,7 @@ def instead_of_index(
     return (f"its fields are {listed(names)}",)
 
 
-def _from_the_end(of: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
+def _end_help(of: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
     """Help with `xs[xs.len - 1]` for `xs[-1]`, and with the last index for the one after it."""
     if index.value >= 0:
         last = of.size - 1 if isinstance(of, ArrayType) else of.capacity - 1
@@ -399,7 +399,7 @@ def find_instance(
     return symbol, depth
 
 
-def part_of(
+def part_and_type(
     shared: Shared,
     root: Type,
     parts: Sequence[tree.Name],
@@ -413,13 +413,13 @@ def part_of(
     t, path, whole = root, [], parts[0].span.to(parts[-1].span)
     for part in parts:
         if part is not parts[0]:
-            field = _field(shared, t, part, plant if t is root else None)
+            field = _field_type(shared, t, part, plant if t is root else None)
             if field is None:
                 return None
             t = field
             path.append(part.text)
         for index in part.indices if isinstance(part, tree.ElementName) else ():
-            number = _index(shared, t, index, whole, scope)
+            number = _index_value(shared, t, index, whole, scope)
             if number is None:
                 return None
             assert isinstance(t, ArrayType)
@@ -428,14 +428,14 @@ def part_of(
     return tuple(path), t
 
 
-def instead_of(t: Type, path: tree.DottedPath) -> str:
+def number_path(t: Type, path: tree.DottedPath) -> str:
     """A path to write where one number of `t` was wanted and `path` names all of it."""
     if not isinstance(t, ArrayType):
         return "name one of its fields"
     return f"name one of its elements, `{path.span.text}[0]` to `{path.span.text}[{t.size - 1}]`"
 
 
-def _field(
+def _field_type(
     shared: Shared, t: Type, part: tree.Name, plant: typed.PlantSymbol | None
 ) -> Type | None:
     at = t.index(part.text) if isinstance(t, RecordType) else None
@@ -457,7 +457,7 @@ def _field(
     return None
 
 
-def _index(
+def _index_value(
     shared: Shared, t: Type, index: tree.SyntaxExpr, path: Span, scope: FileScope
 ) -> int | None:
     """The value of an index in a path; None after a report."""
@@ -479,6 +479,6 @@ def _index(
             if is_list
             else "only arrays have elements",
         ),
-        helps=instead_of_index(t, path, target, number) if ends else (),
+        helps=index_help(t, path, target, number) if ends else (),
     )
     return None

@@ -63,6 +63,10 @@ Path = tuple[int, ...]
 """Indices of record fields, from the whole topic inwards; () is the whole."""
 Comparison = tuple[str, int | float]
 """An operator, and the constant that a number is compared with."""
+FINEST = 8
+"""The most parts that a grid is cut into."""
+AT_A_STEP = 2
+"""Most edges of a circle that meet at the time of one step."""
 
 
 @dataclass
@@ -72,15 +76,15 @@ class ReadTopic:
     whole: dict[Path, Span] = field(default_factory=dict)
     compared: dict[Path, set[Comparison]] = field(default_factory=dict)
 
-    def told_apart(self, path: Path) -> Span | None:
-        """The place in code that reads this part's value, or that of one around it; None: none."""
+    def place_of_whole_read(self, path: Path) -> Span | None:
+        """Gives the code that reads this part, or one around it, as a whole; None if none does."""
         return next((s for p, s in self.whole.items() if path[: len(p)] == p), None)
 
 
 class Readers:
-    """What all code of a system reads of each topic; `constant` evaluates closed expressions.
+    """What the code of a system reads of each topic; `constant` evaluates expressions of constants.
 
-    `heard`: topics of which some code can tell whether, or when, they were published.
+    `heard` has the topics of which some code can tell whether, or when, they were published.
     """
 
     def __init__(
@@ -99,59 +103,58 @@ class Readers:
         for m in system.modules:
             self._add_reads_of_module(m)
         for p in system.properties:
-            self._read((p.condition,), p.scope)
+            self._add_reads((p.condition,), p.scope)
         for condition, scope in asked:
-            self._read((condition,), scope)
+            self._add_reads((condition,), scope)
         for topic in system.topics:
             if topic.queue_of is not None:
                 self._add_whole_read(topic.queue_of, topic.symbol.span)
         self._add_reads_of_contracts([c for c in system.components if c.stands_for is not None])
 
-    def of(self, topic: int) -> ReadTopic:
-        """What code reads of the topic with this index."""
+    def reads_of(self, topic: int) -> ReadTopic:
+        """Gives what code reads of the topic with this index."""
         return self.topics.setdefault(topic, ReadTopic())
 
     def _add_whole_read(self, topic: int, span: Span) -> None:
         self.heard.add(topic)
-        self.of(topic).whole.setdefault((), span)
+        self.reads_of(topic).whole.setdefault((), span)
 
     def _add_reads_of_component(self, c: Component) -> None:
         if c.node is not None and c.stands_for is None:
             node = c.node
-            self._read((*node.step, *(node.takeover or ()), *node.assumes), c.scope)
-            self._read(node.guarantees, c.scope)
+            self._add_reads((*node.step, *(node.takeover or ()), *node.assumes), c.scope)
+            self._add_reads(node.guarantees, c.scope)
             if c.extern:
                 for s in node.subscribes:
                     self._add_whole_read(c.scope.topics[s.topic], s.span)
             self.heard |= {c.scope.topics[s.topic] for s in node.subscribes}
         elif c.plant is not None:
-            self._read(plant_code(c.plant), c.scope)
+            self._add_reads(plant_code(c.plant), c.scope)
             self.heard |= {*c.reads}
 
     def _add_reads_of_contracts(self, stand_ins: list[Component]) -> None:
-        """Adds what contracts of stand-ins read, for those stand-ins that something hears."""
+        """Adds what contracts of stand-ins read, if something observes the stand-in."""
         waiting = stand_ins
         while True:
-            heard = [c for c in waiting if self.hears(c)]
+            heard = [c for c in waiting if self.may_be_observed(c)]
             waiting = [c for c in waiting if c not in heard]
             if not heard:
                 return
             for c in heard:
                 assert c.stands_for is not None
-                self._read(c.stands_for.asked, c.scope)
+                self._add_reads(c.stands_for.asked, c.scope)
 
-    def hears(self, c: Component) -> bool:
-        """Whether anything but itself can tell what, or when, a stand-in publishes.
-
-        For a stand-in of a single controller its module's DM can.
-        """
+    def may_be_observed(self, c: Component) -> bool:
+        """Whether a DM, or code outside of a stand-in, can tell what or when it publishes."""
         assert c.node is not None
         outputs = {*c.writes}
         return c.module is not None or bool(outputs & self.heard)
 
     def _add_reads_of_module(self, m: Module) -> None:
         symbol = m.symbol
-        self._read([e for e in (symbol.safe, symbol.ttf, symbol.safer) if e is not None], m.scope)
+        self._add_reads(
+            [e for e in (symbol.safe, symbol.ttf, symbol.safer) if e is not None], m.scope
+        )
         self.heard |= {*m.reads}
         if m.acknowledgement is not None:
             self._add_whole_read(m.acknowledgement, m.symbol.span)
@@ -161,28 +164,28 @@ class Readers:
 
     # ------------------------------------------------------------ code
 
-    def _read(self, roots: Iterable[object], scope: Scope) -> None:
+    def _add_reads(self, roots: Iterable[object], scope: Scope) -> None:
         todo = list(roots)
         while todo:
             node = todo.pop()
             if isinstance(node, typed.AgeRead):
                 self.heard.add(scope.topics[node.topic])
-            elif isinstance(node, typed.TypedBinary) and self._compared(node, scope):
+            elif isinstance(node, typed.TypedBinary) and self._note_comparison(node, scope):
                 continue
             elif isinstance(node, (typed.TopicRead, typed.TypedField)):
-                place = self._place(node, scope)
+                place = self._place_that_is_read(node, scope)
                 if place is not None:
                     self.heard.add(place[0])
-                    self.of(place[0]).whole.setdefault(place[1], node.span)
+                    self.reads_of(place[0]).whole.setdefault(place[1], node.span)
                     continue
             todo += children(node)
 
-    def _compared(self, e: typed.TypedBinary, scope: Scope) -> bool:
-        """Notes that `e` compares a number of a topic with a constant; False if it does not."""
+    def _note_comparison(self, e: typed.TypedBinary, scope: Scope) -> bool:
+        """Notes that `e` compares a number of a topic with a constant; False if `e` does not."""
         if e.op not in _HOLDS or not isinstance(e.left.type, (FloatType, IntType)):
             return False
         for read, other in ((e.left, e.right), (e.right, e.left)):
-            place = self._place(read, scope)
+            place = self._place_that_is_read(read, scope)
             if place is None or not all(isinstance(n, _CLOSED) for n in nodes([other])):
                 continue
             value = self._constant(other, scope)
@@ -190,12 +193,12 @@ class Readers:
                 return False
             self.heard.add(place[0])
             op = e.op if read is e.left else _TURNED[e.op]
-            self.of(place[0]).compared.setdefault(place[1], set()).add((op, value))
+            self.reads_of(place[0]).compared.setdefault(place[1], set()).add((op, value))
             return True
         return False
 
-    def _place(self, e: object, scope: Scope) -> tuple[int, Path] | None:
-        """The topic, and the field of it, that an expression reads; None for any other."""
+    def _place_that_is_read(self, e: object, scope: Scope) -> tuple[int, Path] | None:
+        """Gives the topic and the field of it that an expression reads; None for any other."""
         path: list[int] = []
         while isinstance(e, typed.TypedField):
             path.append(e.index)
@@ -205,12 +208,12 @@ class Readers:
         return scope.topics[e.topic], tuple(reversed(path))
 
 
-def representatives(
+def representative_numbers(
     compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
 ) -> list[int | float]:
-    """One number for each possible set of answers of the comparisons, `first` foremost.
+    """Gives a number for each combination of answers to the comparisons; `first` is one.
 
-    `bound` is the set of the numbers, and `first` one of them.
+    All numbers lie in the set `bound`, as `first` does; None stands for a topic without a set.
     """
     constants = {c for _, c in compared}
     low: float
@@ -233,21 +236,15 @@ def representatives(
 
 
 def _between(a: float, b: float, t: IntType | FloatType) -> float:
-    """A number between two others; for ints without one between the lower one."""
+    """Gives a number between two others; the lower of two ints that follow each other."""
     if isinstance(t, IntType):
         return (int(a) + int(b)) // 2
     return float((Fraction(a) + Fraction(b)) / 2)
 
 
-FINEST = 8
-"""The most parts that a grid is cut into."""
-AT_A_STEP = 2
-"""Most edges of a circle that meet at the time of one step."""
-
-
 @dataclass
 class ReadClocks:
-    """The clocks that one piece of code reads: code of a `component`, or else a property.
+    """The clocks that one piece of code reads: the step of a `component`, or else a property.
 
     `ages`: topic indices; `now`: whether it reads `time`; `kept`: whether it reads locals with a
     time of an earlier step; `crossed`: whether it compares a clock with another. For a property
@@ -264,26 +261,26 @@ class ReadClocks:
     compared: list[Span] = field(default_factory=list)
 
     @property
-    def clocks(self) -> int:
-        """How many clocks it reads; all kept locals count as one."""
+    def clock_count(self) -> int:
+        """How many clocks the code reads; all its locals with times count as one clock."""
         return len(self.ages) + self.now + self.kept
 
 
-def together(system: System, watched: Sequence[ReadClocks]) -> int:
-    """The most strict comparisons in one circle of times, so the parts that the grid needs."""
-    late = _may_be_late(system)
+def grid_parts(system: System, watched: Sequence[ReadClocks]) -> int:
+    """Gives how many parts the grid needs: the most strict comparisons in a circle of times."""
+    late = _late_components(system)
     if not late:
         return 1
-    moved = _published_late(system, late)
+    moved = _topics_with_late_stamps(system, late)
     in_steps, looked_at, seen, from_zero, clocks = 0, 0, 0, False, 0
     for w in watched:
         free = late if w.component is None else late & {w.component}
         ages = {system.topics[t].source for t in w.ages}
-        edges, moving, has_zero = _edges(w, ages, moved, free=bool(free))
+        edges, moving, has_zero = _count_edges(w, ages, moved, free=bool(free))
         from_zero |= has_zero
         clocks += moving
         if w.component is not None:
-            in_steps += edges * releases(system, w.component)
+            in_steps += edges * release_count(system, w.component)
         else:
             looks = w.looks * edges + (w.deadline in {"leadsto", "invariant"})
             looked_at, seen = max(looked_at, looks), max(seen, looks + (edges < AT_A_STEP))
@@ -292,8 +289,7 @@ def together(system: System, watched: Sequence[ReadClocks]) -> int:
     return max(strict, 2) if clocks or asked else 1
 
 
-def _may_be_late(system: System) -> set[int]:
-    """Indices of components whose steps may be late."""
+def _late_components(system: System) -> set[int]:
     assert system.test is not None
     late = {f.component for f in system.test.faults if f.kind != "skip" and f.by_ns}
     if system.test.skew_ns:
@@ -301,8 +297,10 @@ def _may_be_late(system: System) -> set[int]:
     return late
 
 
-def _edges(w: ReadClocks, ages: set[int], moved: set[int], *, free: bool) -> tuple[int, int, bool]:
-    """Strict edges for each run of `w`'s code, its moving clocks, whether time zero is a node.
+def _count_edges(
+    w: ReadClocks, ages: set[int], moved: set[int], *, free: bool
+) -> tuple[int, int, bool]:
+    """Counts strict edges of a run of `w`'s code and moving clocks; tells if time 0 is a node.
 
     `ages`: topics whose age it reads; `moved`: topics whose stamps may be late; `free`: whether the
     code itself may run late.
@@ -319,8 +317,7 @@ def _edges(w: ReadClocks, ages: set[int], moved: set[int], *, free: bool) -> tup
     return edges, clocks, bool(fixed) or (free and (w.now or w.deadline == "eventually"))
 
 
-def _published_late(system: System, late: set[int]) -> set[int]:
-    """Topics whose stamps are times of steps that may be late."""
+def _topics_with_late_stamps(system: System, late: set[int]) -> set[int]:
     return {
         c.scope.topics[t]
         for c in system.components
@@ -329,7 +326,7 @@ def _published_late(system: System, late: set[int]) -> set[int]:
     }
 
 
-def releases(system: System, component: int) -> int:
+def release_count(system: System, component: int) -> int:
     """The number of a component's releases up to the horizon."""
     assert system.test is not None
     c = system.components[component]
