@@ -143,8 +143,8 @@ def widened(proof: Proof, rng: np.random.Generator) -> Module:
         return replace(module, start=tuple(0.2 * v for v in module.box))
     part = result.cases[0].groups[0]
     engine: GridGroup = part.solver  # type: ignore[assignment]
-    h0 = result.problem.in_horizon(result.problem.times.start)
-    inside = engine.safe_for(h0, part.core > 0)
+    h0 = result.problem.whole_periods(result.problem.times.start)
+    inside = engine.cells_safe_for(h0, part.core > 0)
     order = np.argsort([a.state for a in part.group.axes])
     inside = np.transpose(inside, order)
     edges = [np.array(part.group.axes[k].edges) for k in order]
@@ -186,7 +186,7 @@ def written(proof: Proof, rng: np.random.Generator, *, hysteresis: float = 0.0) 
     order = np.argsort([a.state for a in part.group.axes])
     free = np.transpose(part.free, order)
     edges = [np.array(part.group.axes[k].edges) for k in order]
-    possible = np.transpose(engine.may_hold("safe"), order)
+    possible = np.transpose(engine.cells_maybe_true("safe"), order)
     errors = errors_of(result.problem)
     spans = []
     for i, e in enumerate(edges):

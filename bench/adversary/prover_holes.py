@@ -19,7 +19,7 @@ from bench.adversary.random_modules import Module, PathNode, Times
 
 from soter.verify.claims import start
 from soter.verify.grid import sets as grids
-from soter.verify.grid.grid_problem import of_problem
+from soter.verify.grid.grid_problem import grid_inputs_of
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.schedule import Schedule, SensorPath
 
@@ -192,19 +192,21 @@ def _old_mode(rng: Rng) -> Module:
 
 def _jitter_without_wait(s: Schedule) -> int:
     late = s.sc.late + s.sc.response
-    return max(o.acts(s.sc, late) for o in s.outputs) - min(o.earliest(s.sc) for o in s.outputs)
+    return max(o.time_to_effect(s.sc, late) for o in s.outputs) - min(
+        o.least_time_to_effect(s.sc) for o in s.outputs
+    )
 
 
 def _start_without_wait(s: Schedule) -> int:
     first = s.sc.phase
     for path in s.read_by_sc:
-        first = max(first, s.sc.first_from(path.available, after=bool(path.nodes)))
-    return first + max(o.acts(s.sc, s.sc.late + s.sc.response) for o in s.outputs)
+        first = max(first, s.sc.first_release_from(path.available_from, after=bool(path.nodes)))
+    return first + max(o.time_to_effect(s.sc, s.sc.late + s.sc.response) for o in s.outputs)
 
 
 def _start_of_defaults(s: Schedule) -> int:
-    late = s.start_of_sc + s.sc.response
-    return s.sc.phase + max(o.acts(s.sc, late) for o in s.outputs)
+    late = s.latest_start_of_sc + s.sc.response
+    return s.sc.phase + max(o.time_to_effect(s.sc, late) for o in s.outputs)
 
 
 def _h_star(
@@ -217,7 +219,7 @@ def _h_star(
     acts: bool = True,
 ) -> int:
     """H* without nodes behind the module, less what is left out."""
-    handing = max(s.dm.latest if dm else 0, (s.farthest if wait else 0) + s.sc.late)
+    handing = max(s.dm.latest if dm else 0, (s.longest_to_sc if wait else 0) + s.sc.late)
     horizon = handing + s.sc.response + (max(o.most for o in s.outputs) if acts else 0)
     return horizon + (s.age_dm if age else 0) + (s.dm.period if period else 0)
 
@@ -230,7 +232,7 @@ def _stamps_only(s: Schedule) -> int:
     return max((p.max_age or 0) + p.published_age for p in s.read_by_sc)
 
 
-_TRUTH = GridGroup.truth
+_TRUTH = GridGroup.truth_bits
 
 
 def _truth_without_errors(self: GridGroup, predicate: str, *, ranges: Any = None) -> Any:  # noqa: ANN401
@@ -241,7 +243,7 @@ def _truth_without_errors(self: GridGroup, predicate: str, *, ranges: Any = None
     return _TRUTH(self, predicate, ranges={**(ranges or {}), **exact})
 
 
-_OF_PROBLEM = of_problem
+_OF_PROBLEM = grid_inputs_of
 
 
 def _half(ranges: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -253,7 +255,7 @@ def _half_the_wind(problem: Any, parameters: Any = ()) -> Any:  # noqa: ANN401
     return replace(inputs, disturbances=_half(inputs.disturbances))
 
 
-_SAFE_FOR = GridGroup.safe_for
+_SAFE_FOR = GridGroup.cells_safe_for
 
 
 def _half_the_commands(self: GridGroup, t_ns: int, target: Any, **more: Any) -> Any:  # noqa: ANN401
@@ -300,7 +302,7 @@ HOLES = (
     Hole(
         "measurement errors are ignored in ttf and safer",
         (
-            (GridGroup, "truth", _truth_without_errors),
+            (GridGroup, "truth_bits", _truth_without_errors),
             (adversary_proofs, "errors_of", lambda _: {}),
         ),
         _noisy,
@@ -320,7 +322,7 @@ HOLES = (
         _late_mode,
         "computed",
     ),
-    Hole("half of the disturbance", ((grids, "of_problem", _half_the_wind),), _windy),
+    Hole("half of the disturbance", ((grids, "grid_inputs_of", _half_the_wind),), _windy),
     Hole("R(H) for H less the DM's period", (_without("period"),), _on_time),
     Hole("the DM's age A is ignored", (_without("age"),), _old_reads),
     Hole(
@@ -328,6 +330,10 @@ HOLES = (
         ((Schedule, "_with_dropout", lambda _, paths: paths),),
         _silent,
     ),
-    Hole("half of what AC may command", ((GridGroup, "safe_for", _half_the_commands),), _on_time),
+    Hole(
+        "half of what AC may command",
+        ((GridGroup, "cells_safe_for", _half_the_commands),),
+        _on_time,
+    ),
     Hole("h_0 is zero", ((Schedule, "start", _derived(lambda _: 0)),), _phase_start, "start"),
 )

@@ -138,8 +138,8 @@ class _Asked:
     def __init__(self, group: Any, spared: Callable[[Any], int]) -> None:  # noqa: ANN401
         self.group, self.spared = group, spared
 
-    def safe_for(self, horizon: Any, core: Any) -> Any:  # noqa: ANN401
-        return self.group.safe_for(max(horizon - self.spared(self.group), 1), core)
+    def cells_safe_for(self, horizon: Any, core: Any) -> Any:  # noqa: ANN401
+        return self.group.cells_safe_for(max(horizon - self.spared(self.group), 1), core)
 
 
 _between = estimate_sets.engine_with_command_in
@@ -178,7 +178,7 @@ def _acted(*, age: bool = True, acts: bool = True, untold: bool = True) -> Patch
     def shorter(s: Schedule) -> int:
         total = s.age_dm if age else 0
         total += max(o.most for o in s.outputs) if acts else 0
-        return total + (s.sc.period + s.start_of_sc if untold else 0)
+        return total + (s.sc.period + s.latest_start_of_sc if untold else 0)
 
     return ((Schedule, "acted", property(shorter)),)
 
@@ -223,10 +223,10 @@ def _elsewhere(low: float, high: float, cells: int) -> tuple[float, ...]:
     return tuple(e + 0.01 for e in _edges(low, high, cells))
 
 
-_ends, _edges = shield_tables.ShieldWriter.ends, shield_tables.command_edges
+_ends, _edges = shield_tables.ShieldWriter.ends_function, shield_tables.command_edges
 _expressions = shield_tables.shield_expressions
 OF_DM: dict[str, Patches] = {
-    "the DM forgets what was held": ((shield_tables.ShieldWriter, "ends", _forgetful),),
+    "the DM forgets what was held": ((shield_tables.ShieldWriter, "ends_function", _forgetful),),
     "the DM does not look at what is held": ((missing_predicates, "shield_expressions", _silent),),
     "the DM forgets 2 ms too soon": ((shield_tables, "SLACK_NS", -2 * MS),),
     "the DM's command cells lie elsewhere": ((shield_tables, "command_edges", _elsewhere),),

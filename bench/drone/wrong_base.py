@@ -28,9 +28,9 @@ from soter import SoterError
 from soter.api import load
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file
-from soter.verify.chosen_modules import modules_of, problems_of, refuse_forced
+from soter.verify.chosen_modules import modules_of, problems_of, refuse_forced_modules
 from soter.verify.claims import results
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def verdict(tree: Tree, verify: tuple[str, str | None]) -> Verdict:
         if not checked.ok:
             return refusal(checked.diagnostics.items, began)
         chosen = modules_of(checked, module, None, {})
-        refuse_forced(chosen)
+        refuse_forced_modules(chosen)
         problems = problems_of(views_of(chosen))
         for problem in (p for _, p in sorted(enumerate(problems), key=lambda e: e[0] % TURNS)):
             module_result = verify_module(problem, refute=False)
@@ -187,7 +187,7 @@ def verdict(tree: Tree, verify: tuple[str, str | None]) -> Verdict:
                 open_ = ", ".join(c for c, f in module_result.findings.items() if not f.holds)
                 text = f"{module_result.verdict}: {open_} of {name}"
                 return Verdict(False, text, time.perf_counter() - began)
-            told += [*texts(module_result.assumptions), *module_result.notes]
+            told += [*assumption_texts(module_result.assumptions), *module_result.notes]
             names.append(f"{name} {module_result.verdict}")
     except SoterError as refused:
         return refusal(refused.diagnostics, began)

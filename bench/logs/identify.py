@@ -42,7 +42,7 @@ from soter.monitor.identification import (  # noqa: E402 - the same
 )
 from soter.monitor.model_membership import Judgement, judge_run  # noqa: E402 - the same
 from soter.report.tables import table  # noqa: E402 - the same
-from soter.verify.problem.extract import extract_sets  # noqa: E402 - the same
+from soter.verify.problem.extract import problem_of_sets  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -164,7 +164,7 @@ class Program:
     def pose(self, values: Mapping[str, float]) -> Posed:
         """The modules and problems."""
         flat = self.program.declared(None, dict(values))
-        return [(flat, m, extract_sets(flat, m)) for m in chosen_modules(flat, None)]
+        return [(flat, m, problem_of_sets(flat, m)) for m in chosen_modules(flat, None)]
 
     def fit(self, episodes: Sequence[Episode]) -> Identification:
         """What all open parameters are fitted to."""

@@ -48,7 +48,7 @@ from soter.certificate.rechecker import recheck  # noqa: E402
 from soter.certificate.report import NotRecheckedError  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
-from soter.verify.problem.problem import texts  # noqa: E402
+from soter.verify.problem.problem import assumption_texts  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -224,7 +224,7 @@ def _against(report: Report, anew: Any) -> str:  # noqa: ANN401
         missed = [n for n in module.confirmed if verdict_by_property.get(n) != "proved"]
         if missed:
             return f"{NOT_PROVED}: {', '.join(missed)}"
-        told = "\n".join(texts(other.assumptions))
+        told = "\n".join(assumption_texts(other.assumptions))
         keys = {a.key for a in report.said}
         if ("never drop out" in told) != ("no dropout" in keys):
             return "drop-outs are assumed by one of the two"

@@ -111,7 +111,7 @@ def built(path: Path, folder: Path) -> tuple[Any, Any, int]:
     known = MAPS.get(path.stem)
     given = "" if known is None else f", {known}"
     probe = f"""soter 1;
-{check.in_flight(rest_claims(check).ways)}
+{check.text_in_flight(rest_claims(check).ways)}
 fun asked(x: float[{n}]): bool {{ return good(x{given}); }}
 topic done: bool = false;
 node Probe period 10ms {{

@@ -111,7 +111,7 @@ def check_of(program: str) -> str:
     flat = system_to_prove(check_file("small.soter", program), None)
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
-    return TubeCheck(problem).in_flight({})
+    return TubeCheck(problem).text_in_flight({})
 
 
 def main(argv: list[str]) -> int:

@@ -22,7 +22,7 @@ from soter.language.model.types import leaves
 from soter.native.cache import cached, digest
 from soter.native.compiler import compile_with, find
 from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, library_flags, texts
-from soter.verify.deploy.missing_predicates import install, rest_claims
+from soter.verify.deploy.missing_predicates import install_predicates, rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import Node, in_order
@@ -84,12 +84,12 @@ def module_of(
         else:
             inner = {s: Interval(0.5 * r.low, 0.5 * r.high) for s, r in enumerate(of.states)}
             claims = RestClaims(ways=inner, kept="not asked")
-        source = check.in_flight(claims.ways)
+        source = check.text_in_flight(claims.ways)
         if changed is not None:
             source = changed(source)
         every.append((check, claims))
         levels.append(TubeLevels(tuple(check.states), source, len(of.map_leaves)))
-    install(flat, flat.modules[0], problem, levels)
+    install_predicates(flat, flat.modules[0], problem, levels)
     check, claims = every[0]
     return Module(problem, check, claims, generate(flat, prefix="m"))
 
@@ -195,7 +195,7 @@ static void margins(const double *x, double *aim) {{
 }}
 static double resting(const double *x) {{
   double aim[1];
-{_printed([self.make.predicate(self.p.rest)], "aim")}
+{_printed([self.make.condition_of_predicate(self.p.rest)], "aim")}
   return aim[0];
 }}
 """
@@ -239,7 +239,7 @@ static void behind_gate(const double *u_in, const double *until) {{
 
     def _safes(self) -> int:
         """How many of them are those of `safe`."""
-        return len(_parts(self.make.predicate(self.p.module.symbol.safe)))
+        return len(_parts(self.make.condition_of_predicate(self.p.module.symbol.safe)))
 
     def _read(self) -> str:
         """Values of what plants publish."""
@@ -447,7 +447,7 @@ def _divisors(n: int) -> list[int]:
 
 
 def _constant(module: Module, name: str) -> int:
-    found = re.search(rf"const {name}: int = (\d+);", module.check.in_flight({}))
+    found = re.search(rf"const {name}: int = (\d+);", module.check.text_in_flight({}))
     assert found is not None
     return int(found.group(1))
 

@@ -57,7 +57,8 @@ def given(problem: Problem) -> str:
     plain += [f"{axis!r}" for group in problem.groups for axis in group.axes]
     if isinstance(problem, TubeProblem):
         made = [
-            TubeCheck(p).offline({}) + repr(TubeTimes.of(p)) for p in problem.plans or [problem]
+            TubeCheck(p).offline_text({}) + repr(TubeTimes.of(p))
+            for p in problem.plans or [problem]
         ]
     elif isinstance(problem, InductionProblem):
         steps = {i: n for i, n in problem.core.nodes.items() if i != problem.module.ac}

@@ -253,7 +253,7 @@ def _attacked(flat: object, index: int) -> Iterator[tuple[str, str]]:
     plants = [c for c in attack.variant.components if c.plant is not None]
     for pattern in (CORNER, TURN, HOLDS, CHANCE):
         for k in range(1, ATTACKS // 4 + 1):
-            row = attack.run_until(attack.start((pattern << 56) | k), until)
+            row = attack.run_until(attack.new_state((pattern << 56) | k), until)
             first = int(row["properties"][0]["first_ns"])
             if first >= 0:
                 yield KINDS[2], f"pattern {pattern}, seed {k}: `safe` is left at {first / 1e9} s"

@@ -31,7 +31,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from generators.switch_threads import TICK_NS, Case, drawn, longest, program  # noqa: E402 - as above
 from soter.language.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
-from soter.verify.problem.switch_latency import switch_of  # noqa: E402 - needs the path
+from soter.verify.problem.switch_latency import switch_latency_of  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,7 +69,7 @@ def needed(case: Case) -> int | None:
     if not checked.ok:
         raise SystemExit(f"{checked.diagnostics.items}\n{program(case)}")
     flat = system_to_prove(checked, "S")
-    horizon_ns = switch_of(flat, flat.modules[0]).needed
+    horizon_ns = switch_latency_of(flat, flat.modules[0]).needed
     assert horizon_ns is None or horizon_ns % TICK_NS == 0
     return None if horizon_ns is None else horizon_ns // TICK_NS
 

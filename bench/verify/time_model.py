@@ -45,15 +45,15 @@ SYMBOLS = {
     "age_dm": "A",
     "age_sc": "A_sc",
     "stamp_age_sc": "stamp at SC (R011)",
-    "start_of_sc": "start of SC",
+    "latest_start_of_sc": "start of SC",
     "h_star": "H*",
     "delay": "d",
     "jitter": "j",
     "start": "h_0",
-    "decision": "T_dec",
-    "look": "look ahead",
+    "longest_to_decision": "T_dec",
+    "longest_between_states": "look ahead",
     "published_age": "P",
-    "available": "F",
+    "available_from": "F",
 }
 Told = dict[str, int | None]
 
@@ -149,16 +149,25 @@ def _no_path(s: Schedule) -> Schedule:
 BLIND: dict[str, tuple[Callable[[Schedule], Told], tuple[str, ...]]] = {
     "wait for DM": (
         told_of(lambda s: replace(s, dm=_at_once(_prompt(s.dm)))),
-        ("start_of_sc", "jitter", "delay", "start", "h_star"),
+        ("latest_start_of_sc", "jitter", "delay", "start", "h_star"),
     ),
     "path": (
         told_of(_no_path),
-        ("age_dm", "age_sc", "stamp_age_sc", "delay", "start", "h_star", "decision"),
+        ("age_dm", "age_sc", "stamp_age_sc", "delay", "start", "h_star", "longest_to_decision"),
     ),
     "lateness": (told_of(_every(_prompt)), tuple(q for q in QUANTITIES if q != "stamp_age_sc")),
     "response": (
         told_of(_every(_at_once)),
-        ("age_dm", "age_sc", "start_of_sc", "h_star", "delay", "jitter", "start", "decision"),
+        (
+            "age_dm",
+            "age_sc",
+            "latest_start_of_sc",
+            "h_star",
+            "delay",
+            "jitter",
+            "start",
+            "longest_to_decision",
+        ),
     ),
     "phases": (told_of(_every(_from_zero)), ("age_dm", "delay", "jitter", "start", "h_star")),
     "latency": (
@@ -182,10 +191,10 @@ BLIND: dict[str, tuple[Callable[[Schedule], Told], tuple[str, ...]]] = {
         ("age_dm", "age_sc", "delay", "start"),
     ),
     "next verdict in H*": (without("h_star", lambda s: s.dm.period), ("h_star",)),
-    "start of SC in H*": (without("h_star", lambda s: s.start_of_sc), ("h_star",)),
+    "start of SC in H*": (without("h_star", lambda s: s.latest_start_of_sc), ("h_star",)),
     "one unit": (
         lambda s: {q: (said(s, q) or 0) - 1 for q in QUANTITIES},
-        tuple(q for q in QUANTITIES if q != "decision"),
+        tuple(q for q in QUANTITIES if q != "longest_to_decision"),
     ),
 }
 """What is hidden from the model, and the quantities that must then be exceeded by some system."""

@@ -73,7 +73,7 @@ def problem_of(text: str) -> Problem:
 def kept(problem: Problem) -> tuple[GridGroup, NDArray[np.bool_]]:
     """The engine, and K."""
     engine = GridGroup.of(library_of(problem)[0], problem, problem.groups[0])
-    return engine, engine.core(engine.constraint()).cells
+    return engine, engine.compute_core(engine.compute_constraint()).cells
 
 
 def looked_at(seed: int, wide: bool) -> dict[str, Any]:

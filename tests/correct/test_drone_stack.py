@@ -11,7 +11,7 @@ import pytest
 
 from examples_changed import changed
 from soter.api import load
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from soter.simulate.result import Run
@@ -42,7 +42,7 @@ def test_the_motion_primitive_is_proved_where_everything_flies() -> None:
     views = load(STACK).verify("SafeMotionPrimitive", refute=False).modules
     assert [m.name.rpartition(" ")[2] for m in views] == list(WALLS)
     assert [m.verdict for m in views] == ["proved"] * 6
-    told = [a for a in texts(views[0].assumptions) if "knows nothing" in a]
+    told = [a for a in assumption_texts(views[0].assumptions) if "knows nothing" in a]
     heard = {a.partition(",")[0] for a in told}
     assert heard == {
         "b",

@@ -17,7 +17,7 @@ from soter.language.model.system import Fault
 from soter.semantics.draws import draw_bits
 from soter.semantics.faults import is_active, is_released, next_release, release_happens_ns
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -297,7 +297,9 @@ def test_no_proof_and_no_set_is_about_faults(tmp_path: Path) -> None:
     source = changed_cart(tmp_path, "late all by 9ms; silent c at 900 per 1h;")
     report = load(source).verify(cert=tmp_path / "cert")
     assert report.verdict == "proved"
-    assert any("`faults` of system Protected" in a for a in texts(report.modules[0].assumptions))
+    assert any(
+        "`faults` of system Protected" in a for a in assumption_texts(report.modules[0].assumptions)
+    )
     again = recheck(tmp_path / "cert")
     assert again.accepted
     assert any("its `faults` go wrong" in said.text for said in again.not_covered)

@@ -18,7 +18,11 @@ from soter.explore.results import EXHAUSTED, VIOLATED
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.problem import extract_induction
-from soter.verify.induction.prove_or_refute import any_ac, induct, system_as_test
+from soter.verify.induction.prove_or_refute import (
+    prove_by_induction,
+    system_as_test,
+    system_with_any_ac,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,8 +43,8 @@ def compared(seed: int, folder: Path, *, late: bool) -> tuple[str, str]:
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None, {}, exact=False)
     problem = extract_induction(flat, flat.modules[0])
-    induction = induct(problem)
-    asked = system_as_test(problem, any_ac(problem), HORIZON_NS[late])
+    induction = prove_by_induction(problem)
+    asked = system_as_test(problem, system_with_any_ac(problem), HORIZON_NS[late])
     explored = explore_test(asked, OPTIONS, TraceHeader(str(path), {})).verdict
     return "proved" if induction.proved else induction.about or "open", explored
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult
@@ -135,7 +135,7 @@ def test_with_a_quarter_of_the_rounding_it_would_not_be(
 def test_around_gymnasiums_car_the_proof_says_what_it_assumes() -> None:
     (result,) = soter.load(CAR / "gymnasium.soter").verify(refute=False).modules
     assert result.verdict == "proved"
-    assert any("car behaves like model" in text for text in texts(result.assumptions))
+    assert any("car behaves like model" in text for text in assumption_texts(result.assumptions))
 
 
 def test_the_module_drives_gymnasiums_car_the_same_on_both_engines() -> None:

@@ -113,14 +113,14 @@ def tables_of(program: soter.Program) -> Any:
     from soter.verify.deploy import missing_predicates
 
     kept: list[Any] = []
-    put = missing_predicates.install
+    put = missing_predicates.install_predicates
 
     def noted(flat: Any, module: Any, problem: Any, tables: Any) -> None:
         kept.extend(tables)
         put(flat, module, problem, tables)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(missing_predicates, "install", noted)
+        patch.setattr(missing_predicates, "install_predicates", noted)
         program.simulate(system="Track", until="50ms")
     return kept[0]
 
@@ -228,7 +228,7 @@ def test_a_dm_that_forgets_what_was_held_is_refuted(
     small: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The compiled DM is tried with each pair of cells, one held and one that was."""
-    ends = shield_tables.ShieldWriter.ends
+    ends = shield_tables.ShieldWriter.ends_function
 
     def forgetful(self: Any) -> Any:
         cells, self.cells = self.cells, 1
@@ -236,7 +236,7 @@ def test_a_dm_that_forgets_what_was_held_is_refuted(
         self.cells = cells
         return fun
 
-    monkeypatch.setattr(shield_tables.ShieldWriter, "ends", forgetful)
+    monkeypatch.setattr(shield_tables.ShieldWriter, "ends_function", forgetful)
     assert soter.load(small).verify(refute=False)["Keep"].findings["DM"].verdict == "refuted"
 
 

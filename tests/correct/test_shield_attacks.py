@@ -177,8 +177,8 @@ class Hopeful:
     def __init__(self, group: Any, *, shorter: int = 1) -> None:
         self.group, self.shorter = group, shorter
 
-    def safe_for(self, horizon: Any, core: Any) -> Any:
-        return self.group.safe_for(horizon // self.shorter, core)
+    def cells_safe_for(self, horizon: Any, core: Any) -> Any:
+        return self.group.cells_safe_for(horizon // self.shorter, core)
 
 
 def too_short(engine: Any, control: int, low: float, high: float) -> Any:

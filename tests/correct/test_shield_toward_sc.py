@@ -349,7 +349,7 @@ def test_c_that_does_not_judge_what_it_moved_is_noticed(
     wrong: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Commands are moved to full throttle here, as if somebody had looked for the worst."""
-    monkeypatch.setattr(shield_tables, "moved", full)
+    monkeypatch.setattr(shield_tables, "moved_commands", full)
     path = written(tmp_path, "publish accel = 0.5;", TOWARD)
     assert not differ(path)
     monkeypatch.setattr(steps, "_permit", wrong)
@@ -361,7 +361,7 @@ def test_where_to_a_command_is_moved_is_no_part_of_the_proof(
 ) -> None:
     """Moved to anything at all it is judged: refused, perhaps, and nothing is hit."""
 
-    monkeypatch.setattr(shield_tables, "moved", full)
+    monkeypatch.setattr(shield_tables, "moved_commands", full)
     run = soter.load(written(tmp_path, "publish accel = 0.5;", TOWARD)).simulate(
         system="Track", seed=1, until="20s"
     )

@@ -47,15 +47,15 @@ QUANTITIES = (
     "age_dm",
     "age_sc",
     "stamp_age_sc",
-    "start_of_sc",
+    "latest_start_of_sc",
     "h_star",
     "delay",
     "jitter",
     "start",
-    "decision",
-    "look",
+    "longest_to_decision",
+    "longest_between_states",
     "published_age",
-    "available",
+    "available_from",
 )
 """The names of `Schedule`; of `SensorPath` the last two (P and F): the greatest of all paths."""
 

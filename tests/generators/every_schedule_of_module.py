@@ -166,8 +166,8 @@ class EverySchedule:
         """Lambda: how long after its release SC starts at the latest."""
         for due in releases(self.sc, 0, self.thread - 1):
             for start, lines in self.starts(due):
-                if self.worst["start_of_sc"].below(start - due):
-                    self.worst["start_of_sc"].keep([*lines, (start, "SC starts")])
+                if self.worst["latest_start_of_sc"].below(start - due):
+                    self.worst["latest_start_of_sc"].keep([*lines, (start, "SC starts")])
 
     def ages_of_sc(self) -> None:
         """A_sc, sensors silent at times, and the age of the stamps that SC reads, never silent."""
@@ -338,8 +338,8 @@ class EverySchedule:
         for reads in (*self.dm_reads, *self.sc_reads):
             self.worst["published_age"].below(reads.age_of_publication())
             for at, lines in available(reads).items():
-                if self.worst["available"].below(at - bool(reads.path.nodes)):
-                    self.worst["available"].keep(list(lines))
+                if self.worst["available_from"].below(at - bool(reads.path.nodes)):
+                    self.worst["available_from"].keep(list(lines))
 
     # DM's decisions
 
@@ -365,11 +365,11 @@ class EverySchedule:
                         (second.start, "DM starts, reads that"),
                         (second.published, "the next verdict is in force"),
                     ]
-                    if self.worst["look"].below(newest - state):
-                        self.worst["look"].keep(lines)
+                    if self.worst["longest_between_states"].below(newest - state):
+                        self.worst["longest_between_states"].keep(lines)
                     waited = second.published - state - 1
-                    if newest > state and self.worst["decision"].below(waited):
-                        self.worst["decision"].keep(lines)
+                    if newest > state and self.worst["longest_to_decision"].below(waited):
+                        self.worst["longest_to_decision"].keep(lines)
 
 
 def oldest_states(both: list[list[tuple[int, int]]]) -> Iterator[tuple[int, int]]:

@@ -121,9 +121,9 @@ class OneSchedule:
                 continue
             oldest = min(states)
             if before is not None:
-                self.note("look", oldest - before)
+                self.note("longest_between_states", oldest - before)
                 if oldest > before:
-                    self.note("decision", step.published - (before + 1))
+                    self.note("longest_to_decision", step.published - (before + 1))
             before = oldest
 
     def judge_sc(self, topics: list[list[Value]]) -> None:
@@ -131,7 +131,7 @@ class OneSchedule:
         acts = [self.acts(o) for o in self.system.outputs]
         answered = False
         for k, step in enumerate(self.sc):
-            self.note("start_of_sc", step.start - step.release)
+            self.note("latest_start_of_sc", step.start - step.release)
             reads = [self.read(t, step.start, by_module=True) for t in topics]
             done = [a[k] for a in acts]
             for read in reads:

@@ -44,10 +44,10 @@ from soter.verify.enclose.enclosure_emitter import (
     Item,
     Sequence,
     address,
-    framed,
-    given,
+    function_body,
     names_in,
     opened,
+    result_statement,
 )
 
 if TYPE_CHECKING:
@@ -152,8 +152,8 @@ def enclosure(
     out: list[c.CStmt] = []
     for v in _flat(result):
         form = ops.form(v if kind_of(v) == "form" else ops.to_float(v))
-        out.append(given(len(out), form))
-    whole = framed(emitter.block, emitter.reads, out)
+        out.append(result_statement(len(out), form))
+    whole = function_body(emitter.block, emitter.reads, out)
     types = tuple(t for p in function.parameters for t in scalars(p.type))
     definition = c.FunctionDef("unsigned", name, PARAMETERS, whole, static=False)
     return Enclosure(name, definition, types, function.result_type, prelude)

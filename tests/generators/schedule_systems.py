@@ -79,7 +79,7 @@ def _allowed(s: Schedule) -> bool:
         return False
     every = EverySchedule(s)
     every.starts_of_sc()
-    latest = every.worst["start_of_sc"].value
+    latest = every.worst["latest_start_of_sc"].value
     return latest is not None and latest + s.sc.response <= s.sc.period
 
 
@@ -165,7 +165,7 @@ def said(s: Schedule, quantity: str) -> int | None:
     """What the model of time says."""
     if quantity == "stamp_age_sc":
         return max(s.stamp_age_sc(p) for p in s.read_by_sc)
-    if quantity in {"published_age", "available"}:
+    if quantity in {"published_age", "available_from"}:
         paths = [replace(p, dropout=s.dropout) for p in s.read_by_dm + s.read_by_sc]
         age: int = max(getattr(p, quantity) for p in paths)
         return age

@@ -186,7 +186,7 @@ class _Asked:
 
     def keeps_ac(self, x: float, v: float) -> bool:
         """Whether the DM leaves control to AC at this position and speed."""
-        state = self.facts.state(self.unit, self.topic_values(x, v))
+        state = self.facts.state_bytes(self.unit, self.topic_values(x, v))
         return self.dm.decide_when_fresh(self.module, state) == AC
 
     def find_fence(self) -> float | None:

@@ -160,11 +160,11 @@ def timing_reports(
 def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
     if not system.modules:
         return ()
-    from soter.verify.problem.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
+    from soter.verify.problem.switch_latency import switch_latency_of  # noqa: PLC0415 - see `soter.api`
 
     switches = []
     for at, module in _systems_of_proofs(system):
-        switch = switch_of(at, module)
+        switch = switch_latency_of(at, module)
         for d in switch.diagnostics:
             diagnostics.add(d)
         if switch.verdict == "fails":
@@ -342,9 +342,9 @@ def step_reports(
     warned: list[Diagnostic] = []
     for system in flat.values():
         if system.proved is None and any(m.symbol.rest is not None for m in system.modules):
-            from soter.verify.deploy.missing_predicates import followed_costs  # noqa: PLC0415 - needs NumPy
+            from soter.verify.deploy.missing_predicates import decision_costs  # noqa: PLC0415 - needs NumPy
 
-            followed, refused = followed_costs(system)
+            followed, refused = decision_costs(system)
             costs |= followed
             warned += [replace(d, severity=Severity.WARNING) for d in refused]
     steps = tuple(

@@ -144,14 +144,14 @@ def inheritance_report(here: System, cert: str | Path | None) -> DeploymentRepor
     target_system = here.proved
     if target_system is None:
         if cert is not None:
-            from soter.verify.deploy.proof_transfer import how_to_deploy  # noqa: PLC0415 - the same
+            from soter.verify.deploy.proof_transfer import advice_to_deploy  # noqa: PLC0415 - the same
 
             message = f"system `{here.name}` deploys no other: there is nothing to inherit"
-            raise mistake("U001", message, *how_to_deploy(here, str(cert)))
+            raise mistake("U001", message, *advice_to_deploy(here, str(cert)))
         return DeploymentReport()
-    from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.proof_transfer import transferred_proofs  # noqa: PLC0415 - needs NumPy
 
-    modules = inherited(here, target_system)
+    modules = transferred_proofs(here, target_system)
     seal, confirmed, sets = "", {}, None
     if cert is not None:
         report = recheck(cert)
@@ -201,13 +201,13 @@ class _CertifiedTables:
 
     def check_build(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
         """Raises SoterError D020 if the module is built with other figures than are certified."""
-        from soter.verify.deploy.proof_transfer import what_differs  # noqa: PLC0415 - needs NumPy
+        from soter.verify.deploy.proof_transfer import difference_from_certificate  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
         if not reports:
             return
         asked = self._certificate, reports[0].system, name, problem, level_tables
-        if differing := what_differs(*asked):
+        if differing := difference_from_certificate(*asked):
             why = f"`{name}` is built with other {differing} than it has"
             raise _other_certificate(self.folder, why)
         oldest, plan = problem.times.delay_sc, problem.module.symbol.sc.name

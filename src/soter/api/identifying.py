@@ -41,7 +41,7 @@ from soter.monitor.identification import (
 from soter.report.html import write_text
 from soter.report.templates import PageSection
 from soter.simulate.run_log import RecordedRun, read_log
-from soter.verify.problem.extract import extract_sets
+from soter.verify.problem.extract import problem_of_sets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -93,7 +93,7 @@ def identify(
 
     def pose(values: Mapping[str, float]) -> Posed:
         flat = program.declared(system, {**fixed, **values})
-        return [(flat, m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
+        return [(flat, m, problem_of_sets(flat, m)) for m in chosen_modules(flat, module)]
 
     flat = program.declared(system, fixed)
     declared = _asked_parameters(flat, opened, fixed)

@@ -34,7 +34,7 @@ from soter.report.mcap_reading import log_metadata
 from soter.report.wording import changed_parameters
 from soter.semantics.publication_gate import make_check
 from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
-from soter.verify.problem.extract import extract_sets
+from soter.verify.problem.extract import problem_of_sets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -59,7 +59,9 @@ def judge_modules(
         assert log is not None
         record, notes = read_log(Path(log), flat), _other_flight_note(Path(log), flat)
     chosen = chosen_modules(flat, module)
-    made = [judge_run(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+    made = [
+        judge_run(flat, m, problem_of_sets(flat, m), record, estimates=estimates) for m in chosen
+    ]
     return [replace(j, notes=(*j.notes, *notes)) for j in made]
 
 
@@ -191,7 +193,7 @@ def mapped_record(
     """Reads a log for `log_explained`, which has its arguments and errors."""
     paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     mapped = {t.topic.name for t in declared.topics}
-    problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
+    problems = [(m, problem_of_sets(flat, m)) for m in chosen_modules(flat, module)]
     _require_given(flat, problems, mapped)
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)

@@ -404,14 +404,14 @@ class Program:
         `factors`: multiples of the declared period; `levels`: numbers of levels (m); `report`: an
         HTML file with the figure. `SoterError` R... if a problem is not determined; D006, D007.
         """
-        from soter.verify.advice import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.verify.advice import sweep_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.verify.chosen_modules import modules_of, problems_of  # noqa: PLC0415 - the same
 
         if report is not None:
             require_writable(Path(report))
         chosen = modules_of(self._checked, module, system, self._values(params))
         with telling_shares(progress):
-            advice = advise_all(problems_of(chosen), factors, levels)
+            advice = sweep_all(problems_of(chosen), factors, levels)
         if report is not None and advice:
             write_advice(advice, self.path, Path(report))
         return tuple(advice)
@@ -434,12 +434,12 @@ class Program:
 
     def rest_clauses(self, budget_s: float = 120.0, **what: Any) -> tuple[ProofSearch, ...]:  # noqa: ANN401
         """Looks for a `rest` that proves: so many CPU s a module; `what`: see `largest_delays`."""
-        from soter.verify.search.searched_program import rests_of  # noqa: PLC0415 - needs a compiler
+        from soter.verify.search.searched_program import searches_for_rest  # noqa: PLC0415 - needs a compiler
 
         what = {"module": None, "system": None, "params": None, **what}
         what["params"] = self._values(what["params"])
         with telling_shares(what.pop("progress", None)):
-            return rests_of(self._checked, what, budget_s)
+            return searches_for_rest(self._checked, what, budget_s)
 
     @takes("soter.explore.search_options.SearchOptions")
     def explore(

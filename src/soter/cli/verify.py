@@ -267,10 +267,10 @@ def _coverage_lines(report: VerifyReport) -> list[str]:
 def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
     """Prints the verdict on all modules together, and who keeps what each takes for granted."""
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
-    from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none
+    from soter.verify.scope import composed_assumptions_of  # noqa: PLC0415 - what is stored needs none
 
     verdict = printed.paint(PAINTS[report.together], report.together.upper())
-    taken = rows_of(report)
+    taken = composed_assumptions_of(report)
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
     says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
     lawful = all(m.findings["failsafe"].verdict == "proved" for m in report.modules)

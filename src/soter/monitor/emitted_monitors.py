@@ -43,7 +43,7 @@ from soter.monitor.linear_model import (
 )
 from soter.monitor.model_membership import ROUNDING, observation_map, topic_names
 from soter.simulate.run_options import param_values
-from soter.verify.problem.extract import extract_sets
+from soter.verify.problem.extract import problem_of_sets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -135,7 +135,9 @@ def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagn
             m for m in flat.modules if m.name.split(".")[-1] == made["module"].split(".")[-1]
         ]
         try:
-            other = any(model_fingerprint(extract_sets(flat, m)) != made["model"] for m in modules)
+            other = any(
+                model_fingerprint(problem_of_sets(flat, m)) != made["model"] for m in modules
+            )
         except SoterError as error:  # no monitor can be made of it, and this one was
             others.append(_other_system_warning(symbol, error.diagnostics[0].message))
             continue
@@ -202,7 +204,7 @@ def _fingerprint_now(
     only = replace(checked, systems=named)
     values = param_values(program, {_full_name(watched, n): v for n, v in params.items()})
     flat = system_of(only, watched.prefix + system, values)
-    problems = [extract_sets(flat, m) for m in flat.modules if m.name == module]
+    problems = [problem_of_sets(flat, m) for m in flat.modules if m.name == module]
     if not problems:
         message = f"system `{system}` of `{watched.source.name}` has no module `{module}`"
         raise SoterError((Diagnostic("D022", message),))
@@ -427,7 +429,7 @@ def write_monitor(
     `SoterError` U001 where there is no such monitor, R... where the program does not determine the
     problem, D006 where the file cannot be written, N001, T... where `alarm` is no such topic.
     """
-    problem = extract_sets(system, module)
+    problem = problem_of_sets(system, module)
     names = {
         i: n if "." in n else f"watched.{n}"
         for i, n in topic_names(system, module, problem).items()

@@ -1,10 +1,10 @@
 """What other times would cost and allow: sweeps of Delta and m, and how late commands may act.
 
-Purpose: for `soter advise`. `advise` derives the problem again for multiples of the declared Delta,
-the period of the DM (H* follows; SC's period stays, unless it equals Delta), and computes the sets:
-which share of the states is left to AC, whether P1c and P2b hold, and the largest Delta for which
-everything is proved. `largest_delay` verifies the module anew with longer and longer values of
-`acts within`: it finds the largest that was proved, the smallest that was not, and why.
+Purpose: for `soter advise`. `sweep_periods` derives the problem again for multiples of the declared
+Delta, the period of the DM (H* follows; SC's period stays, unless it equals Delta), and computes
+the sets: which share of the states is left to AC, whether P1c and P2b hold, and the largest Delta
+for which everything is proved. `largest_delay` verifies the module anew with longer and longer
+values of `acts within`: it finds the largest that was proved, the smallest that was not, and why.
 Non-goals: changing a program; certificates; a bound that nobody verified. Verdicts of the sweep are
 those of `verify_module.py` without finer grids.
 
@@ -30,11 +30,11 @@ from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
 from soter.verify.claims.claims import compute_levels, find_way_back, make_tables
 from soter.verify.claims.results import PROVED
-from soter.verify.diagnosis.variations import at_periods, problem_with
+from soter.verify.diagnosis.variations import problem_with, with_other_periods
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.set_figures import volume_share
-from soter.verify.problem.extract import cases, extract, require_sets
+from soter.verify.problem.extract import extract, parameter_cases, require_proof_by_sets
 from soter.verify.problem.time_checks import why_late_commands_uncovered
 from soter.verify.verify_module import module_method
 
@@ -58,10 +58,11 @@ LEVELS = (2, 3, 4)
 
 @dataclass
 class AdviceRow:
-    """One Delta. Shares are of the grid's volume, products over groups, the least over cases.
+    """One row of the sweep, for one Delta.
 
-    `levels`: m -> share of S_(m-2); `returns`: m -> whether P2b is proved with computed
-    predicates; `written`: whether the program's own `ttf` and `safer` verify (None: it has none).
+    Shares are of the grid's volume, products over groups, the least over cases. `levels`: m ->
+    share of S_(m-2); `returns`: m -> whether P2b is proved with computed predicates; `written`:
+    whether the program's own `ttf` and `safer` verify (None: it has none).
     """
 
     delta_ns: int
@@ -139,7 +140,7 @@ class Advice:
 
     @property
     def tried(self) -> str:
-        """The periods of the DM that were tried, and what was done with SC's."""
+        """The periods of the DM that were tried, and how SC's period went with them, in words."""
         deltas = ", ".join(show_ns(d) for d in sorted({r.delta_ns for r in self.rows}))
         kept = sorted({r.sc_ns for r in self.rows if r.sc_ns != r.delta_ns})
         says = [f"kept at {show_ns(ns)}" for ns in kept]
@@ -154,9 +155,9 @@ class Advice:
         head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
         head += [f"S_{m - 2} (m\u00a0=\u00a0{m})" for m in tried]
         head += ["P1c", "P2b", "verifies", "why not"]
-        return head, [self._cells(r, tried, alone=alone) for r in self.rows]
+        return head, [self._row_texts(r, tried, alone=alone) for r in self.rows]
 
-    def _cells(self, r: AdviceRow, tried: list[int], *, alone: bool) -> list[str]:
+    def _row_texts(self, r: AdviceRow, tried: list[int], *, alone: bool) -> list[str]:
         mark = " *" if r.delta_ns == self.delta_ns else ""
         times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
         shares = [r.core, *([r.allowed] if alone else [])]
@@ -170,7 +171,7 @@ class Advice:
     def page(self, program: str = "") -> AdvicePage:
         """The data of the page with the figure; `program`: the program's file."""
         tried = sorted({m for r in self.rows for m in r.levels})
-        drawn = self._drawn
+        drawn = self._drawn_rows
         curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
         for m in tried:
             sure = tuple(r.in_time and r.starts and r.returns.get(m, False) for r in drawn)
@@ -184,46 +185,44 @@ class Advice:
             tuple(curves),
             tuple(head),
             tuple(tuple(r) for r in rows),
-            says=(f"{self.legend}.", *OF_TIMES, *self._undrawn),
+            says=(f"{self.legend}.", *OF_TIMES, *self._notes_on_undrawn),
             best_ms=None if best is None else best / 1e6,
             program=program,
         )
 
     def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:
-        return tuple((r.delta_ns / 1e6, share_of(r)) for r in self._drawn)
+        return tuple((r.delta_ns / 1e6, share_of(r)) for r in self._drawn_rows)
 
     @property
-    def _drawn(self) -> list[AdviceRow]:
+    def _drawn_rows(self) -> list[AdviceRow]:
         """One row for each Delta of which sets were computed: the one with the longest SC."""
         return list({r.delta_ns: r for r in self.rows if r.covered}.values())
 
     @property
-    def _undrawn(self) -> tuple[str, ...]:
+    def _notes_on_undrawn(self) -> tuple[str, ...]:
         """Notes on what only the table shows, not the figure."""
-        if sum(r.covered for r in self.rows) == len(self._drawn):
+        if sum(r.covered for r in self.rows) == len(self._drawn_rows):
             return ()
         return ("Drawn where SC's period is changed with \u0394; the table has both.",)
 
 
-def advise(
-    problem: Problem,
-    factors: Sequence[float] = FACTORS,
-    levels: Sequence[int] = LEVELS,
+def sweep_periods(
+    problem: Problem, factors: Sequence[float] = FACTORS, levels: Sequence[int] = LEVELS
 ) -> Advice:
     """Sweeps Delta over multiples of the declared one, and m over `levels`.
 
     `SoterError` R031 for a module that is proved by induction.
     """
-    require_sets(problem)
+    require_proof_by_sets(problem)
     library, _ = library_of(problem)
     level_numbers = sorted({*levels, problem.levels})
-    periods = _periods(problem, factors)
+    periods = _periods_to_try(problem, factors)
     advice = Advice(problem.name, problem.times.delta_dm, problem.levels, [])
     opened: dict[int, list[Case]] = {}
     for i, (delta, sc) in enumerate(periods):
         phase(f"{problem.name}: a period of {show_ns(delta)}")
         share_done(i / len(periods))
-        changed = at_periods(problem, delta, sc)
+        changed = with_other_periods(problem, delta, sc)
         times = changed.times
         row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
         row.why = _why_times_uncovered(changed)
@@ -242,21 +241,21 @@ def advise(
     return advice
 
 
-def advise_all(
+def sweep_all(
     problems: Sequence[Problem], factors: Sequence[float], levels: Sequence[int]
 ) -> list[Advice]:
-    """`advise` for one problem after the other; `SoterError` U001 as there."""
+    """The sweep of each problem; `SoterError` R031 for a module that is proved by induction."""
     advices = []
     for i, problem in enumerate(problems):
         with between(i / len(problems), (i + 1) / len(problems)):
-            advices.append(advise(problem, factors, levels))
+            advices.append(sweep_periods(problem, factors, levels))
     return advices
 
 
-def _periods(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
-    """(Delta, SC's period): multiples of the declared Delta; SC's follows or stays.
+def _periods_to_try(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
+    """Pairs (Delta, SC's period): multiples of the declared Delta; SC's period follows or stays.
 
-    With SC's period left as it is they are multiples of it (a map: of the map's own).
+    Where SC's period stays they are multiples of it (for a map: of the map's own).
     """
     times = problem.times
     unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
@@ -279,9 +278,9 @@ def _sc_period_follows(problem: Problem) -> bool:
 
 
 def _why_times_uncovered(problem: Problem) -> str:
-    """Why the theorem does not cover the times of a changed problem ("": it does).
+    """Why the theorem does not cover the times of a changed problem; "": it does.
 
-    The conditions of `check_times` that the periods of the DM and SC enter.
+    These are the conditions of `check_times` that the periods of the DM and SC enter.
     """
     schedule, jitter = problem.times.schedule, problem.times.jitter_sc
     dm, sc = schedule.dm, schedule.sc
@@ -292,15 +291,17 @@ def _why_times_uncovered(problem: Problem) -> str:
         return f"R015: the DM may take {show_ns(dm.latest)}, longer than its period"
     if problem.kind == "map":
         return ""
-    if schedule.published > sc.period:
-        return f"R015: SC may take {show_ns(schedule.published)}, longer than its period"
-    if not schedule.ordered and why_late_commands_uncovered(problem.module.symbol, schedule):
+    if schedule.latest_output > sc.period:
+        return f"R015: SC may take {show_ns(schedule.latest_output)}, longer than its period"
+    if not schedule.are_windows_apart and why_late_commands_uncovered(
+        problem.module.symbol, schedule
+    ):
         return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
     for path in schedule.read_by_sc:
         oldest = schedule.stamp_age_sc(path)
         if path.max_age is not None and oldest > path.max_age:
             return f"R011: SC may read what is {show_ns(oldest)} old, longer than its `max_age`"
-    if any(o.loses(sc, schedule.published) is not None for o in schedule.outputs):
+    if any(o.skipping_node(sc, schedule.latest_output) is not None for o in schedule.outputs):
         return "R018: a node may miss a command of SC"
     return ""
 
@@ -308,7 +309,7 @@ def _why_times_uncovered(problem: Problem) -> str:
 def _cases_with_core(problem: Problem, library: ReachLibrary) -> list[Case]:
     """Every case with its engines, C and K, which do not depend on Delta."""
     open_cases = []
-    for parameter in cases(problem):
+    for parameter in parameter_cases(problem):
         case = claims.open_case(problem, library, problem.groups, parameter)
         if claims.compute_constraint(case):
             claims.compute_core(case)
@@ -320,14 +321,14 @@ def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list
     """Computes a row from cases with K; `wanted`: the numbers of levels to try."""
     row_cases = [_case_for_problem(case, problem) for case in opened]
     row.core = _least_share(row_cases, lambda g: g.core > 0)
-    broken = next((f for c in opened for f in c.failed("P2a")), None)
+    broken = next((f for c in opened for f in c.failures_of("P2a")), None)
     if broken is not None:
         row.why = broken.text
         return
     for case in row_cases:
         claims.compute_free_phase(case)
         start.check_start(case)
-    row.starts = not any(c.failed("start") for c in row_cases)
+    row.starts = not any(c.failures_of("start") for c in row_cases)
     if not problem.computed:
         row.written = all(_own_predicates_verify(case) for case in row_cases)
     for m in wanted:
@@ -354,7 +355,7 @@ def _own_predicates_verify(case: Case) -> bool:
     """Whether the program's predicates verify at this period: `ttf`, `safer`, P2b."""
     for predicate in ("ttf", "safer"):
         claims.check_inclusion(case, predicate)
-    return _is_return_shown(case) and not any(case.failed(c) for c in ("ttf", "safer"))
+    return _is_return_shown(case) and not any(case.failures_of(c) for c in ("ttf", "safer"))
 
 
 def _levels_in_table(part: GroupSets, which: int) -> Bools:
@@ -368,7 +369,7 @@ def _is_return_shown(case: Case) -> bool:
     if case.problem.stays:
         return True
     find_way_back(case)
-    return not case.failed("P2b")
+    return not case.failures_of("P2b")
 
 
 def _least_share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
@@ -399,12 +400,12 @@ class DelayAdvice:
 
     @property
     def largest_ns(self) -> int | None:
-        """The largest with which everything is proved; None: not even with the declared one."""
+        """The largest delay with which all claims are proved; None: not even the declared one."""
         return max((ns for ns, why in self.why_not.items() if not why), default=None)
 
     @property
     def refused_ns(self) -> int | None:
-        """The smallest above that with which something is not proved; None: all that were tried."""
+        """The least delay above that with which some claim is not proved; None: none was tried."""
         least = self.largest_ns if self.largest_ns is not None else -1
         return min((ns for ns, why in self.why_not.items() if why and ns > least), default=None)
 
@@ -443,7 +444,7 @@ def largest_delay(flat: System, module: Module) -> DelayAdvice:
             break
         phase(f"{module.name}: commands that act {show_ns(acts_ns)} late")
         share_done(len(advice.why_not) / TRIES_MAX)
-        advice.why_not[acts_ns] = _what_fails(flat, module, acts_ns)
+        advice.why_not[acts_ns] = _failing_claim_in_words(flat, module, acts_ns)
         if advice.why_not[acts_ns]:
             failed = acts_ns
         else:
@@ -454,24 +455,24 @@ def largest_delay(flat: System, module: Module) -> DelayAdvice:
 
 
 def _next_delay(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
-    """The value to try next: what is declared, then twice as much more, then halves between."""
+    """The delay to try next: the declared one, then twice as much more, then halves between."""
     if not advice.why_not:
         return advice.declared_ns
     if failed is None:
         more = 2 * (proved - advice.declared_ns)
-        return advice.declared_ns + max(more, _rounded(FIRST * period_ns))
-    middle = _rounded((proved + failed) / 2)
+        return advice.declared_ns + max(more, _rounded_to_two_digits(FIRST * period_ns))
+    middle = _rounded_to_two_digits((proved + failed) / 2)
     near = failed - proved <= CLOSE * max(proved, FIRST * period_ns)
     return None if near or not proved < middle < failed else middle
 
 
-def _rounded(ns: float) -> int:
+def _rounded_to_two_digits(ns: float) -> int:
     """A time to two digits, so that it can be read."""
     return max(1, int(float(f"{ns:.2g}")))
 
 
-def _what_fails(flat: System, module: Module, acts_ns: int) -> str:
-    """The first claim that is not proved with commands that act so late, in words; "": none."""
+def _failing_claim_in_words(flat: System, module: Module, acts_ns: int) -> str:
+    """The first claim that is not proved with commands that act so late, in words; "": all are."""
     at = module.symbol.verify.span or module.symbol.span
     verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
     changed = replace(module, symbol=replace(module.symbol, verify=verify))

@@ -33,7 +33,7 @@ class NotAttackableError(Exception):
 
 
 def attacked_system(system: System, module: int, controller: str = DRAWN) -> System:
-    """`system` with only "safe on the true state" of this module as its property.
+    """`system` with one property, "safe on the true state" of this module, for an adversary.
 
     Raises `NotAttackableError` where `safe` reads what no plant drives, or where the AC's outputs
     have no sets to draw from (`controller` = DRAWN).
@@ -48,10 +48,10 @@ def true_topics_known_ns(system: System) -> int:
     return max((c.phase_ns for c in system.components if c.plant is not None), default=0)
 
 
-def reads_time(system: System, module: int) -> bool:
-    """Whether anything in the closed system could depend on what time it is.
+def may_read_time(system: System, module: int) -> bool:
+    """Whether anything in the closed system may depend on the time.
 
-    Conservative: every function of the program counts, whether it is called or not.
+    It is cautious: every function of the program counts, whether it is called or not.
     """
     m = system.modules[module]
     roots: list[object] = [m.symbol.ttf, m.symbol.safer]
@@ -65,9 +65,6 @@ def reads_time(system: System, module: int) -> bool:
         roots += list(f.body or ())
     aging = (typed.TimeRead, typed.AgeRead)
     return any(isinstance(n, aging) for n in nodes([r for r in roots if r is not None]))
-
-
-# ---------------------------------------------------------------- safe, on the truth
 
 
 def _with_safe_as_property(system: System, module: Module) -> System:
@@ -111,9 +108,6 @@ def _with_driven_twin(
     return derived_systems.with_components(
         system, [replace(c, plant=plant, scope=scope)]
     ), twin.index
-
-
-# ---------------------------------------------------------------- draws
 
 
 def _with_drawn_inputs(system: System, module: Module) -> System:

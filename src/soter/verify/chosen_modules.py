@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 
 
-def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
-    """`SoterError` R019 for a module that is forced: the theorem is about a DM that switches."""
+def refuse_forced_modules(chosen: list[tuple[System, Module]]) -> None:
+    """Raises `SoterError` R019 for a forced module: the theorem needs a DM that switches."""
     diagnostics = Diagnostics()
     for flat, m in chosen:
         if m.forced is not None:
@@ -85,7 +85,7 @@ def _forces_a_module(checked: CheckResult, system: str, params: Mapping[str, Val
 
 
 def _refuse_deployed_system(checked: CheckResult, system: str | None) -> None:
-    """U008 for a deployed system: the system that it deploys has to be proved instead."""
+    """Raises U008 for a deployed system: a proof is about the system that it deploys."""
     every = list(checked.systems.values())
     meant = [s for s in every if s.name == system or system is None]
     if not meant or any(s.deploys is None for s in meant):
@@ -105,7 +105,7 @@ def _no_module(module: str, known: list[str]) -> Diagnostic:
     return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
 
 
-def in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
+def modules_in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
     """Every module once for each of its views; `SoterError` with all diagnostics at once."""
     views: list[tuple[System, Module]] = []
     diagnostics = Diagnostics()
@@ -144,8 +144,8 @@ def chosen_problems(
     """The modules to verify, in every view, and their problems; `SoterError` as `problems_of`."""
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params)
-    refuse_forced(chosen)
-    chosen = in_every_view(chosen)
+    refuse_forced_modules(chosen)
+    chosen = modules_in_every_view(chosen)
     pairs = zip(problems_of(chosen), chosen, strict=True)
     return chosen, [without_faults(checked.program, flat, p) for p, (flat, _) in pairs]
 

@@ -28,8 +28,8 @@ from soter.native.compiler import end_compilers
 from soter.verify.chosen_modules import chosen_problems, modules_of
 from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import store_computed_sets
-from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried, take_back_cells
-from soter.verify.grid.case import settled, settled_before
+from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried, remove_tried_advice
+from soter.verify.grid.case import settled_before, settled_in_words
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 from soter.verify.verify_module import module_method
@@ -68,23 +68,23 @@ def verify(
 
     `explain`: find out why something is not proved, and try what may help; None: as `refute`.
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
-    `verify_by_induction`. `budget_s`: for so many CPU seconds hints of a module are looked for
-    whose program bounds none of its states; what is verified then is the program with them.
+    `verify_by_induction`. `budget_s`: for so many CPU seconds hints are looked for of modules whose
+    states the program does not bound; what is verified then is the program with these hints.
     """
     began = time.perf_counter()
     pick: Any = {"module": module, "system": system, "params": params or {}}
     read = checked
-    checked, chosen, problems, searches = _problems_or_found(checked, pick, budget_s)
-    results = _verify_problems(problems, refute, explain, search, _proved_by(searches))
+    checked, chosen, problems, searches = _problems_with_found_hints(checked, pick, budget_s)
+    results = _verify_problems(problems, refute, explain, search, _results_of_proved(searches))
     if budget_s and (refute if explain is None else explain):
         checked, results, further = _with_other_hints(checked, pick, results, searches, budget_s)
         searches += further
         chosen, problems = chosen_problems(checked, **pick) if further else (chosen, problems)
-    take_back_cells(results, searches)
+    remove_tried_advice(results, searches)
     assert checked.program is not None
     whole = {flat.name: flat for flat, _ in modules_of(checked, **pick)}
     coverage = coverage_of(checked, chosen, problems, params or {})
-    with settled_before(lambda: settled(*results)):
+    with settled_before(lambda: settled_in_words(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
             if result.problem.computed:
                 store_computed_sets(result)
@@ -117,10 +117,10 @@ def verify(
     return verification
 
 
-def _problems_or_found(
+def _problems_with_found_hints(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[CheckResult, list[tuple[System, Module]], list[Problem], tuple[ProofSearch, ...]]:
-    """The program, its modules and their problems; with hints found where it bounds no states."""
+    """The program, its modules and problems; with found hints where it bounds no states."""
     try:
         return checked, *chosen_problems(checked, **pick), ()
     except SoterError as error:
@@ -139,19 +139,19 @@ def _with_other_hints(
     searches: Sequence[ProofSearch],
     budget_s: float,
 ) -> tuple[CheckResult, list[ModuleResult], tuple[ProofSearch, ...]]:
-    """The program and results with other hints where its own leave modules undecided."""
+    """The program and the results, with other hints where its own leave modules undecided."""
     asked = {s.module for s in searches}
     others = [r for r in results if r.name not in asked and r.verdict == UNDECIDED]
     if not others:
         return checked, results, ()
-    from soter.verify.search.searched_program import searched_anew  # noqa: PLC0415 - rarely
+    from soter.verify.search.searched_program import with_better_hints  # noqa: PLC0415 - rarely
 
-    checked, further = searched_anew(checked, pick, others, budget_s)
-    proved = _proved_by(further)
+    checked, further = with_better_hints(checked, pick, others, budget_s)
+    proved = _results_of_proved(further)
     return checked, [proved.get(r.name, r) for r in results], further
 
 
-def _proved_by(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
+def _results_of_proved(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
     """The results of searches that proved their modules, by name."""
     return {s.module: s.result for s in searches if s.proved and s.result is not None}
 
@@ -200,7 +200,7 @@ def _verify_problems(
                 )
             results.append(mark_untried(result))
     except KeyboardInterrupt as stopped:
-        _say_what_is_settled(stopped, results, problems[len(results) :])
+        _note_settled_claims(stopped, results, problems[len(results) :])
         beside.shutdown(wait=False, cancel_futures=True)
         while not all(job is None or job.done() for job in needed):
             end_compilers()
@@ -211,13 +211,13 @@ def _verify_problems(
     return results
 
 
-def _say_what_is_settled(
+def _note_settled_claims(
     stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
 ) -> None:
-    """Adds what is settled to an interruption's notes; a module under way has added its own."""
+    """Adds the verdicts so far to an interruption's notes; a case under way has added its own."""
     later = [f"{p.name}: no claim settled" for p in open_]
     vars(stopped)["__notes__"] = [
-        *settled(*results),
+        *settled_in_words(*results),
         *getattr(stopped, "__notes__", later[:1]),
         *later[1:],
     ]
@@ -226,7 +226,7 @@ def _say_what_is_settled(
 def _may_be_attacked(problem: Problem) -> bool:
     """Whether a run of the problem's system that leaves C would be a run of the vehicle.
 
-    It would not in a view, nor where others move the plant arbitrarily.
+    In a view it would not, nor where others move the plant arbitrarily.
     """
     return not (problem.view or problem.influences)
 
@@ -273,7 +273,7 @@ def write_certificate(
         "schema": FORMAT,
         "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "main": main,
-        "params": _params(results),
+        "params": _parameter_entries(results),
         "program_sha256": program.sha256,
         "modules": modules,
         "assumptions": list({a.text: (a.key, a.text) for a in assumed}.values()),
@@ -283,9 +283,6 @@ def write_certificate(
     files[MANIFEST] = raw
     files[SEAL] = (hashlib.sha256(raw).hexdigest() + "\n").encode()
     _replace_folder(folder, files)
-
-
-# ---------------------------------------------------------------- the program
 
 
 def _program_files(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
@@ -303,10 +300,10 @@ def _main_file(program: TypedProgram, files: dict[str, bytes]) -> str:
     return name
 
 
-def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
-    """The values of all parameters, floats as C99 hexadecimal texts.
+def _parameter_entries(results: Sequence[ModuleResult]) -> dict[str, object]:
+    """The values of the parameters by name, floats as C99 hexadecimal texts.
 
-    Without those that are not the same in all systems: there each system says its own (`set`).
+    Parameters that differ between systems are left out: there each system says its own (`set`).
     """
     values: dict[str, Value] = {}
     differ: set[str] = set()
@@ -317,9 +314,6 @@ def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
     for name in differ:
         del values[name]
     return {n: v.hex() if isinstance(v, float) else v for n, v in values.items()}
-
-
-# ---------------------------------------------------------------- the folder
 
 
 def _replace_folder(folder: Path, files: dict[str, bytes]) -> None:

@@ -34,7 +34,7 @@ from soter.verify.attacked_system import (
     DRAWN,
     OWN,
     attacked_system,
-    reads_time,
+    may_read_time,
     true_topics_known_ns,
 )
 from soter.verify.problem.extract import extract
@@ -121,7 +121,7 @@ def _choice_lines(choices: Choices) -> list[str]:
 
 @dataclass(frozen=True)
 class Replay:
-    """What the interpreter saw of `system`, the attacked one.
+    """The steps that the interpreter saw of `system`, the attacked one.
 
     `time_ns`: the instant outside C, or the end of the turn.
     """
@@ -131,11 +131,8 @@ class Replay:
     system: System
 
 
-# ---------------------------------------------------------------- running
-
-
 def replay_choices(c: Counterexample, system: System) -> Replay | None:
-    """Runs a counterexample in the interpreter; None where it does not show what it says.
+    """Runs a counterexample in the interpreter; None where the run does not show what it claims.
 
     `system`: the verification system of the module, not yet attacked.
     """
@@ -155,16 +152,16 @@ def replay_choices(c: Counterexample, system: System) -> Replay | None:
 
 
 def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | None:
-    """The first instant, up to `until_ns`, at which `safe` is false on the true state.
+    """The run up to the first instant at which `safe` is false on the true state, or None.
 
     A `safe` that faults is not false: such an instant does not count.
     """
     run = _AttackedRun(variant, draws)
     known_ns = true_topics_known_ns(variant)
     while run.next_ns <= until_ns:
-        c = run.instant()
+        c = run.run_instant()
         if c.ct >= known_ns and run.is_unsafe():
-            return Replay(c.ct, run.steps(), variant)
+            return Replay(c.ct, run.last_steps(), variant)
     return None
 
 
@@ -174,15 +171,15 @@ def run_that_repeats(
     """The run if at `until_ns` it is where it was `cycle_ns` before, with SC in control all along.
 
     As choices are constant it then goes on like this for ever: no DM step of the turn saw `safer`
-    on a fresh reading. Else None.
+    on a fresh reading. None for any other run.
     """
-    if cycle_ns % variant.hyperperiod_ns or reads_time(variant, module):
+    if cycle_ns % variant.hyperperiod_ns or may_read_time(variant, module):
         return None
     run = _AttackedRun(variant, draws)
     began: object = None
     known_ns = true_topics_known_ns(variant)
     while run.next_ns <= until_ns:
-        c = run.instant()
+        c = run.run_instant()
         if c.ct >= known_ns and run.is_unsafe():
             return None
         if c.ct == until_ns - cycle_ns:
@@ -195,7 +192,7 @@ def run_that_repeats(
         or began != run.repeating_state(module)
     ):
         return None
-    return Replay(until_ns, run.steps(), variant)
+    return Replay(until_ns, run.last_steps(), variant)
 
 
 class _AttackedRun:
@@ -214,7 +211,7 @@ class _AttackedRun:
     def next_ns(self) -> int:
         return next_instant(self.interpreter.machine, self.c)
 
-    def instant(self) -> Configuration:
+    def run_instant(self) -> Configuration:
         events = _Events()
         self.c = self.interpreter.instant(self.c, record=events)  # type: ignore[arg-type]
         verdicts = tuple(events.verdicts)
@@ -244,7 +241,7 @@ class _AttackedRun:
             (repr(c.Topics), repr(c.L), ages),
         )
 
-    def steps(self) -> tuple[dict[str, Any], ...]:
+    def last_steps(self) -> tuple[dict[str, Any], ...]:
         """The last DM instants and the final one, for people."""
         documents = [self._step_document(*kept) for kept in self._last]
         if not self._last or self._last[-1][0] is not self.c:
@@ -289,9 +286,6 @@ class _Events:
         """Ignores violations: `is_unsafe` judges `safe`, since a fault is none here."""
 
 
-# ---------------------------------------------------------------- files
-
-
 def write_counterexample(c: Counterexample, path: Path) -> Path:
     """Writes a counterexample as JSON (docs/json.md)."""
     document = {
@@ -311,7 +305,7 @@ TIME_MAX = 10**15
 
 
 def read_counterexample(path: Path) -> Counterexample:
-    """Reads a counterexample; `ValueError` where the file is none of this schema."""
+    """Reads a counterexample; `ValueError` where the file has none of this schema."""
     document = parse_json(read_json_text(path))
     if not isinstance(document, dict) or document.get("kind") != "counterexample":
         raise ValueError(f"`{path}` is no counterexample")
@@ -390,7 +384,7 @@ def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
                 path = folder / f"{stem}.counterexample.json"
                 if _system_of(path) not in {None, report.system}:
                     path = folder / f"{stem}-{report.system}.counterexample.json"
-                _write_or_refuse(replace(run, facts=_facts(report, module)), path)
+                _write_or_refuse(replace(run, facts=_facts_of_run(report, module)), path)
                 finding.saved = path
 
 
@@ -402,7 +396,7 @@ def _system_of(path: Path) -> object:
         return None
 
 
-def _facts(report: VerifyReport, module: ModuleResult) -> dict[str, object]:
+def _facts_of_run(report: VerifyReport, module: ModuleResult) -> dict[str, object]:
     params = module.problem.system.params
     return {
         "program": report.path,
@@ -422,7 +416,7 @@ def _write_or_refuse(run: Counterexample, path: Path) -> None:
 
 
 def replay_file(path: Path) -> Replay | None:
-    """Runs the counterexample of a file in the interpreter; None: it does not show what it says.
+    """Runs the counterexample of a file in the interpreter; None: it does not show its claim.
 
     `ValueError` where the file is none, `AnotherVersionError` where it belongs to another text of
     the program, `SoterError` where the program cannot be read or has no such module any more.

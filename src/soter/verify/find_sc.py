@@ -29,7 +29,7 @@ from soter.verify import synthesized_sc
 from soter.verify.chosen_modules import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid import sets as grids
-from soter.verify.grid.grid_problem import of_problem
+from soter.verify.grid.grid_problem import grid_inputs_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
@@ -70,7 +70,7 @@ class CommandTable:
     """For each true cell of K, bit k is set if command k, held for a period, leads back into K."""
 
 
-def _and_of_masks(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
+def _and_along_axis(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
     """The bitwise AND of the masks first[i]..last[i] along an axis (within the grid)."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
@@ -94,8 +94,8 @@ class _Synthesis:
         self.group, self.commands, self.errors, self.prefer = group, commands, errors, prefer
         ffi, n, size = group.library.ffi, len(group.axes), allowed.size
         self.work = ffi.new("soter_reach_choice *")
-        self.memory = group.rounds(self.work.r)
-        self.allowed = group.bits(allowed)
+        self.memory = group.allocate_rounds(self.work.r)
+        self.allowed = group.bits_of(allowed)
         self.fine = np.empty(group.shape, dtype=np.uint64)
         self.image = np.empty((*group.shape, len(commands), n, 2), dtype=np.uint16)
         assert self.image.size == size * len(commands) * n * 2
@@ -104,7 +104,7 @@ class _Synthesis:
         w.image, w.commands = at(self.image, "uint16_t *"), at(commands, "double *")
         w.count = len(commands)
 
-    def settle(self) -> Bools:
+    def run_to_fixpoint(self) -> Bools:
         """Runs the engine to its fixpoint and returns K so far."""
         group, lib = self.group, self.group.library.lib
         while not lib.soter_reach_choice_continue(group.c, self.work, grids.SLICE_S, group.threads):
@@ -118,13 +118,13 @@ class _Synthesis:
         below, unless its own cell is in K: then it is that cell's as well.
         """
         masks = np.where(kept, self.fine, ALL)
-        touched = self.group.touched(self.errors)
+        touched = self.group.overlapped_cells(self.errors)
         exact = [not self.errors.get(s, 0.0) for s in self.group.axes]
         # exact axes first: while `masks` belong to true cells along the others, as `kept` does
         for axis in sorted(range(len(exact)), key=lambda axis: not exact[axis]):
             first, last = touched[axis]
             if not exact[axis]:
-                masks = _and_of_masks(masks, first, last, axis)
+                masks = _and_along_axis(masks, first, last, axis)
                 continue
             below = np.full_like(masks, ALL)
             into: list[slice] = [slice(None)] * masks.ndim
@@ -135,12 +135,12 @@ class _Synthesis:
         return masks
 
     def cells_in_conflict(self, kept: Bools, masks: Masks) -> Bools:
-        """Cells to give up because some estimate of theirs has no command that serves all.
+        """The cells to give up: an estimate of theirs has no command that serves all.
 
         Of the commands, the one that serves most of the compatible cells is kept.
         """
         wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
-        reach = self.group.touched(self.errors)
+        reach = self.group.overlapped_cells(self.errors)
         for cell in wanted:
             box = tuple(
                 slice(max(0, int(f[i]) - (not self.errors.get(s, 0.0))), int(t[i]) + 1)
@@ -155,11 +155,11 @@ class _Synthesis:
             lost[box] |= compatible & ((fine >> best) & np.uint64(1) == 0)
         return lost
 
-    def run(self) -> CommandTable:
+    def find_table(self) -> CommandTable:
         group, lib = self.group, self.group.library.lib
         lib.soter_reach_choice_begin(group.c, self.work)
         while True:
-            kept = self.settle()
+            kept = self.run_to_fixpoint()
             masks = self.masks_by_estimate(kept)
             if masks.all():
                 admits = np.where(kept, self.fine, np.uint64(0))
@@ -171,7 +171,7 @@ class _Synthesis:
     def command_by_cell(self, kept: Bools, masks: Masks) -> Bytes:
         """For each cell one of the commands that serve; 255 where no state of K can be.
 
-        It is the one whose image of the cell has the least `prefer` at its middle, else the first.
+        It is the one whose image of the cell has the least `prefer` at its middle, or the first.
         """
         count = len(self.commands)
         serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
@@ -208,7 +208,7 @@ def core_synthesis(
     assert rows.shape[1] == len(group.inputs.controls), "a value of every control"
     assert group.inputs.delay_ns == 0
     assert group.inputs.jitter_ns == 0
-    return _Synthesis(group, allowed, rows, errors or {}, prefer).run()
+    return _Synthesis(group, allowed, rows, errors or {}, prefer).find_table()
 
 
 HOLDS = (1, 2, 5, 10, 20, 50)
@@ -235,7 +235,7 @@ def synthesize(
     """
     assert checked.program is not None
     main = Path(checked.program.path)
-    _require_place(main, output)
+    _require_writable_place(main, output)
     written: list[Path] = []
     while True:
         todo = [
@@ -271,8 +271,8 @@ def _is_written_by_soter(output: Path) -> bool:
         return False
 
 
-def _require_place(main: Path, output: Path) -> None:
-    """`SoterError` U001, D008 where the program cannot be written to `output`."""
+def _require_writable_place(main: Path, output: Path) -> None:
+    """Raises `SoterError` U001 or D008 where the program cannot be written to `output`."""
     if output.resolve().parent != main.resolve().parent:
         message = f"`{output}` does not lie in the folder of `{main}`"
         helps = ("its imports and data are looked for beside it: choose a name there",)
@@ -320,11 +320,8 @@ def _no_controller_error(module: Module, why: str, helps: tuple[str, ...] = MORE
     return SoterError((Diagnostic("U009", message, at, notes=(why,), helps=helps),))
 
 
-# ---------------------------------------------------------------- what the engine says
-
-
 def _commands_with_best_hold(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
-    """The engine's answers for the hold with the largest K, and that hold."""
+    """The engine's answers for that hold (in periods of SC) with the largest K, and the hold."""
     best: tuple[CellCommands, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
         try:
@@ -343,8 +340,10 @@ def _commands_for_hold(problem: Problem, library: ReachLibrary, hold: int) -> Ce
     commands = command_combinations(problem)
     ranges = [(min(v), max(v)) for v in problem.commands]
     mixed = _grid_with_held_commands(problem, library, ranges, hold)
-    core, admits = _core_and_commands(mixed, mixed.constraint(hint=problem.has_core_hint), commands)
-    return CellCommands(core, admits, mixed.safe_for(mixed.inputs.period_ns, core))
+    core, admits = _core_and_commands(
+        mixed, mixed.compute_constraint(hint=problem.has_core_hint), commands
+    )
+    return CellCommands(core, admits, mixed.cells_safe_for(mixed.inputs.period_ns, core))
 
 
 def _core_and_commands(
@@ -363,13 +362,9 @@ def _grid_with_held_commands(
 
     Delay and jitter are left to the proof.
     """
-    inputs = of_problem(problem)
+    inputs = grid_inputs_of(problem)
     inputs = replace(
-        inputs,
-        controls=tuple(ranges),
-        period_ns=hold * inputs.period_ns,
-        delay_ns=0,
-        jitter_ns=0,
+        inputs, controls=tuple(ranges), period_ns=hold * inputs.period_ns, delay_ns=0, jitter_ns=0
     )
     axes = [(a.state, a.edges) for a in problem.groups[0].axes]
     return GridGroup(library, inputs, axes)
@@ -396,13 +391,15 @@ class _MovedPoints:
 
     def _moved_point(self, point: Floats) -> Floats:
         if self.problem.kind == "map":
-            return self._rates("next", point)
+            return self._middles_of_rates("next", point)
         h = self.seconds
-        first = self._rates("derivative", point)
-        half = self._rates("derivative", point + 0.5 * h * first)  # the midpoint rule: a guide
+        first = self._middles_of_rates("derivative", point)
+        half = self._middles_of_rates(
+            "derivative", point + 0.5 * h * first
+        )  # the midpoint rule: a guide
         return point + h * half
 
-    def _rates(self, name: str, point: Floats) -> Floats:
+    def _middles_of_rates(self, name: str, point: Floats) -> Floats:
         self.box[self.axes] = point[:, np.newaxis]
         bounds = self.forms.numbers(name, self.box, len(self.problem.states))
         if bounds is None:

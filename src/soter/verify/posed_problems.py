@@ -38,37 +38,38 @@ class PosedProblem:
 def posed_problems(
     checked: CheckResult, params: Mapping[str, Value]
 ) -> dict[tuple[str, str], PosedProblem]:
-    """By system and module what a proof has to show.
+    """The problem of each module, by system and module, as a text.
 
-    Of a module that is forced, inherits its proof, or poses no problem nothing has to be shown.
+    A module that is forced, inherits its proof, or poses no problem is left out.
     """
     posed: dict[tuple[str, str], PosedProblem] = {}
     for name in checked.systems or [""]:
         if name and checked.systems[name].deploys is not None:
             continue
         flat = system_to_prove(checked, name, params, exact=False)
-        posed |= {(flat.name, m): problem for m, problem in posed_by(flat).items()}
+        posed |= {(flat.name, m): problem for m, problem in posed_in(flat).items()}
     return posed
 
 
-def posed_by(flat: System) -> dict[str, PosedProblem]:
-    """By module what a flat system poses, as `system_to_prove` gives one; forced ones: nothing."""
-    posed = {m.name: _posed(flat, m) for m in flat.modules if m.forced is None}
+def posed_in(flat: System) -> dict[str, PosedProblem]:
+    """The problem of each module of a flat system, as a text; forced modules are left out."""
+    posed = {m.name: _posed_problem(flat, m) for m in flat.modules if m.forced is None}
     return {name: problem for name, problem in posed.items() if problem is not None}
 
 
 def step_text(flat: System, component: Component) -> PosedProblem:
-    """What the step of a node is made of: its code, what that calls, and its numbers."""
+    """The text of a node's step: its code, the functions that it calls, and its numbers."""
     return text_with_names(component_key(flat, component))
 
 
 def text_with_names(
     of: object, untrusted: frozenset[typed.NodeSymbol] = frozenset()
 ) -> PosedProblem:
-    """The text of anything of a program, and the names of the declarations in it.
+    """The text of any part of a program, and the names of the declarations in it.
 
-    `untrusted`: nodes whose code is left out, as no proof reads it; with any of them so are
-    contracts, which are judged in runs and tests, and how long simulated disturbances are held.
+    `untrusted`: nodes whose code is left out, as no proof reads it; if there are any, contracts are
+    left out, too, which are judged in runs and tests, and so is how long simulated disturbances are
+    held.
     """
     names: set[str] = set()
 
@@ -86,8 +87,8 @@ def text_with_names(
     return PosedProblem(canonical_text(of, instead), frozenset(names))
 
 
-def _posed(flat: System, module: Module) -> PosedProblem | None:
-    """What a module poses; None where no problem can be made of it, so that nothing is proved."""
+def _posed_problem(flat: System, module: Module) -> PosedProblem | None:
+    """The problem of a module as a text; None where no problem can be made of it."""
     verify = module.symbol.verify
     around = flying_key(flat, module) if verify.abstracts or verify.views else ()
     try:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
 from soter.native.cache import cache_dir, digest, find_cached, is_ours, new_entry, soter_sha256
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ WORST = ("proved", "assumed", "undecided", "refuted")
 
 
 def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> None:
-    """Stores the verdicts of `of`, each of a module of the flat system at the same place.
+    """Stores the verdicts of results, each of a module of the flat system at the same place.
 
     A module that is proved in views has one result for each: the worst counts. That the cache
     cannot be written is no error.
@@ -53,9 +53,9 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
             n: max((r.findings[n].verdict for r in results if n in r.findings), key=WORST.index)
             for n in names
         }
-        assumptions = texts(a for r in results for a in r.assumptions)
+        assumptions = assumption_texts(a for r in results for a in r.assumptions)
         text = json.dumps({"verdicts": verdicts, "assumptions": assumptions}, sort_keys=True)
-        name, content = _entry_name(system, module), _content(system, module)
+        name, content = _entry_name(system, module), _content_hash(system, module)
         try:
             with new_entry(f"{name}-{digest((text,))[:8]}", content, (FILE,)) as entry:
                 (entry / FILE).write_text(text, encoding="utf-8")
@@ -89,7 +89,7 @@ def _cached_proof(system: System, module: str) -> Proof | None:
         entries = sorted(cache_dir().glob(f"{name}-*"))
         if not entries:
             return None
-        content = _content(system, module)
+        content = _content_hash(system, module)
         texts = set()
         for entry in entries:
             at = find_cached(entry.name.rsplit("-", 1)[0], content, (FILE,))
@@ -118,7 +118,7 @@ def _entry_name(system: System, module: str) -> str:
     return f"proof-{digest(_key_parts(system, module))[:24]}"
 
 
-def _content(system: System, module: str) -> str:
+def _content_hash(system: System, module: str) -> str:
     return digest((*_key_parts(system, module), soter_sha256()))
 
 

@@ -62,7 +62,7 @@ def _claims_entry(result: ModuleResult) -> dict[str, str]:
 
 
 def figures_entry(problem: Problem) -> dict[str, object]:
-    """The figures in a module's entry that its problem has: times, ranges, chosen levels.
+    """The part of a module's entry about figures of its problem: times, ranges, chosen levels.
 
     States that are followed by tubes are on no grid, and have no ranges there.
     """
@@ -88,7 +88,7 @@ def figures_entry(problem: Problem) -> dict[str, object]:
 def built_entry(
     problem: Problem, built: Sequence[LevelTable], files: dict[str, bytes]
 ) -> dict[str, object]:
-    """What the entry of a module's proof has of all that its DM is built with; files are added."""
+    """The part of the entry of a proof from which its DM is built; adds the files."""
     names = [s.name for s in problem.quantities.states]
     made = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
     if problem.kind == TUBES:
@@ -111,7 +111,7 @@ def _table_entries(
 def inputs_entries(
     kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
 ) -> Iterator[dict[str, str]]:
-    """The entries of a kind of inputs, with their ranges."""
+    """The entries of inputs of one kind, with their ranges."""
     for leaf, r in zip(leaves, ranges, strict=True):
         low, high = float(r.low).hex(), float(r.high).hex()
         yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
@@ -152,7 +152,7 @@ def _case_entry(
     groups = []
     for k, proof in enumerate(case.proofs):
         own: dict[str, bytes] = {}
-        group = proof.entry(problem, f"{stem}_{k}", own)
+        group = proof.certificate_entry(problem, f"{stem}_{k}", own)
         _drop_unclaimed_sets(group, own, claims, computed=problem.computed)
         files.update(own)
         groups.append(group)

@@ -1,8 +1,8 @@
 """The results of the prover as the record of a page that can be filed (`report/proof_page.py`).
 
-Purpose: `page` makes the record of results: properties, times, shares, the paper's regions R1 to R5
-of every group, assumptions, the trusted base, hashes. `leaving_figures` draws the run of the model
-that leaves C soonest: the axis by which it leaves over time, and the plane of two axes of its
+Purpose: `proof_page` makes the record of results: properties, times, shares, the paper's regions R1
+to R5 of every group, assumptions, the trusted base, hashes. `leaving_figures` draws the run of the
+model that leaves C soonest: the axis by which it leaves over time, and the plane of two axes of its
 group, with C at the cells in which the run starts.
 Non-goals: the page's looks (`report/proof_page.py`); finding the run (`diagnosis/model_runs.py`).
 """
@@ -31,9 +31,9 @@ from soter.report.proof_page import (
     write_proof,
 )
 from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED, REGIONS_SHOWN
-from soter.verify.grid.set_figures import regions
-from soter.verify.problem.problem import NODES, TUBES, texts
-from soter.verify.scope import rows_of
+from soter.verify.grid.set_figures import region_of_each_cell
+from soter.verify.problem.problem import NODES, TUBES, assumption_texts
+from soter.verify.scope import composed_assumptions_of
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
     else:
         k = [a.state for a in sets.group.axes].index(axis)
         edges = np.asarray(sets.group.axes[k].edges)
-        inside = np.moveaxis(regions(sets), k, 0)
+        inside = np.moveaxis(region_of_each_cell(sets), k, 0)
         inside = _slice_through(inside, 1, _start_cells(sets, run, (k,)))
     edges, inside = _with_margin(edges, inside)
     end = float(run.time_s[-1])
@@ -132,7 +132,7 @@ def _figure_of_plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigur
     k = [a.state for a in axes].index(axis)
     other = 0 if k else 1
     first, second = sorted((k, other))
-    cells = np.moveaxis(regions(sets), (first, second), (0, 1))
+    cells = np.moveaxis(region_of_each_cell(sets), (first, second), (0, 1))
     cells = _slice_through(cells, 2, _start_cells(sets, run, (first, second)))
     x, cells = _with_margin(np.asarray(axes[first].edges), cells)
     y, turned = _with_margin(np.asarray(axes[second].edges), cells.T)
@@ -198,18 +198,18 @@ SHARES = {
 
 def write_report(report: VerifyReport, path: Path) -> Path:
     """Writes the page; `SoterError` D006 where it cannot be written."""
-    return write_proof(page(report), path)
+    return write_proof(proof_page(report), path)
 
 
 def page_text(report: VerifyReport) -> str:
     """The page as one HTML text."""
-    return proof_document(page(report))
+    return proof_document(proof_page(report))
 
 
-def page(report: VerifyReport) -> ProofPage:
+def proof_page(report: VerifyReport) -> ProofPage:
     """The page as data."""
-    names = ", ".join(_names(report)) or "no module"
-    assumptions = texts(a for m in report.modules for a in m.assumptions)
+    names = ", ".join(_module_names(report)) or "no module"
+    assumptions = assumption_texts(a for m in report.modules for a in m.assumptions)
     under = f", under {len(assumptions)} assumptions" if report.verdict == "proved" else ""
     taken = {n for m in report.modules for n in m.assumed}
     under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
@@ -231,11 +231,13 @@ def page(report: VerifyReport) -> ProofPage:
             "numpy": np.__version__,
         },
         together=report.together if report.composed else "",
-        taken=tuple(TakenRow(t.module, t.what, t.why, t.open) for t in rows_of(report)),
+        taken=tuple(
+            TakenRow(t.module, t.what, t.why, t.open) for t in composed_assumptions_of(report)
+        ),
     )
 
 
-def _names(report: VerifyReport) -> list[str]:
+def _module_names(report: VerifyReport) -> list[str]:
     """The names of the modules; one that is proved in views appears once."""
     views = Counter(m.name.removesuffix(f" as {m.problem.view}") for m in report.modules)
     viewed = any(m.problem.view for m in report.modules)
@@ -252,7 +254,7 @@ def _trusted_base(report: VerifyReport) -> tuple[str, ...]:
 
 
 def _vacuity_clause(report: VerifyReport) -> str:
-    """A clause for the headline that proofs of some modules say little; "": they do not."""
+    """A clause for the headline on modules whose proofs say little; "": there are none."""
     held = [m for m in report.modules if m.verdict in HOLDING]
     little = [m for m in held if m.vacuity is not None]
     if report.verdict not in ("proved", "assumed") or not little:
@@ -300,7 +302,7 @@ def _headline(m: ModuleResult) -> str:
 
 
 def _keeps_in_words(m: ModuleResult) -> str:
-    """Words on whether `safe` is kept: P2b and the fail-safe law do not matter for that."""
+    """Words on whether `safe` is kept, for which P2b and the fail-safe law do not matter."""
     shown = all(f.holds for n, f in m.findings.items() if n not in ("P2b", "failsafe"))
     return "keeps" if shown else "not shown: that it keeps"
 
@@ -343,9 +345,6 @@ def _time_rows(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
         ("H*", "needed", t.h_star),
     ]
     return tuple((symbol, meaning, show_ns(ns)) for symbol, meaning, ns in rows)
-
-
-# ---------------------------------------------------------------- regions
 
 
 def _region_figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:

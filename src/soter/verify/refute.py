@@ -1,6 +1,6 @@
 """Looks for a run that leaves C, the states where `safe` holds: the verdict `refuted`.
 
-Purpose: `refute` makes many short native runs of the closed system under attack
+Purpose: `search_leaving_run` makes many short native runs of the closed system under attack
 (`attacked_system.py`), with the environment and the AC at their bounds in seeded patterns
 (`semantics/draws.py`). A run found natively is run again by the interpreter, recorded as choices,
 and replayed from these alone; only that replay refutes. `enter_refutations` does this for claims
@@ -35,7 +35,7 @@ from soter.verify.attacked_system import (
     OWN,
     NotAttackableError,
     attacked_system,
-    reads_time,
+    may_read_time,
     true_topics_known_ns,
 )
 from soter.verify.claims.claims import CLAMP
@@ -76,21 +76,23 @@ class RefutationSearch:
     """Why nothing could be tried, in words; "": it could."""
 
 
-def refute(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
+def search_leaving_run(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
     """Looks for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
 
     `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
     real one without externs.
     """
-    return _search(system, module, budget_s, _leaving_runs)
+    return _search_by_attacks(system, module, budget_s, _leaving_runs)
 
 
-def refute_return(system: System, module: str, budget_s: float = 5.0) -> RefutationSearch:
+def search_run_without_return(
+    system: System, module: str, budget_s: float = 5.0
+) -> RefutationSearch:
     """Looks for a run on which SC gets control and the DM never gives it back (P2b)."""
-    return _search(system, module, budget_s, _cycling_runs)
+    return _search_by_attacks(system, module, budget_s, _cycling_runs)
 
 
-def _search(
+def _search_by_attacks(
     system: System,
     module: str,
     budget_s: float,
@@ -98,7 +100,7 @@ def _search(
 ) -> RefutationSearch:
     """Runs the attacks in turn until a run is confirmed, none has more, or the budget is spent."""
     index = next(m.index for m in system.modules if m.name == module)
-    attacks, hindrance = _attacks(system, index)
+    attacks, hindrance = _possible_attacks(system, index)
     clock = _SearchBudget(budget_s)
     counterexample = None
     streams = [runs(a, clock) for a in attacks]
@@ -118,7 +120,7 @@ def _search(
     return RefutationSearch(counterexample, clock.runs, hindrance)
 
 
-def _attacks(system: System, index: int) -> tuple[list[_Attack], str]:
+def _possible_attacks(system: System, index: int) -> tuple[list[_Attack], str]:
     hindrance = ""
     attacks = []
     externs = {c.index for c in system.components if c.extern}
@@ -155,9 +157,6 @@ def _confirmed_by_interpreter(candidate: Counterexample, system: System) -> Coun
     return None if again is None else replace(written, steps=again.steps)
 
 
-# ---------------------------------------------------------------- native runs
-
-
 class _SearchBudget:
     """A budget in CPU seconds of this process, so that a busy machine changes little."""
 
@@ -185,7 +184,7 @@ class _Attack:
         path = library(unit, "-O2", ("-DSOTER_ADVERSARY",))
         self.library = Library(path, unit.prefix, unit.layout.size)
 
-    def start(self, seed: int) -> Any:  # noqa: ANN401 - bytes of a state
+    def new_state(self, seed: int) -> Any:  # noqa: ANN401 - bytes of a state
         return self.library.new_state(seed)
 
     def run_until(self, state: Any, until_ns: int) -> Any:  # noqa: ANN401 - a numpy record
@@ -193,7 +192,7 @@ class _Attack:
         assert status is RunStatus.END, status
         return state.view(self.dtype)[0]
 
-    def candidate(
+    def new_candidate(
         self, shows: str, seed: int, time_ns: int, cycle_ns: int | None
     ) -> Counterexample:
         return Counterexample(
@@ -225,11 +224,11 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
         for pattern in patterns:
             for k in range(first, first + seeds):
                 seed = (pattern << 56) | k
-                row = attack.run_until(attack.start(seed), until_ns)
+                row = attack.run_until(attack.new_state(seed), until_ns)
                 clock.runs += 1
                 seen_ns = int(row["properties"][0]["first_ns"])
                 if seen_ns != NEVER and seen_ns >= known_ns:
-                    yield attack.candidate(LEAVES, seed, seen_ns, None)
+                    yield attack.new_candidate(LEAVES, seed, seen_ns, None)
                 if k % 8 == 0:
                     yield _NOTHING
         first += seeds
@@ -237,15 +236,15 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Candidates that repeat a state; choices are constant, so it comes back for ever."""
-    if reads_time(attack.variant, attack.index):
+    """Candidates that repeat a state: choices are constant, so the run repeats for ever."""
+    if may_read_time(attack.variant, attack.index):
         return
     turn_ns = attack.variant.hyperperiod_ns
     for periods in CYCLE_LENGTHS:
         at_ns = -(-periods * attack.module.period_ns // turn_ns) * turn_ns
         for k in range(1, CYCLE_SEEDS + 1):
             seed = (CORNER << 56) | k
-            state = attack.start(seed)
+            state = attack.new_state(seed)
             row = attack.run_until(state, at_ns)
             began, returns = (
                 _repeating_state(attack, state, row),
@@ -258,7 +257,7 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
                 if module_row["mode"] or int(module_row["to_ac"]) != returns or module_row["stale"]:
                     break
                 if _repeating_state(attack, state, row) == began:
-                    yield attack.candidate(CYCLE, seed, at_ns + turn * turn_ns, turn * turn_ns)
+                    yield attack.new_candidate(CYCLE, seed, at_ns + turn * turn_ns, turn * turn_ns)
                     break
             yield _NOTHING
 
@@ -281,7 +280,7 @@ def enter_refutations(problem: Problem, result: ModuleResult) -> None:
         return  # the DM or SC that would run is not there yet
     if any(findings[p].verdict == UNDECIDED for p in SAFETY):
         began = time.perf_counter()
-        search = refute(problem.system, problem.module.name)
+        search = search_leaving_run(problem.system, problem.module.name)
         if search.found is not None:
             for name in _refuted_properties(findings, search.found):
                 _enter_run(findings, name, search.found, time.perf_counter() - began)
@@ -289,7 +288,7 @@ def enter_refutations(problem: Problem, result: ModuleResult) -> None:
             _note_runs(findings, SAFETY, search)
     if findings["P2b"].verdict == UNDECIDED:
         began = time.perf_counter()
-        search = refute_return(without_latches(problem.system), problem.module.name)
+        search = search_run_without_return(without_latches(problem.system), problem.module.name)
         if search.found is not None:
             _enter_run(findings, "P2b", search.found, time.perf_counter() - began)
         else:

@@ -2,8 +2,9 @@
 
 Purpose: `coverage_of` names, for every other system that holds a module, whether it poses the same
 problem or is not covered, and finds who guarantees what a module relies on: a part of some module's
-`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition). `rows_of` makes
-of that, with the verdicts of a report, the rows of a table for the terminal and the page.
+`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition).
+`composed_assumptions_of` makes of that, with the verdicts of a report, the rows of a table for the
+terminal and the page.
 Non-goals: proofs; verdicts (`claims/results.py`).
 """
 
@@ -40,7 +41,7 @@ TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 
 def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: float) -> str:
-    """The name of a module whose `safe` keeps a driven leaf within [low, high]; "": none.
+    """The name of a module whose `safe` keeps a driven leaf within [low, high]; "": none does.
 
     `safe` has to leave room for the measurement error of what is published.
     """
@@ -73,7 +74,7 @@ def publisher_of(flat: System, plant: Component) -> str:
 
 
 def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
-    """The range in which single parts of `safe` keep a leaf."""
+    """The range in which the single conditions of `safe` keep a leaf."""
     symbol = module.whole or module.symbol
     low, high = -math.inf, math.inf
     calculator = Calculator(Diagnostics(), module.scope.params)
@@ -97,7 +98,7 @@ def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
 
 
 def _leaf_of_expression(module: Module, e: typed.TypedExpr) -> tuple[int, int] | None:
-    """The (topic, number of the leaf) that an expression is; None where it is no leaf."""
+    """The (topic, number of the leaf) that an expression reads; None where it is not one leaf."""
     path: list[int] = []
     while isinstance(e, typed.TypedField):
         path.append(e.index)
@@ -118,7 +119,7 @@ Chosen = list[tuple["System", "Module"]]
 def coverage_of(
     checked: CheckResult, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
 ) -> VerificationScope:
-    """The scope of a verification: what else it covers beside the chosen modules, and what not."""
+    """The scope of a verification: the modules that it covers beside the chosen ones, or not."""
     covered, uncovered = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
@@ -146,9 +147,6 @@ def coverage_of(
     return VerificationScope(
         tuple(covered), tuple(dict.fromkeys(uncovered)), tuple(used.items()), tuple(guarantees)
     )
-
-
-# ---------------------------------------------------------------- other systems
 
 
 def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> list[int]:
@@ -185,7 +183,7 @@ def problem_key(problem: Problem) -> object:
     """A key that is equal where two modules pose the same problem.
 
     It holds all that sets and claims are computed from; components are compared by their
-    declaration and by all of their numbers, but for AC, of which no proof reads the code.
+    declaration and all of their numbers, except AC, of which no proof reads the code.
     """
     ac = problem.module.ac
     components = tuple(
@@ -262,9 +260,6 @@ def _topic_key(system: System, index: int) -> object:
     return (topic.name, topic.bounds, topic.default, topic.max_age_ns, topic.driver)
 
 
-# ---------------------------------------------------------------- contracts, composition
-
-
 def _unproved_contracts(flat: System, module: Module) -> list[str]:
     sc = flat.components[module.sc].node
     judged = "judged in runs and tests, no part of the proof"
@@ -307,7 +302,7 @@ def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[Scop
 
 
 def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
-    """The guarantees on which a module relies, outside of itself, and who gives each."""
+    """The guarantees on which a module relies, outside of itself, and who sees to each."""
     guarantees = _set_guarantees(flat, module, problem)
     guarantees += _mode_guarantees(problem)
     guarantees += _influence_guarantees(flat, problem)
@@ -333,7 +328,7 @@ def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[Scope
 
 
 def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
-    """Guarantees about modes of other modules: none are needed, but where P2b waits for them."""
+    """The guarantees about modes of other modules; only P2b needs any, where it waits for them."""
     if problem.modes is None:
         return []
     guarantees = [
@@ -347,7 +342,7 @@ def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
 
 
 def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee]:
-    """Guarantees for what others publish and the module's plants read: who keeps it in its set."""
+    """The guarantees that what others publish, and the plants read, stays in its set."""
     guarantees = []
     for i in problem.influences:
         index, by = _flying_topic(flat, problem, i.topic)
@@ -391,18 +386,18 @@ class ComposedAssumption:
     promised: bool = False
 
 
-def rows_of(report: VerifyReport) -> list[ComposedAssumption]:
+def composed_assumptions_of(report: VerifyReport) -> list[ComposedAssumption]:
     """The rows of a report; a module that is proved in views appears once."""
     views = {m.name: m.problem.view for m in report.modules}
     verdicts = {m.name.removesuffix(f" as {views[m.name]}"): m.verdict for m in report.modules}
     rows = []
     for g in report.coverage.guarantees:
         module = g.module.removesuffix(f" as {views.get(g.module, '')}")
-        rows.append(ComposedAssumption(module, g.what, *_why_it_may(g, verdicts)))
+        rows.append(ComposedAssumption(module, g.what, *_reason_and_status(g, verdicts)))
     return list(dict.fromkeys(rows))
 
 
-def _why_it_may(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
+def _reason_and_status(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
     if g.how == "guaranteed":
         verdict = verdicts.get(g.by, "not verified here")
         return f"`safe` of {g.by}: {verdict}", verdict != "proved", True

@@ -119,16 +119,13 @@ def command_combinations(problem: Problem) -> list[tuple[float, ...]]:
     return list(product(*problem.commands))
 
 
-# ---------------------------------------------------------------- preferences
-
-
 def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
     """For each block the command that leads soonest to where an adversary needs longest for harm.
 
-    It is value iteration on the middles with multilinear interpolation: a guide, no proof.
+    It is found by value iteration on the middles with multilinear interpolation: a guide, no proof.
     """
     start = np.where(inside, NEVER, 0.0)
-    margin = _iterated(
+    margin = _iterate_until_still(
         start, lambda f: np.where(inside, 1.0 + np.min([m(f) for m in moves], axis=0), 0.0)
     )
     goal = inside & (margin >= GOAL_SHARE * np.where(inside, margin, 0.0).max())
@@ -140,13 +137,13 @@ def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) ->
     def better(time: Floats) -> Floats:
         return np.where(goal, 0.0, np.where(inside, costs(time).min(axis=0), NEVER))
 
-    time = _iterated(np.where(goal, 0.0, NEVER), better)
+    time = _iterate_until_still(np.where(goal, 0.0, NEVER), better)
     gain = np.where(refused, -1.0, np.stack([m(margin) for m in moves]))
     best: Ints = np.where(goal, gain.argmax(axis=0), costs(time).argmin(axis=0))
     return best
 
 
-def _iterated(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
+def _iterate_until_still(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
     for _ in range(SWEEPS_MAX):
         following = better(f)
         moved = np.abs(following - f).max()
@@ -159,7 +156,7 @@ def _iterated(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
 def _interpolation(
     low: Sequence[float], width: Sequence[float], points: Floats, shape: tuple[int, ...]
 ) -> Read:
-    """Indices and weights that interpolate a function on the blocks' middles, constant beyond."""
+    """A function that interpolates values at the blocks' middles, constant beyond them."""
     firsts, shares = [], []
     for k, n in enumerate(shape):
         place = np.clip((points[..., k] - low[k]) / width[k] - 0.5, 0.0, n - 1.0)
@@ -174,9 +171,6 @@ def _interpolation(
         weights.append(reduce(np.multiply, parts))
     where, weight = np.stack(indices), np.stack(weights)
     return lambda f: (weight * f.ravel()[where]).sum(axis=0)
-
-
-# ---------------------------------------------------------------- blocks of cells
 
 
 def _cells_within(cells: Bools, radius: int) -> Bools:
@@ -204,7 +198,7 @@ def votes_by_block(votes: Bools, stride: int) -> Ints:
 
 
 def _with_neighbours_entries(entries: Ints, known: Bools) -> Ints:
-    """The entries with unknown ones copied from known neighbours, layer by layer."""
+    """The entries, unknown ones copied from known neighbours, layer by layer."""
     result: Ints = entries.copy()
     left = ~known
     while left.any() and not left.all():
@@ -264,7 +258,7 @@ def program_with_law(problem: Problem, table: LawTable) -> SynthesizedSource:
 
 
 def free_name(name: str, text: str) -> str:
-    """`name` with as many underscores that the text does not have it."""
+    """`name` with so many underscores that it does not stand in the text."""
     while name in text:
         name += "_"
     return name
@@ -293,9 +287,6 @@ def _table_bytes(problem: Problem, table: LawTable) -> bytes:
     stream = io.BytesIO()
     np.save(stream, parts if len(sizes) > 1 else parts[0], allow_pickle=False)
     return stream.getvalue()
-
-
-# ---------------------------------------------------------------- the node
 
 
 def _node_lines(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[str]:

@@ -20,7 +20,12 @@ from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.assumption_words import in_words
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims
-from soter.verify.claims.choice import choose, given_up_note, shrink_core, with_way_back
+from soter.verify.claims.choice import (
+    choose_cells_and_levels,
+    given_up_note,
+    shrink_core,
+    with_way_back,
+)
 from soter.verify.claims.claims import (
     HOW,
     IN_PROOF,
@@ -29,12 +34,12 @@ from soter.verify.claims.claims import (
     enter_static_claims,
     find_way_back,
     find_way_back_for_report,
+    keys_of_shown_scheme,
     note_narrowed_leaves,
     postpone_p2b,
-    scheme_diverges,
-    shown_scheme,
     solution_assumptions,
     weaken_if_waiting,
+    why_scheme_diverges,
 )
 from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_for_law
 from soter.verify.claims.results import (
@@ -52,12 +57,12 @@ from soter.verify.claims.start import why_not_entered
 from soter.verify.deploy import deployed_sensors
 from soter.verify.diagnosis.vacuity import (
     OF_NOTHING,
-    at_the_start,
-    say_of_nothing,
-    vacuity,
+    note_on_start,
+    tell_vacuity_in_row,
+    worst_vacuity,
 )
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.grid.case import Case, ClaimTimer, settled, settled_before
+from soter.verify.grid.case import Case, ClaimTimer, settled_before, settled_in_words
 from soter.verify.grid.claims import HOW as HOW_ON_GRIDS
 from soter.verify.grid.claims import proved_in_words
 from soter.verify.grid.grid_refinement import announce_work, refined_groups, refinement_note
@@ -65,11 +70,11 @@ from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.scheme_error import STIFF_HINT
 from soter.verify.induction import verify as induction
 from soter.verify.induction.verify import verify_by_induction
-from soter.verify.problem.extract import cases
+from soter.verify.problem.extract import parameter_cases
 from soter.verify.problem.problem import Assumption
 from soter.verify.problem.supported_constructs import note_on_ages
 from soter.verify.proof_methods import entry_over_sets
-from soter.verify.tubes.verify import entry as tubes_entry
+from soter.verify.tubes.verify import certificate_entry as tubes_entry
 from soter.verify.tubes.verify import verify_by_tubes
 
 if TYPE_CHECKING:
@@ -107,8 +112,8 @@ def verify_module(
 ) -> ModuleResult:
     """Verifies one module; `SoterError` R... where its program cannot be enclosed.
 
-    `explain`: find out why something stays undecided; None: as `refute`. `compiled`: what
-    `library_of` gives. `search` is there because every method takes it, and is not used.
+    `explain`: find out why something stays undecided; None: as `refute`. `compiled`: the result of
+    `library_of`. `search` is there because every method takes it, and is not used.
     """
     del search
     began = time.perf_counter()
@@ -124,12 +129,12 @@ def verify_module(
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _return_time_s(done, result)
     result.shares = _least_shares(done)
-    result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
-    say_of_nothing(result)
+    result.vacuity, result.at_the_start = worst_vacuity(done), note_on_start(done)
+    tell_vacuity_in_row(result)
     if refute:
         phase(f"{problem.name}: looking for a counterexample")
     share_done(ATTACKED)
-    with telling(None), settled_before(lambda: settled(result)):
+    with telling(None), settled_before(lambda: settled_in_words(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
             from soter.verify.refute import enter_refutations  # noqa: PLC0415 - compiles all of it
 
@@ -148,7 +153,7 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
     problem, done = chosen.problem, chosen.done or []
     entered, why_unentered = _hand_over_assumptions(problem, done)
     ages = note_on_ages(problem.module.symbol.ttf)
-    scheme, solutions = shown_scheme(problem, done), solution_assumptions(problem, done)
+    scheme, solutions = keys_of_shown_scheme(problem, done), solution_assumptions(problem, done)
     notes = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
         problem,
@@ -169,9 +174,6 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
     return result
 
 
-# ---------------------------------------------------------------- all cases
-
-
 def _choose_cells_and_levels(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
     """All cases on the chosen cells and levels, and the CPU seconds of the first attempt."""
     spent: list[float] = []
@@ -183,11 +185,11 @@ def _choose_cells_and_levels(problem: Problem, library: ReachLibrary) -> tuple[C
         spent.append(time.process_time() - began)
         return done
 
-    return choose(problem, attempt), spent[0]
+    return choose_cells_and_levels(problem, attempt), spent[0]
 
 
 def _all_cases(problem: Problem, library: ReachLibrary) -> list[Case]:
-    every = list(cases(problem))
+    every = list(parameter_cases(problem))
     done = []
     for i, parameter in enumerate(every):
         with between(i / len(every), (i + 1) / len(every), STAGES):
@@ -209,7 +211,7 @@ def _case_on_finer_grids(
         try:
             _examine_return(case, find_way_back_for_report)
         except UnboundedError as error:
-            _fail_as_unbounded(case, error)
+            _enter_unbounded_failures(case, error)
     return case
 
 
@@ -226,11 +228,11 @@ def _examined_case(
         case = claims.open_case(problem, library, groups, parameter, before)
         _examine_claims(case)
     except UnboundedError as error:
-        _fail_as_unbounded(case, error)
+        _enter_unbounded_failures(case, error)
     return case
 
 
-def _fail_as_unbounded(case: Case, error: UnboundedError) -> None:
+def _enter_unbounded_failures(case: Case, error: UnboundedError) -> None:
     for claim in CLAIMS:
         case.fail(claim, str(error), hint=error.hint)
 
@@ -257,16 +259,13 @@ def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
         check_return_time(case)
 
 
-# ---------------------------------------------------------------- verdicts
-
-
 def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> None:
     """Enters the findings on all properties but DM; `unentered`: why `enters` is not shown."""
     problem, findings = result.problem, result.findings
     enter_static_claims(problem, result)
     findings |= {claim: _finding_on_claim(problem, done, claim) for claim in CLAIMS}
     findings["P3"] = _p3_finding(result, sum(c.spent.get("P3", 0.0) for c in done))
-    if "scheme" in result.assumed and (diverges := scheme_diverges(problem)):
+    if "scheme" in result.assumed and (diverges := why_scheme_diverges(problem)):
         _weaken_if_proved(findings["P2a"], diverges, STIFF_HINT)
     for claim in ("P2a", "P3") if unentered else ():
         _weaken_if_proved(findings[claim], unentered, NOT_ENTERED)
@@ -358,7 +357,7 @@ def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
     names = [p.name for p in problem.parameters]
     for case in done:
-        for failure in case.failed(claim):
+        for failure in case.failures_of(claim):
             finding.weaken_to(UNDECIDED)
             finding.text = finding.text or failure.text
             finding.hint = finding.hint or failure.hint
@@ -426,13 +425,10 @@ def _least_shares(done: list[Case]) -> dict[str, float]:
     return {name: min(values) for name, values in shares_by_name.items()}
 
 
-# ---------------------------------------------------------------- diagnosis
-
-
 def _attempt_problem(problem: Problem) -> list[Case]:
     """Every case of a changed problem, settled as if it were declared."""
     library, _ = library_of(problem)
-    return choose(problem, lambda p: _all_cases(p, library)).done or []
+    return choose_cells_and_levels(problem, lambda p: _all_cases(p, library)).done or []
 
 
 @dataclass(frozen=True)
@@ -449,12 +445,12 @@ class ModuleMethod:
     """What `verify` needs as `compiled`, and makes itself where it is None."""
 
 
-SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers, library_of)
+SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.check_sensors, library_of)
 METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,
     "nodes": ModuleMethod(verify_by_induction, induction.entry, induction.covers),
-    "tubes": ModuleMethod(verify_by_tubes, tubes_entry, deployed_sensors.covers),
+    "tubes": ModuleMethod(verify_by_tubes, tubes_entry, deployed_sensors.check_sensors),
 }
 
 

@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
-from soter.verify.chosen_modules import refuse_forced
+from soter.verify.chosen_modules import refuse_forced_modules
 from soter.verify.problem.extract import extract
 from tables import all_rows
 from unit.diagnostics.page_examples import mended, wrong
@@ -39,7 +39,7 @@ def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:
     diagnostics: tuple[Diagnostic, ...] = ()
     for module in flat.modules:
         try:
-            refuse_forced([(flat, module)])
+            refuse_forced_modules([(flat, module)])
             for seen in systems_by_view(flat, module):
                 extract(*seen)
         except SoterError as error:

@@ -26,7 +26,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import Literal
 from soter.verify.deploy import missing_predicates
-from soter.verify.deploy.proof_transfer import what_differs
+from soter.verify.deploy.proof_transfer import difference_from_certificate
 from soter.verify.problem.problem import Leaf, Problem
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, rest_entry
@@ -258,7 +258,7 @@ class Robot:
         here = self.program.declared()
         there = here.proved
         assert there is not None
-        missing_predicates.install(there, there.modules[0], made.problem, tables)
+        missing_predicates.install_predicates(there, there.modules[0], made.problem, tables)
         missing_predicates._copy_predicates(here, there)
         return here
 
@@ -285,7 +285,7 @@ class Robot:
 
     def differs(self, made: Made) -> str:
         """What `build --cert` finds to be another than in the certificate."""
-        return what_differs(self.certificate, *self.names, made.problem, made.tables)
+        return difference_from_certificate(self.certificate, *self.names, made.problem, made.tables)
 
 
 ROBOTS: dict[str, Robot] = {}
@@ -365,7 +365,10 @@ def test_each_number_of_a_certificate_about_the_dm_is_compared(robot: Robot) -> 
                 part = part[key]
             part[at[-1]] = other(figure, right.contents)
         made = robot.made
-        assert what_differs(certificate, *robot.names, made.problem, made.tables), (at, figure)
+        assert difference_from_certificate(certificate, *robot.names, made.problem, made.tables), (
+            at,
+            figure,
+        )
         changed += 1
     assert changed > 20
 

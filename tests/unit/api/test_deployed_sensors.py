@@ -205,6 +205,6 @@ def _one(instants: tuple[int, ...], slacks: tuple[int, ...]) -> bool:
 
 def test_rates_hold_at_every_point_and_are_reached(here: Path) -> None:
     flat = system_of(check_file(str(here / "point.soter")), None)
-    place, heat = deployed_sensors.rates_of(extract(flat, flat.modules[0]))
+    place, heat = deployed_sensors.greatest_rates_of(extract(flat, flat.modules[0]))
     assert 1.25 <= place <= 1.2501, "push and wind at their ends"
     assert 2.0 <= heat <= 2.0001, "heat at the end of its grid"

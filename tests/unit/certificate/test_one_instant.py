@@ -15,7 +15,7 @@ from soter.certificate.report import NotRecheckedError
 from soter.certificate.scope import assumptions_of
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def test_prover_and_re_checker_say_that_sensors_are_on_time(tmp_path: Path) -> N
     facts = small_proofs.facts_of(path, "S", "M")
     assert said in [a.text for a in assumptions_of(facts)]
     flat = system_to_prove(check_file(str(path)), "S")
-    assert said in texts(extract(flat, flat.modules[0]).assumptions)
+    assert said in assumption_texts(extract(flat, flat.modules[0]).assumptions)
 
 
 @pytest.mark.parametrize("sc", [(0, 0), (3, 0), (0, 2), (3, 2)])

@@ -17,7 +17,7 @@ from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from tables import all_rows
 from unit.certificate import small_proofs
 
@@ -494,6 +494,10 @@ def test_a_node_in_a_process_of_its_own_is_not_in_the_thread_of_the_module(
     assert ("in step" in kinds, "passes" in kinds) == (inside, not inside)
     flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
     problem = extract(flat, flat.modules[0])
-    said = [t for t in texts(problem.assumptions) if "Driver" in t and "thread of the module" in t]
+    said = [
+        t
+        for t in assumption_texts(problem.assumptions)
+        if "Driver" in t and "thread of the module" in t
+    ]
     assert bool(said) == inside
     assert problem.times.jitter_sc == facts.times["j_ns"] == (5 if inside else 6) * 1_000_000

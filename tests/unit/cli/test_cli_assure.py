@@ -283,7 +283,7 @@ def test_a_compiled_decision_module_that_differs_refutes(
     monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", lambda *_: report)
     assert assured(soter, "--cert", "proof")[0] == 0
     assert "compiled to" not in json.dumps(case_of(cart))
-    monkeypatch.setattr("soter.verify.deploy.dm_check.decided", lambda *_, **__: 0)
+    monkeypatch.setattr("soter.verify.deploy.dm_check.expected_mode", lambda *_, **__: 0)
     code, goals = assured(soter, "--cert", "proof")
     assert [code, *map(goals.get, ("G1", "G6", "G6.1"))] == [3, "supported", *["undeveloped"] * 2]
     assert "the C of the DM differs from the switching logic" in whys(cart)

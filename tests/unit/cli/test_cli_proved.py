@@ -185,7 +185,7 @@ def test_a_damaged_proof_does_not_count(soter: Soter, cart: Path) -> None:
 
 def test_verdicts_that_differ_do_not_count(soter: Soter, cart: Path) -> None:
     (entry,) = cache.cache_dir().glob("proof-*")
-    name, content = entry.name.split("-")[:2], proof_cache._content(flat(cart), "SafeCart")
+    name, content = entry.name.split("-")[:2], proof_cache._content_hash(flat(cart), "SafeCart")
     with cache.new_entry(f"{name[0]}-{name[1]}-00000000", content, ("proof.json",)) as made:
         text = '{"verdicts": {"P2a": "undecided"}, "assumptions": []}'
         (made / "proof.json").write_text(text)

@@ -134,7 +134,7 @@ def test_what_is_open_is_told_where_it_is_before_anything_is_tried_and_to_who_en
         raise KeyboardInterrupt
 
     monkeypatch.setattr(tried_remedies, "announce", lambda text: told.append(text()))
-    monkeypatch.setattr(tried_remedies, "in_order", tried)
+    monkeypatch.setattr(tried_remedies, "ordered_trials", tried)
     wind = ("wind: float in [-0.2, 0.2]", "wind: float in [-2.5, 2.5]")
     done = soter("verify", write(here, wind), "--no-refute")
     assert (done.exit, done.out) == (130, "")

@@ -19,7 +19,7 @@ from soter.monitor.identification import (
     open_parameters,
 )
 from soter.monitor.model_membership import judge_run
-from soter.verify.problem.extract import extract_sets
+from soter.verify.problem.extract import problem_of_sets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,7 +42,7 @@ class Fitted:
 
     def pose(self, values: Mapping[str, float]) -> Posed:
         flat = self.program.declared(None, dict(values))
-        return [(flat, m, extract_sets(flat, m)) for m in chosen_modules(flat, None)]
+        return [(flat, m, problem_of_sets(flat, m)) for m in chosen_modules(flat, None)]
 
     def fit(self, episodes: int, steps: int = STEPS, **how: Any) -> Identification:
         found = [self.plant.episode(steps, **how) for _ in range(episodes)]

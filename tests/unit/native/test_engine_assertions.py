@@ -62,7 +62,7 @@ inputs = GridInputs(kind="map", states=((-2.0, 2.0), (-2.0, 2.0)),
     controls=((-1.0, 1.0),), period_ns=10**9)
 edges = np.linspace(-1, 1, 5)
 group = GridGroup(hill(1.0, 1.0), inputs, [(0, edges), (1, edges)])
-group.enclosures(np.array([0.5, 0.0]), np.array([0.25, 0.0]), 1)
+group.images_and_tubes(np.array([0.5, 0.0]), np.array([0.25, 0.0]), 1)
 print("undecided")
 """
 

@@ -127,7 +127,7 @@ def test_the_compiled_dm_writes_a_plan_with_a_verdict_ac_alone(look: Look) -> No
     (module,) = system.modules
     unit = generate(system, lower(system))
     c = CompiledDM(unit)
-    state = ExpectedFacts(system, module).state(unit, topics_of(system, look))
+    state = ExpectedFacts(system, module).state_bytes(unit, topics_of(system, look))
     now, layout = 1000 * MS, unit.layout
     struct.pack_into("<q", state, 0, now)
     for i in range(len(system.topics)):

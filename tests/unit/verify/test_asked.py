@@ -13,7 +13,7 @@ from soter.language.front_end import check_file, system_to_prove
 from soter.verify import refute as refutations
 from soter.verify.command import verify
 from soter.verify.problem.extract import extract
-from soter.verify.refute import refute
+from soter.verify.refute import search_leaving_run
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
@@ -64,7 +64,9 @@ def test_what_is_not_asked_is_never_refuted(monkeypatch: pytest.MonkeyPatch) -> 
         "drives pos = x; state x: float; der x = speed;",
         "drives pos = x; state x: float; state v: float; der x = v; der v = 40.0 * (speed - v);",
     ).replace("/ 120;", "/ 60, c.v in [-2.0, 2.0] / 8;")
-    monkeypatch.setattr(refutations, "refute", partial(refute, budget_s=0.1))
+    monkeypatch.setattr(
+        refutations, "search_leaving_run", partial(search_leaving_run, budget_s=0.1)
+    )
     flat = system_to_prove(check_file("asked.soter", coasting), "Lane")
     module_result = verify_module(extract(flat, flat.modules[0]), explain=False)
     assert module_result.findings["P2a"].verdict == "undecided"

@@ -161,7 +161,7 @@ def test_runs_that_go_one_way_stay_in_what_the_engine_says() -> None:
         for _ in range(40):
             low = np.array([rng.uniform(5.0, 40.0), rng.uniform(0.0, 8.0)])
             high = low + rng.uniform(0.01, 1.0, 2)
-            images, tubes = engine.enclosures(low, high, 4)
+            images, tubes = engine.images_and_tubes(low, high, 4)
             assert len(images) == 4
             kept += int((images[:, 0, 0] >= low[0]).all())
             first = (law.times.delta_sc - law.times.jitter_sc) // STEP_NS

@@ -13,9 +13,9 @@ from soter.certificate.rechecker import recheck
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify.chosen_modules import modules_of, problems_of
-from soter.verify.problem.problem import texts
-from soter.verify.proof_report import page
-from soter.verify.scope import coverage_of, rows_of
+from soter.verify.problem.problem import assumption_texts
+from soter.verify.proof_report import proof_page
+from soter.verify.scope import composed_assumptions_of, coverage_of
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import VerifyReport
@@ -81,7 +81,7 @@ def kept_by(tmp_path: Path, text: str) -> tuple[str, str]:
 
 
 def whose(report: VerifyReport, what: str) -> tuple[str, bool]:
-    return next((t.why, t.open) for t in rows_of(report) if t.what.startswith(what))
+    return next((t.why, t.open) for t in composed_assumptions_of(report) if t.what.startswith(what))
 
 
 @pytest.mark.long
@@ -89,10 +89,10 @@ def test_the_convoy_is_proved_and_rechecked(tmp_path: Path) -> None:
     report = verified(tmp_path, TEXT)
     assert (report.verdict, report.together) == ("proved", "proved")
     assert whose(report, "b.lead in [2, 12]") == ("`safe` of SafeLead: proved", False)
-    said = [a for a in texts(report["SafeGap"].assumptions) if "b.lead" in a]
+    said = [a for a in assumption_texts(report["SafeGap"].assumptions) if "b.lead" in a]
     assert len(said) == 1
     assert said[0].startswith("what others publish and what moves these plants stays in its")
-    report_page = page(report)
+    report_page = proof_page(report)
     assert report_page.together == "proved"
     assert ("b.lead in [2, 12]", False) in [(t.what, t.open) for t in report_page.taken]
     checked = recheck(tmp_path / "cert")

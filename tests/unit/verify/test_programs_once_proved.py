@@ -14,7 +14,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import verify
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import VerifyReport
@@ -87,7 +87,7 @@ def codes_of(text: str) -> set[str]:
 def test_waiting_for_a_late_dm_makes_sc_late() -> None:
     late = problem_of(MODE).times  # 40 ms of 50: more than half of SC's period
     assert late.jitter_sc == 40 * ms
-    assert not late.schedule.ordered
+    assert not late.schedule.are_windows_apart
     (module,) = report_of(MODE).modules
     assert module.findings["P2a"].verdict == "undecided"
     times = problem_of(MODE.replace("late dm 40ms, sc 0ms", "late dm 20ms, sc 0ms")).times
@@ -102,7 +102,7 @@ def test_the_start_waits_for_the_dm_too() -> None:
 def test_a_default_is_no_first_read() -> None:
     times = problem_of(seen("10ms", "20ms")).times
     assert times.start == 20 * ms  # SC's second step: at the first one `x` was never published
-    assert times.schedule.defaults_read == 1
+    assert times.schedule.steps_that_read_defaults == 1
 
 
 def test_a_start_that_only_a_default_saves_is_not_proved() -> None:
@@ -153,10 +153,10 @@ def test_an_estimator_before_its_sensor_is_refused() -> None:
 
 def test_that_sensors_never_drop_out_is_an_assumption_or_counted() -> None:
     problem = problem_of(seen("10ms", "20ms"))
-    assert any("never drop out" in a for a in texts(problem.assumptions))
+    assert any("never drop out" in a for a in assumption_texts(problem.assumptions))
     silent = seen("10ms", "20ms").replace("grid x", "dropout 30ms; grid x")
     longer = problem_of(silent)
-    assert not any("never drop out" in a for a in texts(longer.assumptions))
+    assert not any("never drop out" in a for a in assumption_texts(longer.assumptions))
     assert longer.times.delay_sc == problem.times.delay_sc + 30 * ms
 
 

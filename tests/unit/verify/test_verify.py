@@ -12,7 +12,7 @@ from soter.language.front_end import check_file
 from soter.verify import verify_module as verifying
 from soter.verify.claims.results import PROPERTIES, ModuleResult
 from soter.verify.command import verify
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 ROOT = Path(__file__).parents[3]
 CART = (ROOT / "examples" / "wall" / "cart.soter").read_text("utf-8")
@@ -82,9 +82,9 @@ def test_time_to_return_is_told(cart: ModuleResult) -> None:
 
 
 def test_linear_plants_cover_the_simulators_scheme(cart: ModuleResult) -> None:
-    assert not any("scheme" in a for a in texts(cart.assumptions))
+    assert not any("scheme" in a for a in assumption_texts(cart.assumptions))
     euler = result_of(changed(("state x: float", "integrate euler;\n  state x: float")))
-    assert not any("scheme" in a for a in texts(euler.assumptions))
+    assert not any("scheme" in a for a in assumption_texts(euler.assumptions))
     assert "scheme" not in euler.assumed
 
 

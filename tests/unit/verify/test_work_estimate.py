@@ -13,7 +13,7 @@ from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
 from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.deploy import missing_predicates
-from soter.verify.grid.grid_refinement import announce_work, cells_of
+from soter.verify.grid.grid_refinement import announce_work, cell_count
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.diagnosis.test_tried_remedies import PREDICATES
 
@@ -42,7 +42,7 @@ def announced(problem: Problem, clock: list[float], a_cell: float) -> list[str]:
     lines: list[str] = []
 
     def settle(small: Problem, _: tuple[int, ...]) -> None:
-        clock[0] += a_cell * cells_of(small)
+        clock[0] += a_cell * cell_count(small)
 
     with listening_to_phases(lambda *_: None, lines.append):
         announce_work(problem, settle)
@@ -69,18 +69,18 @@ def test_what_computes_tables_before_it_flies_says_how_long(
     began = []
 
     none = SimpleNamespace(proof=None, cells=None)
-    empty = SimpleNamespace(failed=lambda _: [none], failures=[], sets=SimpleNamespace(proofs=[]))
+    empty = SimpleNamespace(failures_of=lambda _: [none], failures=[], sets=SimpleNamespace(proofs=[]))
 
     def case(_library: object, small: Problem, _: object) -> SimpleNamespace:
-        began.append(cells_of(small))
-        clock[0] += SECONDS_A_CELL * cells_of(small)
+        began.append(cell_count(small))
+        clock[0] += SECONDS_A_CELL * cell_count(small)
         return empty
 
     monkeypatch.setattr(missing_predicates, "_one_case", case)
     monkeypatch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
     lines: list[str] = []
     with listening_to_phases(lambda *_: None, lines.append):
-        missing_predicates.sets_of(open_problem)
+        missing_predicates.find_sets(open_problem)
     assert lines == ["SafeTank: 1 axis of 60000 cells: about 60 s of processor time"]
     assert began == [1500, 6000, 60_000]
 
@@ -97,7 +97,7 @@ def test_a_log_has_the_line(problem: Problem, clock: list[float]) -> None:
     with ProgressBar(console):
         announce_work(
             problem,
-            lambda small, _: clock.__setitem__(0, clock[0] + SECONDS_A_CELL * cells_of(small)),
+            lambda small, _: clock.__setitem__(0, clock[0] + SECONDS_A_CELL * cell_count(small)),
         )
     assert (
         "soter: SafeTank: 1 axis of 60000 cells: about 60 s of processor time\n" in err.getvalue()

@@ -160,13 +160,13 @@ def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) ->
 
 def _why_other_program(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
     """Says why a certificate does not fit, and what `soter diff` would say of each module."""
-    from soter.verify.posed_problems import posed_by  # noqa: PLC0415 - needs the prover
+    from soter.verify.posed_problems import posed_in  # noqa: PLC0415 - needs the prover
 
     try:
-        before = posed_by(system_to_prove(certified, flat.name, overrides, exact=False))
+        before = posed_in(system_to_prove(certified, flat.name, overrides, exact=False))
     except SoterError:
         return OTHER_PROGRAM
-    same = {name: before.get(name) == problem for name, problem in posed_by(flat).items()}
+    same = {name: before.get(name) == problem for name, problem in posed_in(flat).items()}
     words = [f"{name} poses {'the same' if s else 'another'} problem" for name, s in same.items()]
     return "; ".join([OTHER_PROGRAM, *words])
 

@@ -1,10 +1,10 @@
 """Chooses what a program leaves open: smaller cells, the number of levels, which cells K keeps.
 
-Purpose: `choose` tries the declared cells, then smaller ones, and the default number of levels,
-then the fewest; proofs and whatever flies use the same answer. `shrink_core` and `with_way_back`
-give up a few cells of K from which no way back to `safer` was found: the former where the program
-has `ttf` and `safer`, the latter, with all that follows anew, where they are computed. Symbols:
-head of `verify/grid/sets.py`.
+Purpose: `choose_cells_and_levels` tries the declared cells, then smaller ones, and the default
+number of levels, then the fewest; proofs and whatever flies use the same answer. `shrink_core` and
+`with_way_back` give up a few cells of K from which no way back to `safer` was found: the former
+where the program has `ttf` and `safer`, the latter, with all that follows anew, where they are
+computed. Symbols: head of `verify/grid/sets.py`.
 Non-goals: what follows from K, and the levels (`claims.py`); cells that are split near borders
 (`grid_refinement.py`); W (`verify/grid/recovery.py`); tables (`verify/deploy/`).
 
@@ -22,7 +22,7 @@ from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 from soter.verify.claims import start
 from soter.verify.claims.claims import check_after_core, compute_levels, find_way_back, make_tables
 from soter.verify.grid.case import ClaimTimer
-from soter.verify.grid.grid_refinement import cells_of, counts_of, smaller_cells
+from soter.verify.grid.grid_refinement import cell_count, cell_counts_in_words, with_smaller_cells
 from soter.verify.grid.group_model import UnboundedError
 
 if TYPE_CHECKING:
@@ -47,13 +47,13 @@ GIVEN_UP, HAD = "given_up", "had"
 def shrink_core(case: Case) -> bool:
     """Takes W in the place of K if only a few cells of K lack a way back; True if it did so.
 
-    At its border K has cells that SC keeps, but only by chains whose images are all of K. W is
-    as good: its cells have chains in C whose images lie in W, and Q is kept.
+    At its border K has cells that SC keeps, but only by chains whose images are all of K. W is as
+    good: its cells have chains in C whose images lie in W, and Q is kept.
     """
-    failures = case.failed("P2b")
+    failures = case.failures_of("P2b")
     if case.problem.computed or not failures or not _few_cells_stuck(failures):
         return False
-    _give_up(case, failures)
+    _give_up_stuck_cells(case, failures)
     return True
 
 
@@ -62,7 +62,7 @@ def _few_cells_stuck(failures: list[Failure]) -> bool:
     return all(f.stuck and f.proof and f.proof.stuck <= SHRINK_MAX for f in failures)
 
 
-def _give_up(case: Case, failures: list[Failure]) -> None:
+def _give_up_stuck_cells(case: Case, failures: list[Failure]) -> None:
     stuck = [f.proof for f in failures if f.proof is not None]
     for proof in case.proofs:
         proof.fresh = proof in stuck
@@ -74,9 +74,6 @@ def _give_up(case: Case, failures: list[Failure]) -> None:
     case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
 
 
-# ---------------------------------------------------------------- computed predicates
-
-
 def with_way_back(done: list[Case]) -> list[Case]:
     """The cases with P2b examined, where predicates are computed.
 
@@ -84,7 +81,7 @@ def with_way_back(done: list[Case]) -> list[Case]:
     computed anew; these sets are kept if that shows P2b and costs no other claim.
     """
     _examine_way_back(done)
-    if not any(case.failed("P2b") for case in done):
+    if not any(case.failures_of("P2b") for case in done):
         return done
     before, started = [_CaseBackup(case) for case in done], [_is_start_shown(case) for case in done]
     shown = _shown_with_fewer_cells(done)
@@ -93,7 +90,7 @@ def with_way_back(done: list[Case]) -> list[Case]:
         and all(_is_start_shown(case) for case, well in zip(done, started, strict=True) if well)
     ):
         for kept in before:
-            kept.restore()
+            kept.restore_case()
     return done
 
 
@@ -103,8 +100,8 @@ def _shown_with_fewer_cells(done: list[Case]) -> bool:
         if not all(map(_may_give_up, done)):
             break
         for case in done:
-            if failures := case.failed("P2b"):
-                _give_up(case, failures)
+            if failures := case.failures_of("P2b"):
+                _give_up_stuck_cells(case, failures)
                 check_after_core(case)
         _examine_way_back(done)
         if not any(map(_unshown_failures, done)):
@@ -115,7 +112,7 @@ def _shown_with_fewer_cells(done: list[Case]) -> bool:
 def _examine_way_back(done: list[Case]) -> None:
     make_tables(done)
     for case in done:
-        if case.failed("P2b") or case.problem.stays:
+        if case.failures_of("P2b") or case.problem.stays:
             continue  # there is no K, or no enclosure; or it is not asked
         try:
             with ClaimTimer(case, "P2b"):
@@ -125,7 +122,7 @@ def _examine_way_back(done: list[Case]) -> None:
 
 
 def _unshown_failures(case: Case) -> list[Failure]:
-    """The failures of P2a and of claims that depend on levels; the start is asked separately."""
+    """The failures of P2a, `ttf`, `safer` and P2b; the start is looked at separately."""
     return [f for f in case.failures if f.claim in (*OF_LEVELS, "P2a")]
 
 
@@ -149,7 +146,7 @@ class _CaseBackup:
         self.case, self.failures, self.counts = case, list(case.failures), dict(case.counts)
         self.found = [copy(proof.found) for proof in case.proofs]
 
-    def restore(self) -> None:
+    def restore_case(self) -> None:
         """Gives the case its sets and failures back."""
         self.case.failures, self.case.counts = self.failures, self.counts
         for proof, found in zip(self.case.proofs, self.found, strict=True):
@@ -194,12 +191,12 @@ class Choice:
         """A line for each group whose cells are smaller, and one if fewer levels were chosen."""
         levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
         pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
-        counts = filter(None, (counts_of(a, b) for a, b in pairs))
+        counts = filter(None, (cell_counts_in_words(a, b) for a, b in pairs))
         head = f"cells of {self.size} the size: on the declared ones {FAILED[self.failed]}"
         return [*(f"{head}: {text}" for text in counts), *([levels] if self.why else [])]
 
 
-def choose(problem: Problem, attempt: Attempt) -> Choice:
+def choose_cells_and_levels(problem: Problem, attempt: Attempt) -> Choice:
     """Chooses the declared cells, or smaller ones if these show P2a of every group, or P2b as well.
 
     Smaller cells are tried for P2b only if `safer` is computed. Counts of cells decide, never CPU
@@ -215,17 +212,17 @@ def choose(problem: Problem, attempt: Attempt) -> Choice:
 
 
 def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choice, list[str]]:
-    """The choice with the largest smaller cells that show a claim, else `first`; what was tried."""
+    """The choice with the first smaller cells that show a claim, or `first`; the sizes tried."""
     found = first
     tried = []
     for size in SIZES:
         coarse = _failing_groups(found, claim)
         if not coarse:
             break
-        finer, most = smaller_cells(found.problem, coarse), CELLS_MAX[claim]
-        if cells_of(finer) > most:
+        finer, most = with_smaller_cells(found.problem, coarse), CELLS_MAX[claim]
+        if cell_count(finer) > most:
             tried.append(
-                f"not: cells of {size} the size, as {cells_of(finer):,} are more than {most:,}"
+                f"not: cells of {size} the size, as {cell_count(finer):,} are more than {most:,}"
             )
             break
         found = _with_levels(finer, attempt)
@@ -238,15 +235,15 @@ def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choi
 
 def _failing_groups(choice: Choice, claim: str) -> list[Group]:
     """The groups on grids for which a claim fails in some case."""
-    failures = (f for case in choice.done or () for f in case.failed(claim))
+    failures = (f for case in choice.done or () for f in case.failures_of(claim))
     return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
 
 
 def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
-    """The choice with the program's number of levels, or, if it leaves that open, of one of two.
+    """The choice with the program's number of levels, or, if that is open, with the better of two.
 
-    The default number is taken, or the fewest levels if with these the claims that fail are a
-    proper part; CPU time does not decide. Where P2a fails the default number stays.
+    The default number is taken, unless with the fewest levels only some of the same claims fail;
+    CPU time does not decide. Where P2a fails the default number stays.
     """
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         problem = replace(problem, levels=LEVELS_DEFAULT)
@@ -261,7 +258,7 @@ def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
 
 
 def _with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | None:
-    """These cases with another number of levels: K and R(H) are kept; None if a group cannot."""
+    """The cases with another number of levels; K and R(H) stay. None if a group cannot."""
     again = []
     for case in done:
         renewed = [proof.without_levels() for proof in case.proofs]

@@ -98,7 +98,7 @@ def open_case(
 
 
 def compute_constraint(case: Case) -> bool:
-    """Gives every group its part of C, and checks their product; False: there is no C.
+    """Gives every group its part of C, and checks that C is their product; False: there is no C.
 
     Enters a failure of P2a where SC may fault or publish outside its sets on C.
     """
@@ -148,7 +148,8 @@ def _claim_of_law(case: Case, parts: Sequence[CellsPart]) -> FailsafeClaim:
 def compute_core(case: Case) -> bool:
     """Computes K of every group; False where one is empty.
 
-    Where SC keeps nothing inside what the fail-safe law keeps, K is computed without the law.
+    Where SC keeps nothing inside K_fs, which the fail-safe law keeps, K is computed without the
+    law.
     """
     whole = _compute_cores(case)
     if whole or case.lawful is None or not case.lawful.is_smaller:
@@ -162,26 +163,26 @@ def compute_core(case: Case) -> bool:
 
 def _compute_cores(case: Case) -> bool:
     whole = True
-    for proof in case.fresh:
+    for proof in case.fresh_proofs:
         whole = proof.core(case) and whole
     return whole
 
 
 def compute_free_phase(case: Case) -> None:
     """Computes R(H) of every group."""
-    for proof in case.fresh:
+    for proof in case.fresh_proofs:
         proof.free_phase(case)
 
 
 def check_inclusion(case: Case, predicate: str) -> None:
     """Checks that `ttf` or `safer` lets AC have control only at estimates of states in R(H)."""
-    for proof in case.fresh:
+    for proof in case.fresh_proofs:
         proof.check_inclusion(case, predicate)
 
 
 def compute_levels(case: Case) -> None:
     """Computes S_0 ... S_(m-2) of every group; enters failures where they are empty."""
-    for proof in case.fresh:
+    for proof in case.fresh_proofs:
         proof.find_levels(case)
 
 
@@ -202,7 +203,7 @@ def make_tables(cases: Sequence[Case]) -> None:
 
 
 def check_after_core(case: Case) -> None:
-    """Computes and checks everything that follows from K, but P2b."""
+    """Computes and checks everything that follows from K except P2b."""
     with ClaimTimer(case, "P3"):
         compute_free_phase(case)
     if case.problem.computed:
@@ -223,7 +224,7 @@ MS = 1_000_000
 
 def find_way_back(case: Case) -> None:
     """Computes Q, W and the time to Q of every group; enters failures of P2b."""
-    targets = _targets(case)
+    targets = _targets_of_recovery(case)
     if targets is None:
         return
     for proof, target in zip(case.proofs, targets, strict=True):
@@ -234,7 +235,7 @@ def find_way_back(case: Case) -> None:
     check_return_time(case)
 
 
-def _targets(case: Case) -> list[CellsPart] | None:
+def _targets_of_recovery(case: Case) -> list[CellsPart] | None:
     """For each group the states all of whose estimates satisfy `safer`; None: a failure of P2b."""
     if case.problem.computed:
         parts_by_proof = [p.states_given_back(case) for p in case.proofs]
@@ -243,7 +244,7 @@ def _targets(case: Case) -> list[CellsPart] | None:
             case.fail("P2b", "not every case has sets: the DM never gives control back")
             return None
         return target_parts
-    predicate = case.problem.returning
+    predicate = case.problem.return_predicate
     parts = grid_claims.set_factors(case, predicate)
     if parts is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")
@@ -255,9 +256,9 @@ def _targets(case: Case) -> list[CellsPart] | None:
 
 
 def check_return_time(case: Case) -> None:
-    """Enters a failure of P2b where the time T is longer than the one declared, if one is."""
+    """Enters a failure of P2b where T is longer than `recover within` says."""
     wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
-    if wanted is not None and needed > wanted and not case.failed("P2b"):
+    if wanted is not None and needed > wanted and not case.failures_of("P2b"):
         case.fail(
             "P2b",
             f"SC may need {show_ns(needed)}, longer than the {show_ns(wanted)} of `recover within`",
@@ -266,7 +267,7 @@ def check_return_time(case: Case) -> None:
 
 
 def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
-    """Weakens P2b of a module that waits for others: it is proved only while these are in AC."""
+    """Weakens P2b of a module that waits for others: it is proved only while they are in AC."""
     modes = problem.modes
     if modes is None or not modes.waits or finding.verdict != PROVED:
         return
@@ -284,7 +285,7 @@ LEAST_S = 4.0
 
 
 def postpone_p2b(case: Case) -> bool:
-    """Whether a cheaper claim fails; then P2b is entered as a failure that was not looked at."""
+    """Whether a cheaper claim fails; P2b is then entered as a failure that was not examined."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
     if failing is not None:
         case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
@@ -292,7 +293,7 @@ def postpone_p2b(case: Case) -> bool:
 
 
 def find_way_back_for_report(case: Case) -> None:
-    """Runs a postponed `find_way_back` for a limited time; a part of an answer is not kept."""
+    """Runs a postponed `find_way_back` for a limited time; an incomplete answer is not kept."""
     not_looked_at = [f for f in case.failures if f.cut]
     assert not_looked_at, "a case that may be proved has no budget"
     case.failures = [f for f in case.failures if not f.cut]
@@ -309,8 +310,8 @@ def find_way_back_for_report(case: Case) -> None:
 FAULT = "what plants drive may fault"
 
 
-def narrowed_leaves(problem: Problem, forms: CompiledEnclosures) -> list[str]:
-    """A text for each leaf that a plant may leave the set of, within the ranges of states."""
+def narrowed_leaves_in_words(problem: Problem, forms: CompiledEnclosures) -> list[str]:
+    """A text for each leaf whose set a plant may leave somewhere in the ranges of states."""
     driven = list(_driven_leaves(problem))
     if len(driven) > forms.results:
         return []
@@ -331,7 +332,7 @@ def narrowed_leaves(problem: Problem, forms: CompiledEnclosures) -> list[str]:
 
 def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
     """Notes that C is cut to what plants can publish; open claims get a hint to widen the set."""
-    texts = narrowed_leaves(result.problem, done[0].forms)
+    texts = narrowed_leaves_in_words(result.problem, done[0].forms)
     if not texts:
         return
     result.notes += (
@@ -345,9 +346,9 @@ def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Ite
 
 
 def _driven_leaves(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
-    """Name, set, error of every driven leaf, in the order of `drives`, and whether it is a number.
+    """Name, set, error of every driven leaf, in the order of `drives`; whether it has a number.
 
-    Lists, and arrays too long to be numbered, are none; that they stay in their sets is assumed.
+    Lists, and arrays too long to be numbered, have none; that they stay in their sets is assumed.
     """
     system = problem.system
     plants = [c for c in system.components if c.plant is not None]
@@ -368,21 +369,21 @@ IN_PROOF = (
 )
 
 
-def shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
+def keys_of_shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
     """The key of the assumption SCHEME where the proof shows it: all flows are linear."""
     assumed = SCHEME in problem.assumptions
     return frozenset((SCHEME.key,)) if assumed and all(map(_covers_scheme, done)) else frozenset()
 
 
 def solution_assumptions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
-    """The assumption in the place of SCHEME where SC comes to rest: there a rate may jump."""
+    """The assumption that stands for SCHEME where SC comes to rest: a rate may jump there."""
     groups = [g for c in done for g in c.sets.groups]
     rests = SCHEME in problem.assumptions and any((g.core == RESTS).any() for g in groups)
     return [EVERY_SOLUTION] * rests
 
 
-def scheme_diverges(problem: Problem) -> str:
-    """Why the assumed scheme is known to diverge, in words; "": it is not."""
+def why_scheme_diverges(problem: Problem) -> str:
+    """Why the assumed scheme is known to diverge, in words; "": nothing is known."""
     states = zip(problem.quantities.states, problem.states, strict=True)
     within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
     for c in problem.system.components:

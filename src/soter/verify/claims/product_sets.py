@@ -62,10 +62,10 @@ class CellsPart:
     engine: GridGroup
     cells: Bools
 
-    def hull(self, block: Block | None = None) -> Block | None:
+    def smallest_block(self, block: Block | None = None) -> Block | None:
         """The smallest block around the cells of the set in a block."""
         whole = [slice(0, n) for n in self.cells.shape] if block is None else block
-        return _hull(self.cells, whole)
+        return _smallest_block(self.cells, whole)
 
     def ranges(self, block: Block) -> Ranges:
         """The ends of a block along every axis, by state."""
@@ -75,28 +75,28 @@ class CellsPart:
             for state, edges, part in every
         }
 
-    def first(self, block: Block) -> Block:
+    def first_cell(self, block: Block) -> Block:
         """The first cell of the set in a block, in C order."""
         at = np.argwhere(self.cells[tuple(block)])[0]
         return [
             slice(p.start + int(i), p.start + int(i) + 1) for p, i in zip(block, at, strict=True)
         ]
 
-    def suffices(self, predicate: str) -> bool:
-        """Whether a predicate holds on every cell, with all other states anywhere."""
-        return bool((self.engine.definitely(predicate) | ~self.cells).all())
+    def holds_alone(self, predicate: str) -> bool:
+        """Whether a predicate holds on every cell of the set, whatever other states are."""
+        return bool((self.engine.cells_true(predicate) | ~self.cells).all())
 
 
 def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str) -> bool:
     """Whether a predicate is true all over the product of the parts; False also where unknown.
 
     It is evaluated on the product of the sets' blocks. Where it is unknown there, a block is split
-    along its longest axis: that of a group which, at one cell alone, decides the predicate, or else
-    the longest block.
+    along its longest axis: the block of a group that, at one of its cells alone, decides the
+    predicate, or else the longest block.
     """
-    if len(parts) == 1 and parts[0].suffices(predicate):
+    if len(parts) == 1 and parts[0].holds_alone(predicate):
         return True
-    conjuncts = forms.conjuncts(predicate)
+    conjuncts = forms.conjunct_names(predicate)
     return all(_holds_on_product(forms, parts, part) for part in conjuncts or [predicate])
 
 
@@ -104,7 +104,7 @@ def _holds_on_product(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str
 ) -> bool:
     """`product_holds` for one conjunct: splits blocks until it is true on each of them."""
-    todo = [tuple(p.hull() for p in parts)]
+    todo = [tuple(p.smallest_block() for p in parts)]
     looked = 0
     while todo:
         hulls = todo.pop()
@@ -114,16 +114,16 @@ def _holds_on_product(
         looked += 1
         if looked > SPLITS_MAX:
             return False
-        if forms.true(predicate, _box(forms, parts, blocks)):
+        if forms.true(predicate, _box_of_blocks(forms, parts, blocks)):
             continue
-        split = _split(forms, parts, blocks, predicate)
+        split = _split_longest_block(forms, parts, blocks, predicate)
         if split is None:
             return False
         todo += split
     return True
 
 
-def _hull(cells: Bools, block: Block) -> Block | None:
+def _smallest_block(cells: Bools, block: Block) -> Block | None:
     """The smallest block around the cells in `block`; None where there are none."""
     inside = cells[tuple(block)]
     if not inside.any():
@@ -136,7 +136,9 @@ def _hull(cells: Bools, block: Block) -> Block | None:
     return slices
 
 
-def _box(forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block]) -> Floats:
+def _box_of_blocks(
+    forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block]
+) -> Floats:
     box = np.array(forms.whole)
     for part, block in zip(parts, blocks, strict=True):
         for state, ends in part.ranges(block).items():
@@ -149,7 +151,7 @@ def _longest_side(block: Block) -> int:
     return max((p.stop - p.start for p in block), default=1)
 
 
-def _split(
+def _split_longest_block(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block], predicate: str
 ) -> list[tuple[Block | None, ...]] | None:
     """The two products that a split makes; None where all blocks are single cells."""
@@ -159,8 +161,8 @@ def _split(
             continue
         # does this group matter? with it at one cell of its set the rest may be decided
         alone = list(blocks)
-        alone[g] = parts[g].first(block)
-        if forms.true(predicate, _box(forms, parts, alone)):
+        alone[g] = parts[g].first_cell(block)
+        if forms.true(predicate, _box_of_blocks(forms, parts, alone)):
             best = g
             break
         if best is None or _longest_side(block) > _longest_side(blocks[best]):
@@ -176,7 +178,7 @@ def _split(
         block = list(blocks[best])
         block[axis] = half
         halves: list[Block | None] = list(blocks)
-        halves[best] = parts[best].hull(block)
+        halves[best] = parts[best].smallest_block(block)
         products.append(tuple(halves))
     return products
 
@@ -188,11 +190,11 @@ def why_sc_leaves_sets_on_product(
 
     SC steps at every instant, in control or not, so all of C is looked at, with every error.
     """
-    hulls = [p.hull() for p in parts]
+    hulls = [p.smallest_block() for p in parts]
     blocks = [b for b in hulls if b is not None]
     if len(blocks) < len(hulls):
         return ""
-    return why_sc_leaves_sets(problem, forms, _box(forms, parts, blocks))
+    return why_sc_leaves_sets(problem, forms, _box_of_blocks(forms, parts, blocks))
 
 
 def why_sc_leaves_sets(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
@@ -281,7 +283,7 @@ class FailsafeClaim:
 
 
 def claim_without_law(problem: Problem, parts: Sequence[CellsPart]) -> FailsafeClaim | None:
-    """The claim where no law has to be examined; None: there is one."""
+    """The claim where no law has to be examined; None: a law has to be."""
     if problem.law is not None:
         return None
     return FailsafeClaim(parts, parts, problem.law_unread or NO_LAW)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from soter.verify.problem.problem import SCHEME, VerificationScope, remaining
+from soter.verify.problem.problem import SCHEME, VerificationScope, assumptions_left
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -318,7 +318,7 @@ class ModuleResult:
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
         """All assumptions that the verdicts depend on."""
-        return remaining(self.problem.assumptions, added=self.added, shown=self.shown)
+        return assumptions_left(self.problem.assumptions, added=self.added, shown=self.shown)
 
     @property
     def verdict(self) -> str:

@@ -26,7 +26,7 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves, show_ns
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step
-from soter.verify.problem.verification_system import AC, SC, sc_reads
+from soter.verify.problem.verification_system import AC, SC, topics_read_in_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -57,15 +57,13 @@ WHY_NOT_HERE = (
 """Text and advice where an initial state is not in C, in C but not in K, in K but not in R(h_0)."""
 BEYOND = "the grid does not hold every initial state: {}"
 
-# ---------------------------------------------------------------- control at the start
-
 
 def check_start(case: Case) -> None:
     """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted."""
-    if not case.problem.starts_with(case.parameter):
+    if not case.problem.may_start_with(case.parameter):
         return
     _check_defaults(case)
-    until_ns = case.problem.in_horizon(case.problem.times.start)
+    until_ns = case.problem.whole_periods(case.problem.times.start)
     for proof in case.proofs:
         at = proof.at_start(case)
         if at is None:
@@ -84,15 +82,12 @@ def _start_in_words(case: Case, axis: Axis) -> str:
     return f"{axis.name} = {i.low:.6g}" + f" to {i.high:.6g}" * (i.low < i.high)
 
 
-# ---------------------------------------------------------------- control by a hand-over
-
-
 def why_not_entered(case: Case) -> str:
-    """The reason why `enters` is not shown to imply R(H), in words; "": it is shown."""
+    """Why `enters` is not shown to imply that the state lies in R(H), in words; "": it is shown."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
-    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
+    if case.failures_of("P2a"):  # else R(H) is there, whatever else is not shown
         return "there is no R(H)"
     if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
         return "not every state is on an axis"
@@ -127,7 +122,7 @@ def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats
 def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
     """The range of each state where `enters` is judged, by the sets of the topics that it reads.
 
-    None where none of them shows the state.
+    None in the place of a range where no such topic shows the state.
     """
     scope = problem.module.scope.topics
     read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
@@ -152,9 +147,6 @@ def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
     )
 
 
-# ---------------------------------------------------------------- SC on defaults
-
-
 def _check_defaults(case: Case) -> None:
     """Enters a failure of `start` where SC may fault on defaults."""
     why = fault_on_defaults(case.problem)
@@ -165,15 +157,17 @@ def _check_defaults(case: Case) -> None:
 def fault_on_defaults(problem: Problem) -> str:
     """Why SC may fault on defaults, in words; "": it does not."""
     schedule = problem.times.schedule
-    steps = schedule.defaults_read
+    steps = schedule.steps_that_read_defaults
     if not steps:
         return ""
     system, sc = _without_plants(problem)
     component = system.components[sc]
     assert component.node is not None
     modes_read = {} if problem.modes is None else problem.modes.topics
-    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in modes_read]
-    topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
+    modes = [
+        component.scope.topics[t] for t in topics_read_in_step(component.node) if t in modes_read
+    ]
+    topics = {component.scope.topics[t] for t in topics_read_in_step(component.node)} - {*modes}
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
     if not _published_together(problem, {system.topics[t].name for t in topics}):
@@ -188,7 +182,7 @@ def fault_on_defaults(problem: Problem) -> str:
 
 
 def _published_together(problem: Problem, topics: set[str]) -> bool:
-    """Whether SC at any time reads defaults of all of these topics, or of none."""
+    """Whether SC reads at any time the defaults of all these topics, or of none."""
     schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
     at_once = len({p.publisher for p in paths}) == 1
     if not any(p.nodes for p in paths) and not schedule.dropout:
@@ -219,7 +213,7 @@ def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]
 
 
 def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
-    """The configuration with every combination of other modules' modes."""
+    """The configuration, once for every combination of other modules' modes."""
     for combination in product((SC, AC), repeat=len(modes)):
         by = dict(zip(modes, combination, strict=True))
         yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))

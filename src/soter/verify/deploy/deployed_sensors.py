@@ -1,10 +1,10 @@
 """Whether the sensors of a deployed system give a module what the plants of its proof gave it.
 
-Purpose: for every topic that a plant of the proof drove and DM or SC reads, `covers` compares the
-error, the age and (for plants that move in steps) the step that the deployed system declares. For
-several sensors that speak one by one, `too_far` checks that their values can count as one state: it
-bounds how far each moves in a time, by the plant's own equations, and finds pairs of topics that
-are too far apart in time for the errors that the proof allows.
+Purpose: for every topic that a plant of the proof drove and DM or SC reads, `check_sensors`
+compares the error, the age and (for plants that move in steps) the step that the deployed system
+declares. For several sensors that speak one by one, `topics_apart` checks that their values
+can count as one state: it bounds how far each moves in a time, by the plant's own equations, and
+finds pairs of topics that are too far apart in time for the errors that the proof allows.
 Non-goals: which proofs are carried (`proof_transfer.py`).
 
 Why it suffices (docs/deploy.md, "Several sensors"). A read takes topic i as it was at s_i, with
@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate.wellformed import from_outside
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.problem.extract import cases
+from soter.verify.problem.extract import parameter_cases
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +53,7 @@ NS = 10**9
 
 @dataclass(frozen=True, eq=False)
 class SensedTopic:
-    """A topic as the deployed system gives it: at most `age` ns old, leaf k off by `errors[k]`.
+    """A topic in the deployed system: at most `age` ns old, its k-th leaf off by `errors[k]`.
 
     `allowed[k]` is the error that the proof allows. `errors[k]` is None for a leaf that is no
     float.
@@ -75,15 +75,15 @@ class TopicSkew:
     covered: int
 
 
-def too_far(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
+def topics_apart(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
     """The pairs of topics that may be further apart in time than the allowed errors cover.
 
     `SoterError` R007, X004, X006 as of `library_of`.
     """
     if len(heard) < 2:
         return []
-    rates = rates_of(problem)
-    slacks = [_slack(problem, h, rates) for h in heard]
+    rates = greatest_rates_of(problem)
+    slacks = [_slack_of_topic(problem, h, rates) for h in heard]
     return [
         TopicSkew(heard[i].topic, heard[j].topic, apart, int(covered))
         for i, j, apart, covered in _skewed_pairs([h.age for h in heard], slacks)
@@ -93,18 +93,21 @@ def too_far(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
 def _skewed_pairs(
     ages: Sequence[int], slacks: Sequence[Fraction | float]
 ) -> list[tuple[int, int, int, Fraction | float]]:
-    """(i, j, max(a_i, a_j), sigma_i + sigma_j) in ns, for pairs where the sum is the smaller."""
+    """Pairs of sensors i, j whose ages may differ by more than their slacks together allow.
+
+    Each has the numbers i, j, the difference of ages and the sum of slacks, in ns.
+    """
     every = combinations(range(len(ages)), 2)
     pairs = [(i, j, max(ages[i], ages[j]), slacks[i] + slacks[j]) for i, j in every]
     return [x for x in pairs if x[2] > x[3]]
 
 
-def rates_of(problem: Problem) -> list[float]:
-    """The greatest rate of each state of a flow, per second, within its ranges; inf: unknown."""
+def greatest_rates_of(problem: Problem) -> list[float]:
+    """The greatest rate of each state of a flow within its ranges, per second; inf: unknown."""
     assert problem.kind == "flow"
     library, _ = library_of(problem)
     rates = [0.0 for _ in problem.states]
-    for parameter in cases(problem):
+    for parameter in parameter_cases(problem):
         forms = CompiledEnclosures(library, problem, parameter)
         bounds = forms.numbers("derivative", forms.whole, len(problem.states))
         for k in range(len(rates)):
@@ -113,8 +116,10 @@ def rates_of(problem: Problem) -> list[float]:
     return rates
 
 
-def _slack(problem: Problem, heard: SensedTopic, rates: Sequence[float]) -> Fraction | float:
-    """Sigma in ns, for how long the topic stays within the allowed error; inf: for ever.
+def _slack_of_topic(
+    problem: Problem, heard: SensedTopic, rates: Sequence[float]
+) -> Fraction | float:
+    """Sigma: for how many ns the topic stays within the allowed error; inf: for ever.
 
     0 where a leaf is no float or no state: how fast that moves is not known.
     """
@@ -145,7 +150,7 @@ class Sensors:
         self.here = here
         self.there = there
         self.module = problem.module.name
-        self.said = {here.topics[e.topic].name: e for e in from_outside(here)}
+        self.external_by_name = {here.topics[e.topic].name: e for e in from_outside(here)}
         self.plants: dict[int, Component] = {}
         for c in there.components:
             for topic, _ in c.plant.drives if c.plant is not None else ():
@@ -156,8 +161,8 @@ class Sensors:
         assert {t.index for t in self.topics} <= self.plants.keys()
         assert len(self.topics) == len(read)
 
-    def errors_of(self, topic: Topic) -> list[float]:
-        """The error of each leaf of a topic that the proof allows."""
+    def allowed_errors_of(self, topic: Topic) -> list[float]:
+        """The error that the proof allows of each leaf of a topic."""
         errors = [NO_ERROR for _ in leaves(topic.type)]
         for m in self.plants[topic.index].measured:
             if m.topic == topic.index:
@@ -165,15 +170,15 @@ class Sensors:
         return errors
 
 
-def covers(
+def check_sensors(
     here: System, there: System, problem: Problem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """What the sensors cover, and what is assumed of them besides, in words; D019 otherwise."""
+    """Sentences on what the sensors cover, and on what is assumed of them; D019 otherwise."""
     s = Sensors(here, there, problem)
     before = len(diagnostics.items)
     stepped = problem.kind == "map"
     for topic in s.topics:
-        e = s.said[topic.name]
+        e = s.external_by_name[topic.name]
         _check_errors(s, topic, e, diagnostics)
         if stepped:
             _check_steps(s, topic, e, diagnostics)
@@ -182,7 +187,7 @@ def covers(
     if len(diagnostics.items) > before:
         return [], []
     if not stepped:
-        for apart in too_far(problem, [_sensed_topic(s, t, problem) for t in s.topics]):
+        for apart in topics_apart(problem, [_sensed_topic(s, t, problem) for t in s.topics]):
             _report_skew(s, apart, problem, diagnostics)
     if len(diagnostics.items) > before:
         return [], []
@@ -190,16 +195,13 @@ def covers(
     if len(s.topics) > 1 and not stepped:
         names = ", ".join(t.name for t in s.topics)
         covered.append(f"{names}: measured one by one, within the errors of one state")
-    return covered, _assumptions(s, stepped=stepped)
-
-
-# ---------------------------------------------------------------- topic by topic
+    return covered, _sensor_assumptions(s, stepped=stepped)
 
 
 def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """D019 where the error of a float is not declared, or larger than that of the plant."""
+    """Reports D019 where the error of a float is undeclared or larger than in the proof."""
     for k, ((path, t), allowed) in enumerate(
-        zip(leaves(topic.type), s.errors_of(topic), strict=True)
+        zip(leaves(topic.type), s.allowed_errors_of(topic), strict=True)
     ):
         if not isinstance(t, FloatType):
             continue
@@ -221,7 +223,7 @@ def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostic
 def _check_age(
     s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics
 ) -> None:
-    """D019 where a topic comes too seldom or too late: SC might read older values than proved."""
+    """Reports D019 where a topic comes so seldom or late that SC might read older values."""
     if e.every_ns is None:
         diagnostics.error(
             "D019",
@@ -231,10 +233,10 @@ def _check_age(
             helps=(f"write `external topic {topic.name} every d`",),
         )
         return
-    oldest, allowed = _oldest_read(e, problem), _greatest_age(topic, problem)
+    oldest, allowed = _oldest_read(e, problem), _greatest_proved_age(topic, problem)
     if oldest <= allowed:
         return
-    starts = show_ns(problem.times.schedule.start_of_sc)
+    starts = show_ns(problem.times.schedule.latest_start_of_sc)
     delay = show_ns(e.delay_ns or 0)
     word = "max_age" if allowed == topic.max_age_ns else "age"
     notes = [
@@ -252,19 +254,19 @@ def _check_age(
     )
 
 
-def _greatest_age(topic: Topic, problem: Problem) -> int:
-    """How old SC reads a topic at most, by the proof; its `max_age` where SC does not read it."""
+def _greatest_proved_age(topic: Topic, problem: Problem) -> int:
+    """How old SC reads a topic at most in the proof, in ns; `max_age` where SC does not read it."""
     read = (p.max_age for p in problem.times.schedule.read_by_sc if p.topic == topic.name)
     return next(read, topic.max_age_ns) or 0
 
 
 def _oldest_read(e: External, problem: Problem) -> int:
     assert e.every_ns is not None
-    return e.every_ns + (e.delay_ns or 0) + problem.times.schedule.start_of_sc
+    return e.every_ns + (e.delay_ns or 0) + problem.times.schedule.latest_start_of_sc
 
 
 def _check_steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """D019 where a topic does not come once in every step of its plant, without delay."""
+    """Reports D019 where a topic does not come once in every step of its plant, without delay."""
     plant = s.plants[topic.index]
     if e.every_ns == plant.period_ns and not e.delay_ns:
         return
@@ -284,14 +286,11 @@ def _check_steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics
     )
 
 
-# ---------------------------------------------------------------- together
-
-
 def _sensed_topic(s: Sensors, topic: Topic, problem: Problem) -> SensedTopic:
-    e = s.said[topic.name]
+    e = s.external_by_name[topic.name]
     assert e.every_ns is not None
     age = e.every_ns + (e.delay_ns or 0) + problem.times.schedule.dropout
-    return SensedTopic(topic, age, e.errors, tuple(s.errors_of(topic)))
+    return SensedTopic(topic, age, e.errors, tuple(s.allowed_errors_of(topic)))
 
 
 def _report_skew(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Diagnostics) -> None:
@@ -301,7 +300,7 @@ def _report_skew(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Dia
     diagnostics.error(
         "D019",
         f"`{one.name}` and `{other.name}` may show states {show_ns(pair.apart)} apart",
-        s.said[other.name].span,
+        s.external_by_name[other.name].span,
         notes=(
             f"they come one by one{beside}, and the proof is about reads that show one instant",
             f"what is left of the errors covers {show_ns(pair.covered)}, as fast as it moves",
@@ -314,15 +313,12 @@ def _report_skew(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Dia
     )
 
 
-# ---------------------------------------------------------------- in words
-
-
 def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
-    e = s.said[topic.name]
+    e = s.external_by_name[topic.name]
     exact = [
         f"{'.'.join(path) or topic.name} within {own!r} of {allowed!r}"
         for (path, t), own, allowed in zip(
-            leaves(topic.type), e.errors, s.errors_of(topic), strict=True
+            leaves(topic.type), e.errors, s.allowed_errors_of(topic), strict=True
         )
         if isinstance(t, FloatType)
     ]
@@ -332,14 +328,14 @@ def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
         assert most < e.every_ns, "R011: the DM finds a step that is missing"
         age = f"with each step of {show_ns(e.every_ns)}, or stale ({show_ns(most)})"
     else:
-        most = _greatest_age(topic, problem)
+        most = _greatest_proved_age(topic, problem)
         age = f"at most {show_ns(_oldest_read(e, problem))} old of {show_ns(most)}"
         if problem.times.schedule.dropout:
             age += f", and silences {show_ns(problem.times.schedule.dropout)} longer"
     return f"{topic.name}: {', '.join([age, *exact])}"
 
 
-def _assumptions(s: Sensors, *, stepped: bool) -> list[str]:
+def _sensor_assumptions(s: Sensors, *, stepped: bool) -> list[str]:
     assumptions = [f"what moves starts where the plants of {s.there.name} do"] * bool(s.topics)
     for topic in s.topics:
         assumptions.append(

@@ -41,11 +41,11 @@ from soter.verify.deploy.dm_test_cases import (
     WRAPPER,
     ExpectedFacts,
     LatchBytes,
-    gates,
+    gate_states,
     topic_values,
 )
 from soter.verify.deploy.level_tables import GroupTable, pairs_of, tables_of_groups
-from soter.verify.deploy.missing_predicates import install
+from soter.verify.deploy.missing_predicates import install_predicates
 from soter.verify.deploy.shield_tables import command_edges
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class DMCheck:
 
     @property
     def text(self) -> str:
-        """What was tried, or how it differed, in one sentence."""
+        """A sentence on what was tried, or on the first difference."""
         if self.failures:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
@@ -107,16 +107,16 @@ class DMCheck:
             + f"; {self.states:,} inputs tried"
         )
 
-    def fail(self, text: str) -> None:
+    def add_failure(self, text: str) -> None:
         """Enters a difference."""
         if len(self.failures) < FAILURES_MAX:
             self.failures.append(text)
 
 
-def decided(
+def expected_mode(
     mode: int, *, stale: bool, ttf: bool, safer: bool, gate_fault: bool, clean: bool
 ) -> int:
-    """The mode after a DM step (docs/semantics.md): AC is left for any doubt."""
+    """The mode after a DM step (docs/semantics.md): for any doubt SC has control."""
     if mode == AC:
         return SC if ttf or stale or gate_fault else AC
     return AC if safer and not stale and clean else SC
@@ -145,7 +145,7 @@ def check_decisions(
         check = DMCheck(module.name)
         _try_all_facts(c, check)
         inputs = _Inputs(c, system, module, check)
-        inputs.run(points)
+        inputs.try_values(points)
         for table in level_tables:
             others = [t for t in level_tables if t is not table]
             inputs.try_level_table(table, others, at, acted_ns)
@@ -167,7 +167,7 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     system = derived_systems.without_bindings(problem.whole or problem.system)
     module = system.modules[problem.module.index]
     if level_tables:
-        install(system, module, problem, list(level_tables))
+        install_predicates(system, module, problem, list(level_tables))
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
@@ -194,12 +194,12 @@ class CompiledDM:
         )
         self.lib: Any = opened(self.ffi, library(unit))
 
-    def switch(self, mode: int, facts: Sequence[bool]) -> int:
+    def mode_after_switch(self, mode: int, facts: Sequence[bool]) -> int:
         """The mode after the switch; facts in the order stale, ttf, safer, gate fault, clean."""
         bits = sum(1 << i for i, fact in enumerate(facts) if fact)
         return int(self.lib.soter_check_switch(mode, bits))
 
-    def levels(
+    def levels_of_points(
         self,
         module: int,
         state: bytearray,
@@ -221,8 +221,8 @@ class CompiledDM:
         )
         return levels
 
-    def places(self, module: Module) -> dict[str, int]:
-        """The offset of each number that a module keeps in a state, in bytes, by name."""
+    def offsets_by_name(self, module: Module) -> dict[str, int]:
+        """The offset in bytes, in a state, of each number that a module keeps, by its name."""
         layout = self.unit.layout
         fields = state_dtype(layout)["modules"].base.fields
         assert fields is not None
@@ -234,7 +234,7 @@ class CompiledDM:
         struct.pack_into("<q", state, 0, NOW_NS)
         for i in range(self.unit.layout.topics):
             struct.pack_into("<q", state, self.unit.layout.stamp_offset + 8 * i, NOW_NS)
-        at = self.places(module)
+        at = self.offsets_by_name(module)
         struct.pack_into("<I", state, at["clean_needed"], 0)
         state[at["mode"]], state[at["gate_fault"]] = AC, 0
         return self.decide(module.index, state)
@@ -245,25 +245,23 @@ class CompiledDM:
 
 
 def _try_all_facts(c: CompiledDM, check: DMCheck) -> None:
-    """Tries all 64 combinations of two modes and five facts."""
+    """Tries all 64 combinations of two modes and five facts on the C of the switch."""
     names = ("stale", "ttf", "safer", "gate_fault", "clean")
     for mode in (SC, AC):
         for facts in itertools.product((False, True), repeat=5):
             fact_by_name = dict(zip(names, facts, strict=True))
-            wanted, got = decided(mode, **fact_by_name), c.switch(mode, facts)
+            wanted, got = expected_mode(mode, **fact_by_name), c.mode_after_switch(mode, facts)
             check.facts += 1
             if wanted != got:
                 true = ", ".join(n for n, fact in fact_by_name.items() if fact) or "no fact"
-                check.fail(
-                    f"in {_name_of(mode)} with {true}: {_name_of(got)}, not {_name_of(wanted)}"
+                check.add_failure(
+                    f"in {_mode_name(mode)} with {true}: "
+                    f"{_mode_name(got)}, not {_mode_name(wanted)}"
                 )
 
 
-def _name_of(mode: int) -> str:
+def _mode_name(mode: int) -> str:
     return "AC" if mode == AC else "SC"
-
-
-# ---------------------------------------------------------------- states
 
 
 class _Inputs:
@@ -273,7 +271,7 @@ class _Inputs:
         self.c, self.system, self.module, self.check = c, system, module, check
         self.chance = random.Random(1)  # noqa: S311 - test points
         layout = c.unit.layout
-        self.at = c.places(module)
+        self.at = c.offsets_by_name(module)
         self.stamps = layout.stamp_offset
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
@@ -285,24 +283,24 @@ class _Inputs:
         asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
         self.asked = sorted({scope[topic] for topic in asked})
 
-    def run(self, points: Points) -> None:
-        """Tries the DM on values of the topics that its predicates read."""
+    def try_values(self, points: Points) -> None:
+        """Tries the DM on values of the topics that its predicates read, at all ages and gates."""
         system, symbol = self.system, self.module.symbol
         predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
         scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
         read = [scope[t] for t in topic_reads(*predicates)]
         expected = ExpectedFacts(system, self.module)
-        every = list(itertools.product(self._ages_to_try(), gates(self.module)))
+        every = list(itertools.product(self._ages_to_try(), gate_states(self.module)))
         for k, chosen_values in enumerate(topic_values(system, read, points, self.chance)):
             topics = [t.default for t in system.topics]
             for index, value in zip(read, chosen_values, strict=True):
                 topics[index] = value
-            state = expected.state(self.c.unit, tuple(topics))
+            state = expected.state_bytes(self.c.unit, tuple(topics))
             chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
-            fresh = truths = expected.truths(tuple(topics), {})
+            fresh = truths = expected.expected_ttf_and_safer(tuple(topics), {})
             for ages, gate in chosen:
                 if expected.reads_ages:
-                    truths = expected.truths(tuple(topics), ages)
+                    truths = expected.expected_ttf_and_safer(tuple(topics), ages)
                 self._try_state(state, ages, gate, ttf=truths[0], safer=truths[1])
             if k < WHOLE or fresh[1]:
                 self._try_latch(state, ttf=fresh[0], safer=fresh[1])
@@ -313,9 +311,12 @@ class _Inputs:
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
     ) -> tuple[bytearray, NDArray[np.uintp]] | None:
-        """A state with fresh topics and other groups inside S_(m-2); offsets of `own`'s states."""
+        """A state with fresh topics and other groups inside S_(m-2); offsets of `own`'s states.
+
+        None where S_(m-2) of another group is empty.
+        """
         layout, topics = self.c.unit.layout, self.system.topics
-        state = ExpectedFacts(self.system, self.module).state(
+        state = ExpectedFacts(self.system, self.module).state_bytes(
             self.c.unit, tuple(t.default for t in topics)
         )
         struct.pack_into("<q", state, 0, NOW_NS)
@@ -324,7 +325,7 @@ class _Inputs:
 
         def offset(of: int) -> int:
             topic, leaf = leaves_of[of]
-            return _place_of(layout, topics[topic], leaf)
+            return _offset_of_leaf(layout, topics[topic], leaf)
 
         for other in others:
             full = other.full
@@ -341,7 +342,7 @@ class _Inputs:
         leaves_of: Mapping[int, tuple[int, int]],
         acted_ns: int | None,
     ) -> None:
-        """Tries the samples of a table, with the other groups inside S_(m-2)."""
+        """Tries the samples of a table, while the other groups stay inside S_(m-2)."""
         samples, fresh = table.samples, self._fresh_state(table, others, leaves_of)
         if samples is None or fresh is None:
             return
@@ -360,20 +361,20 @@ class _Inputs:
     def _try_samples(
         self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples
     ) -> None:
-        """Tries the compiled DM on samples, in this state otherwise."""
+        """Compares the levels of samples with those of the C; `state` has the other topics."""
         points, levels = samples.points, samples.levels
         facts = (self.at["ttf"], self.at["safer"])
-        got = self.c.levels(self.module.index, state, facts, at, points)
+        got = self.c.levels_of_points(self.module.index, state, facts, at, points)
         self.check.cells += len(points)
         for k in np.flatnonzero(got != levels)[:1]:
             where = points[k].tolist()
-            self.check.fail(f"at {where} its level is {got[k]}, not {levels[k]}")
+            self.check.add_failure(f"at {where} its level is {got[k]}, not {levels[k]}")
 
     def _acting_commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
-        """All pairs of cells of the command that is held and of one that may just still act.
+        """All pairs of a cell of the command that is held and one of a command that may still act.
 
-        Each with its offsets, and the samples at which it is permitted. `acted_ns` None: only the
-        held one acts.
+        Each has the offset and value of either, and the samples at which the pair is permitted.
+        With `acted_ns` None only the held command acts.
         """
         shield = self.module.shield
         if shield is None or not isinstance(table, GroupTable) or table.commands is None:
@@ -389,9 +390,9 @@ class _Inputs:
         topic, leaf, bound = numbers[table.commands.control]
         assert bound is not None
         edges = command_edges(bound.low, bound.high, n)
-        place = _place_of(layout, topics[topic], leaf)
+        place = _offset_of_leaf(layout, topics[topic], leaf)
         times = layout.topic_offset(shield.topic) + 8 * table.commands.control * n
-        tops = table.commands.tops.reshape(-1, n)[table.wide]
+        tops = table.commands.tops.reshape(-1, n)[table.has_double_inside]
         for held in range(n):
             ends = (np.nextafter(edges[held], np.inf), np.nextafter(edges[held + 1], -np.inf))
             for acting in range(n):
@@ -402,7 +403,7 @@ class _Inputs:
                 yield (place, value), when, tops[:, low] > high
 
     def _ages_to_try(self) -> Iterator[dict[int, int]]:
-        """Ages to try: all fresh; each input at its limit, beyond, never published; `ASKED_NS`."""
+        """Ages by topic: fresh; at a limit, beyond it, never published; `ASKED_NS`."""
         yield {}
         for index, limit in self.limits:
             for age in (limit, limit + 1, NOW_NS - NEVER):
@@ -437,14 +438,14 @@ class _Inputs:
             self.latch.release(state)
         got = self.c.decide(self.module.index, state)
         facts = {"stale": stale, "ttf": ttf, "safer": safer}
-        wanted = decided(mode, **facts, gate_fault=gate_fault != 0, clean=clean == 0)
+        wanted = expected_mode(mode, **facts, gate_fault=gate_fault != 0, clean=clean == 0)
         self.check.states += 1
         wrong = [n for n, fact in facts.items() if state[self.at[n]] != fact]
         for name in wrong[:1]:
-            self.check.fail(f"in {_name_of(mode)} it finds `{name}` {not facts[name]}")
+            self.check.add_failure(f"in {_mode_name(mode)} it finds `{name}` {not facts[name]}")
         if got != wanted:
-            self.check.fail(
-                f"in {_name_of(mode)} on {facts}: {_name_of(got)}, not {_name_of(wanted)}"
+            self.check.add_failure(
+                f"in {_mode_name(mode)} on {facts}: {_mode_name(got)}, not {_mode_name(wanted)}"
             )
 
     def _try_latch(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
@@ -457,22 +458,28 @@ class _Inputs:
             struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS)
         struct.pack_into("<I", state, self.at["clean_needed"], 0)
         state[self.at["gate_fault"]] = 0
-        for mode, seen in itertools.product((SC, AC), self.latch.every(NOW_NS)):
+        for mode, seen in itertools.product((SC, AC), self.latch.all_looks(NOW_NS)):
             state[self.at["mode"]] = mode
-            self.latch.put(state, seen)
-            held, lets = self.latch.looked(seen, NOW_NS) if mode == SC else (seen.held, True)
-            wanted = decided(mode, stale=False, ttf=ttf, safer=safer, gate_fault=False, clean=lets)
-            after = self.latch.switched(wanted, NOW_NS) if wanted != mode else held
+            self.latch.write_look(state, seen)
+            held, lets = (
+                self.latch.memory_after_look(seen, NOW_NS) if mode == SC else (seen.held, True)
+            )
+            wanted = expected_mode(
+                mode, stale=False, ttf=ttf, safer=safer, gate_fault=False, clean=lets
+            )
+            after = self.latch.memory_after_switch(wanted, NOW_NS) if wanted != mode else held
             self.check.states += 1
             if (got := self.c.decide(self.module.index, state)) != wanted:
-                self.check.fail(
-                    f"in {_name_of(mode)} on {seen}: {_name_of(got)}, not {_name_of(wanted)}"
+                self.check.add_failure(
+                    f"in {_mode_name(mode)} on {seen}: {_mode_name(got)}, not {_mode_name(wanted)}"
                 )
-            elif (kept := self.latch.remembered(state)) != after:
-                self.check.fail(f"in {_name_of(mode)} on {seen}: it keeps {kept}, not {after}")
+            elif (kept := self.latch.read_memory(state)) != after:
+                self.check.add_failure(
+                    f"in {_mode_name(mode)} on {seen}: it keeps {kept}, not {after}"
+                )
 
 
-def _place_of(layout: StateLayout, topic: Topic, leaf: int) -> int:
+def _offset_of_leaf(layout: StateLayout, topic: Topic, leaf: int) -> int:
     """The offset in a state, in bytes, of a leaf of a topic that is in no list."""
     path = list(leaves(topic.type))[leaf][0]
     every = placed_leaves(topic.type, layout.topic_offset(topic.index))

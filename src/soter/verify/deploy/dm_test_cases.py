@@ -1,8 +1,8 @@
 """The test cases for the check of a decision module, and the answers that are expected of it.
 
-Purpose: `values` gives values of the topics that a DM reads, every class at least once: NaN,
+Purpose: `topic_values` gives values of the topics that a DM reads, every class at least once: NaN,
 infinities, huge numbers, zeros of both signs, the ends of each range and breakpoints with their
-neighbours, all members of enums, and random points; `gates` gives every state of the gate.
+neighbours, all members of enums, and random points; `gate_states` gives every state of the gate.
 `ExpectedFacts` evaluates `ttf` and `safer` in the reference interpreter. `LatchBytes` knows where a
 latch lies in a state, all that it may remember, and what a look must make of that (written anew
 from docs/semantics.md, The latch).
@@ -77,7 +77,7 @@ unsigned soter_check_switch(unsigned mode, unsigned facts) {{
 """
 
 
-def gates(module: Module) -> Iterator[tuple[int, int, int]]:
+def gate_states(module: Module) -> Iterator[tuple[int, int, int]]:
     """Every state of the gate: (mode, gate fault, clean outputs owed)."""
     owed = (0, 1, module.clean, 2**31, 2**32 - 1)
     for mode in (SC, AC):
@@ -87,10 +87,7 @@ def gates(module: Module) -> Iterator[tuple[int, int, int]]:
 
 
 def topic_values(
-    system: System,
-    read: Sequence[int],
-    points: Points,
-    chance: random.Random,
+    system: System, read: Sequence[int], points: Points, chance: random.Random
 ) -> Iterator[tuple[Value, ...]]:
     """Values of the topics that are read: each leaf in each class, then random points."""
     flat = []
@@ -102,15 +99,15 @@ def topic_values(
 
     def built(chosen: list[Value]) -> tuple[Value, ...]:
         it = iter(chosen)
-        return tuple(_build(system.topics[i].type, it) for i in read)
+        return tuple(_value_from_leaves(system.topics[i].type, it) for i in read)
 
     for at, leaf in enumerate(flat):
-        for value in leaf.classes():
-            drawn = [x.draw(chance) for x in flat]
+        for value in leaf.values_of_each_class():
+            drawn = [x.random_value(chance) for x in flat]
             drawn[at] = value
             yield built(drawn)
     for _ in range(RANDOM_POINTS if flat else 1):
-        yield built([x.draw(chance) for x in flat])
+        yield built([x.random_value(chance) for x in flat])
 
 
 @dataclass(frozen=True)
@@ -121,8 +118,8 @@ class _TriedLeaf:
     bound: Bound | None
     points: Sequence[float] = ()
 
-    def classes(self) -> Iterator[Value]:
-        """One value of every class."""
+    def values_of_each_class(self) -> Iterator[Value]:
+        """Values of every class of input: special, at the ends and points, and beside these."""
         if isinstance(self.type, FloatType):
             yield from SPECIAL
             ends = () if self.bound is None else (self.bound.low, self.bound.high)
@@ -135,13 +132,13 @@ class _TriedLeaf:
         elif isinstance(self.type, EnumType):
             yield from range(len(self.type.members))
         else:
-            yield from self._ints()
+            yield from self._int_range()
 
-    def _ints(self) -> tuple[int, int]:
+    def _int_range(self) -> tuple[int, int]:
         assert isinstance(self.type, IntType)
         return self.type.low, self.type.high
 
-    def draw(self, chance: random.Random) -> Value:
+    def random_value(self, chance: random.Random) -> Value:
         """A random value, within its range if it has one."""
         if isinstance(self.type, FloatType):
             if self.points:
@@ -154,17 +151,17 @@ class _TriedLeaf:
             return chance.random() < 0.5
         if isinstance(self.type, EnumType):
             return chance.randrange(len(self.type.members))
-        return chance.randint(*self._ints())
+        return chance.randint(*self._int_range())
 
 
-def _build(t: Type, values: Iterator[Value]) -> Value:
-    """A value from its leaves in order."""
+def _value_from_leaves(t: Type, values: Iterator[Value]) -> Value:
+    """A value of type `t`, built from the next of its leaves in order."""
     if isinstance(t, RecordType):
-        return tuple(_build(f, values) for _, f in t.fields)
+        return tuple(_value_from_leaves(f, values) for _, f in t.fields)
     if isinstance(t, ArrayType):
-        return tuple(_build(t.element, values) for _ in range(t.size))
+        return tuple(_value_from_leaves(t.element, values) for _ in range(t.size))
     if isinstance(t, ListType):
-        return (_build(t.element, values),) * t.capacity
+        return (_value_from_leaves(t.element, values),) * t.capacity
     return next(values)
 
 
@@ -187,14 +184,21 @@ class ExpectedFacts:
         self._image = bytearray()
         """The bytes of a state with all topics at their defaults."""
 
-    def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
-        """(ttf, safer); a fault counts as unsafe. `ages`: of topics not published now, in ns."""
+    def expected_ttf_and_safer(
+        self, topics: tuple[Value, ...], ages: Mapping[int, int]
+    ) -> tuple[bool, bool]:
+        """What the DM should find: (ttf, safer). A fault counts as unsafe.
+
+        `ages`: of topics not published now, in ns.
+        """
         env = self._environment(topics, ages)
-        return self._truth(self._ttf, env, fault=True), self._truth(self._safer, env, fault=False)
+        return self._truth_or_fault(self._ttf, env, fault=True), self._truth_or_fault(
+            self._safer, env, fault=False
+        )
 
     def safe(self, topics: tuple[Value, ...]) -> bool:
-        """Whether `safe` holds of these values; a fault counts as unsafe."""
-        return self._truth(self._safe, self._environment(topics, {}), fault=False)
+        """Whether `safe` holds of these values of topics; a fault counts as unsafe."""
+        return self._truth_or_fault(self._safe, self._environment(topics, {}), fault=False)
 
     def _environment(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> Environment:
         return Environment(
@@ -207,21 +211,22 @@ class ExpectedFacts:
             truth=lambda _: (),
         )
 
-    def _truth(self, predicate: Compiled | None, env: Environment, *, fault: bool) -> bool:
+    def _truth_or_fault(self, predicate: Compiled | None, env: Environment, *, fault: bool) -> bool:
+        """The truth of a predicate; `fault` where it faults, or where there is none."""
         try:
             return fault if predicate is None else bool(predicate(env))
         except StepFault:
             return fault
 
-    def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
+    def state_bytes(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
         """The bytes of a state that holds these values of topics."""
         defaults = [t.default for t in self.system.topics]
-        self._image = self._image or _with(bytearray(unit.layout.size), unit, defaults)
+        self._image = self._image or _with_topics(bytearray(unit.layout.size), unit, defaults)
         new = (None if v is d else v for v, d in zip(topics, defaults, strict=True))
-        return _with(bytearray(self._image), unit, tuple(new))
+        return _with_topics(bytearray(self._image), unit, tuple(new))
 
 
-def _with(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
+def _with_topics(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
     """The state `out` with these topics changed; None leaves one as it was."""
     for at, m in (
         (g.offset, m) for g in unit.layout.groups if g.owner < 0 for m in g.struct.members
@@ -274,23 +279,23 @@ class LatchBytes:
         """Writes a latch that lets AC have control: acknowledged now, or never engaged."""
         now = struct.unpack_from("<q", state, 0)[0]
         held = (0, NEVER) if self.button is None else (ACKNOWLEDGED, now)
-        self.put(state, Seen(held))
+        self.write_look(state, Seen(held))
 
-    def put(self, state: bytearray, seen: Seen) -> None:
-        """Writes what a look finds."""
+    def write_look(self, state: bytearray, seen: Seen) -> None:
+        """Writes a memory, a state of the button and its stamp into a state."""
         struct.pack_into("<b", state, self.value, seen.held[0])
         struct.pack_into("<q", state, self.since, seen.held[1])
         if self.button is not None:
             struct.pack_into("<?", state, self.button, seen.pressed)
             struct.pack_into("<q", state, self.stamp, seen.stamp)
 
-    def remembered(self, state: bytearray) -> Held:
-        """Reads what the DM has written."""
+    def read_memory(self, state: bytearray) -> Held:
+        """Reads the memory that the DM has written into a state."""
         value = struct.unpack_from("<b", state, self.value)[0]
         return int(value), int(struct.unpack_from("<q", state, self.since)[0])
 
-    def every(self, now: int) -> Iterator[Seen]:
-        """All cases of a look: every value, every order of the times, ages around the limit."""
+    def all_looks(self, now: int) -> Iterator[Seen]:
+        """All looks to try: every value of the memory, every order of times, ages at the limit."""
         if self.button is None:
             yield from (Seen((value, NEVER)) for value in (0, 1))
             return
@@ -300,7 +305,7 @@ class LatchBytes:
             for pressed in (False, True):
                 yield Seen((value, since), pressed, stamp)
 
-    def looked(self, seen: Seen, now: int) -> tuple[Held, bool]:
+    def memory_after_look(self, seen: Seen, now: int) -> tuple[Held, bool]:
         """The memory after a look in mode SC, and whether the latch lets AC have control."""
         value, since = seen.held
         if self.button is None:
@@ -315,7 +320,7 @@ class LatchBytes:
             return (WAITS if old else ACKNOWLEDGED, seen.stamp), not old
         return (value, since), value == ACKNOWLEDGED
 
-    def switched(self, mode: int, now: int) -> Held:
+    def memory_after_switch(self, mode: int, now: int) -> Held:
         """The memory after a switch to this mode."""
         if self.button is None:
             return 1, NEVER

@@ -2,7 +2,7 @@
 
 Purpose: `LevelTable` is what every table of levels offers, however it is read; a `GroupTable` is
 that of a grid: it holds the level of each cell of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)),
-four cells a byte. `predicates` writes `ttf` and `safer` as checked expressions, which the
+four cells a byte. `predicates_of_tables` writes `ttf` and `safer` as checked expressions, which the
 interpreter, Core and C treat like any other; `Writer` builds such trees, which all stand at one
 place of the program's text.
 Non-goals: the sets (`grid/estimate_sets.py`), when they are computed (`missing_predicates.py`).
@@ -72,7 +72,7 @@ class Writer:
         """The array of these numbers."""
         return t.Aggregate(ArrayType(FLOAT, len(values)), self.span, tuple(values))
 
-    def real(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
+    def real_op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
         """An arithmetic operation on floats."""
         return t.TypedBinary(FLOAT, self.span, op, left, right)
 
@@ -85,7 +85,7 @@ class Writer:
         return t.VarRead(variable.type, self.span, variable)
 
     def op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-        """An arithmetic operation on ints, a comparison, or a connective."""
+        """An operation on two operands: arithmetic on ints, a comparison, or a connective."""
         return t.TypedBinary(INT if op in "+-*/%" else BOOL, self.span, op, left, right)
 
     def chain(self, op: str, terms: Sequence[t.TypedExpr]) -> t.TypedExpr:
@@ -95,17 +95,17 @@ class Writer:
             first = self.op(op, first, term)
         return first
 
-    def at(self, array: t.TypedExpr, index: t.TypedExpr) -> t.TypedExpr:
+    def element(self, array: t.TypedExpr, index: t.TypedExpr) -> t.TypedExpr:
         """An element of an array."""
         assert isinstance(array.type, ArrayType)
         return t.Index(array.type.element, self.span, array, index)
 
     def array(self, name: str, element: Type, values: tuple[Value, ...]) -> t.TypedExpr:
-        """A constant table."""
+        """A constant array with a name."""
         return t.Literal(ArrayType(element, len(values)), self.span, values, name)
 
     def table_of_bytes(self, name: str, values: bytes) -> t.TypedExpr:
-        """A constant table of ints in [0, 255]; as data where there are many."""
+        """A constant array of ints in [0, 255]; a long one is written as data."""
         element = IntType(0, 255)
         of = ArrayType(element, len(values))
         if not is_table(of):
@@ -122,7 +122,7 @@ class Writer:
                 assert index is not None
                 e = t.TypedField(e.type.fields[index][1], self.span, e, index)
             else:
-                e = self.at(e, self.number(int(part[1:-1])))
+                e = self.element(e, self.number(int(part[1:-1])))
         return e
 
     def declare(self, variable: t.Variable, value: t.TypedExpr) -> t.TypedStmt:
@@ -173,7 +173,7 @@ class LevelTable(ABC):
     @property
     @abstractmethod
     def ends(self) -> tuple[tuple[float, ...], ...]:
-        """For each state the numbers that divide its values into classes of input."""
+        """For each state the numbers that divide its values into classes for the tests of a DM."""
 
     @abstractmethod
     def share(self, group: Group) -> float:
@@ -182,19 +182,19 @@ class LevelTable(ABC):
     @property
     @abstractmethod
     def full(self) -> tuple[float, ...] | None:
-        """A point well inside S_(m-2); None where there is none."""
+        """A point well inside S_(m-2), a number per state; None where S_(m-2) is empty."""
 
     @property
     @abstractmethod
     def samples(self) -> EstimateSamples | None:
-        """The estimates to try the compiled function on; None where all have one level."""
+        """Estimates to try the compiled function on; None where all have the same level."""
 
     @abstractmethod
     def function(self, w: Writer, name: str) -> FunSymbol:
         """The function `fun level(x0: float, ...): int`, which finds the level of an estimate."""
 
-    def more(self, w: Writer, problem: Problem) -> list[TypedExpr]:
-        """Further arguments with which it is read, beside an estimate."""
+    def more_arguments(self, w: Writer, problem: Problem) -> list[TypedExpr]:
+        """Arguments of the table's function that come after the estimate."""
         del w, problem
         return []
 
@@ -213,10 +213,10 @@ FULL = 2
 class CommandTable:
     """The commands that a shield permits.
 
-    `tops`: for each cell and command cell i one more than the last command cell up to which
-    commands may act together with those of i; 0: those of i may not act. `control`: the command;
-    None: none moves the group. `lasting`: for each cell and command cell 1 where its commands may
-    act for longer, else 0; None: the shield does not need it.
+    `tops`: for each cell and command cell i the number of the first command cell beyond those whose
+    commands may act together with the commands of i; 0: those of i may not act. `control`: the
+    number of the command; None: no command moves the group. `lasting`: for each cell and command
+    cell 1 where its commands may act for longer, else 0; None: the shield does not need it.
     """
 
     control: int | None
@@ -255,13 +255,13 @@ class GroupTable(LevelTable):
         return four.tobytes()
 
     def share(self, group: Group) -> float:
-        """The share of the volume of cells that S_0 has."""
+        """The share that S_0 has of the volume of the axes that the DM sees."""
         axes = [a for a in group.axes if a.state in self.states]
         return volume_share(self.entries > 0, drawn_edges(axes))
 
     @property
     def full(self) -> tuple[float, ...] | None:
-        """The middle of a cell of S_(m-2); None where there is none."""
+        """The middle of a cell of S_(m-2); None where there is no such cell."""
         best = np.unravel_index(int(self.entries.argmax()), self.entries.shape)
         if self.entries[best] != FULL:
             return None
@@ -275,18 +275,18 @@ class GroupTable(LevelTable):
 
     @property
     def samples(self) -> EstimateSamples | None:
-        """The middle of every cell that has one inside; None where the DM sees no axis."""
+        """The middle of every cell with a double inside, with its level; None without axes."""
         if not self.states:
             return None  # one entry for all estimates
         middle = [np.array(e[:-1]) / 2 + np.array(e[1:]) / 2 for e in self.edges]
         grids = np.meshgrid(*middle, indexing="ij")
         points = np.stack(grids, axis=-1).reshape(-1, len(middle))
-        sure = self.wide
+        sure = self.has_double_inside
         return EstimateSamples(np.ascontiguousarray(points[sure]), self.entries.ravel()[sure])
 
     @property
-    def wide(self) -> Bools:
-        """Truths, (cells,) in C order: whether a cell has a double between its ends."""
+    def has_double_inside(self) -> Bools:
+        """Truths, (cells,) in C order: whether there is a double between the ends of a cell."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
@@ -318,11 +318,11 @@ def pairs_of(case: CaseSets) -> Pairs:
 def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[GroupTable]:
     """A table for each group, in order, of what holds in every case, by its pair in each."""
     every = zip(problem.groups, zip(*cases, strict=True), strict=True)
-    return [table(problem, g, pairs) for g, pairs in every]
+    return [group_table(problem, g, pairs) for g, pairs in every]
 
 
-def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
-    """The table of a grid: the levels that hold in every case, from (S_0, S_(m-2)) of each.
+def group_table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
+    """The table of a grid: the levels that hold in every case, of which `pairs` has (S_0, S_(m-2)).
 
     All sets have the grid's shape.
     """
@@ -335,14 +335,14 @@ def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTa
     axes = [group.axes[k] for k in kept]
     return GroupTable(
         tuple(a.state for a in axes),
-        tuple(a.reach for a in axes),
+        tuple(a.far_breakpoints for a in axes),
         np.asarray(entries.min(axis=unseen)) if unseen else entries,
-        _commands(problem, pairs, unseen),
+        _permitted_commands(problem, pairs, unseen),
         tuple(a.wraps for a in axes) if any(a.wraps for a in axes) else (),
     )
 
 
-def _commands(
+def _permitted_commands(
     problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
 ) -> CommandTable | None:
     """The commands that a shield permits in every case, at any place on axes the DM cannot see."""
@@ -360,7 +360,7 @@ def _commands(
     return CommandTable(moved, tops, name, lasting)
 
 
-def predicates(
+def predicates_of_tables(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
     """(ttf, safer): `ttf` if some group is below level 1, `safer` if every group is at level 2.
@@ -373,7 +373,7 @@ def predicates(
     for i, each in enumerate(level_tables):
         name = f"{symbol.name}_level{i if len(level_tables) > 1 else ''}"
         fun = each.function(w, name)
-        arguments = [*estimate(w, problem, each), *each.more(w, problem)]
+        arguments = [*estimate_leaves(w, problem, each), *each.more_arguments(w, problem)]
         lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
         highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
     safer = w.chain("&&", highs)
@@ -382,8 +382,8 @@ def predicates(
     return w.chain("||", lows), safer
 
 
-def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
-    """The leaves of topics that are the estimate for a table."""
+def estimate_leaves(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
+    """The expressions of the leaves of topics that are the estimate for a table."""
     shown, arguments = topics_seen_by_dm(problem), []
     for state in table.states:
         topic, leaf = problem.topic_leaf_of_state[state]
@@ -395,7 +395,7 @@ def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr
 def grid_ends(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> dict[str, tuple[float, float]]:
-    """By leaf of a topic both ends of its axis, where that does not wrap around."""
+    """Both ends of the axis of each leaf of a topic, by its name, where the axis does not wrap."""
     shown, ends = topics_seen_by_dm(problem), {}
     for x in level_tables:
         if isinstance(x, GroupTable):
@@ -405,9 +405,6 @@ def grid_ends(
                     path = list(leaves(shown[state].type))[number][0]
                     ends[leaf_name(shown[state].name, path)] = (edges[0], edges[-1])
     return ends
-
-
-# ---------------------------------------------------------------- functions
 
 
 def place_function(
@@ -424,12 +421,12 @@ def place_function(
     low, high = (w.variable(n, "var", INT) for n in ("low", "high"))
     mid, step = w.variable("mid", "let", INT), w.variable("step", "loop", INT)
     middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.number(2))
-    above = w.op(">=", w.read(x), w.at(table, w.read(mid)))
+    above = w.op(">=", w.read(x), w.element(table, w.read(mid)))
     halve = t.TypedIf(w.span, ((above, (w.assign(low, mid),)),), (w.assign(high, mid),))
     rounds = (count - 1).bit_length()
     search = t.ForRange(w.span, step, 0, rounds, (w.declare(mid, middle), halve))
-    first = w.at(table, w.read(low))
-    last = w.at(table, w.op("+", w.read(low), w.number(1)))
+    first = w.element(table, w.read(low))
+    last = w.element(table, w.op("+", w.read(low), w.number(1)))
     inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
     begin = [w.declare(low, w.number(0)), w.declare(high, w.number(count))]
     if wraps:
@@ -448,21 +445,21 @@ def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedE
     and then x is that end but for these errors.
     """
     turn = w.decimal(TURN)
-    since = w.real("-", w.read(x), w.decimal(low))
-    turns = t.Builtin(FLOAT, w.span, "floor", (w.real("/", since, turn),))
-    near = w.real("-", w.read(x), w.real("*", turn, turns))
+    since = w.real_op("-", w.read(x), w.decimal(low))
+    turns = t.Builtin(FLOAT, w.span, "floor", (w.real_op("/", since, turn),))
+    near = w.real_op("-", w.read(x), w.real_op("*", turn, turns))
     least = t.Builtin(FLOAT, w.span, "max", (near, w.decimal(low)))
     return t.Builtin(FLOAT, w.span, "min", (least, w.decimal(high)))
 
 
-def cell_of(
+def cell_number(
     w: Writer,
     name: str,
     inputs: Sequence[t.Variable],
     edges_by_axis: Sequence[Sequence[float]],
     wraps: Sequence[bool] = (),
 ) -> tuple[list[t.TypedStmt], t.TypedExpr]:
-    """(statements, the cell's number as an expression); the statements return 0 outside."""
+    """Statements, which return 0 outside, and an expression: the number of the cell at `inputs`."""
     body: list[t.TypedStmt] = []
     cell: t.TypedExpr = w.number(0)
     outside = []
@@ -481,12 +478,12 @@ def cell_of(
 def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
     """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
     inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
-    body, cell = cell_of(w, name, inputs, table.edges, table.wraps)
+    body, cell = cell_number(w, name, inputs, table.edges, table.wraps)
     at = w.variable("cell", "let", INT)
     body.append(w.declare(at, cell))
     packed = w.table_of_bytes(f"{name}_TABLE", table.packed)
     powers = w.array(f"{name}_POWERS", INT, POWERS)
     four = w.number(PER_BYTE)
-    byte = w.at(packed, w.op("/", w.read(at), four))
-    shifted = w.op("/", byte, w.at(powers, w.op("%", w.read(at), four)))
+    byte = w.element(packed, w.op("/", w.read(at), four))
+    shifted = w.op("/", byte, w.element(powers, w.op("%", w.read(at), four)))
     return w.function(name, inputs, [*body, w.give(w.op("%", shifted, four))])

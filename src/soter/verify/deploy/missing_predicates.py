@@ -26,21 +26,21 @@ from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, new_entry
 from soter.verify.claims import claims
-from soter.verify.claims.choice import choose, with_way_back
+from soter.verify.claims.choice import choose_cells_and_levels, with_way_back
 from soter.verify.claims.claims import compute_levels
 from soter.verify.deploy.level_tables import (
     GroupTable,
     grid_ends,
     pairs_of,
-    predicates,
+    predicates_of_tables,
     tables_of_groups,
 )
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import pack, unpack
-from soter.verify.grid.grid_refinement import announce_work, cells_of
+from soter.verify.grid.grid_refinement import announce_work, cell_count
 from soter.verify.grid.group_model import UnboundedError
-from soter.verify.problem.extract import cases, extract
+from soter.verify.problem.extract import extract, parameter_cases
 from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.kinks import kinks_of
@@ -84,10 +84,13 @@ class Known(Protocol):
         """The pairs (S_0, S_(m-2)) of every case; None: it does not know them."""
 
     def check_build(self, problem: Problem, level_tables: Found) -> None:
-        """Learns of what a module's DM is built (empty: of nothing); may raise to refuse it."""
+        """Learns the tables from which a module's DM is built; none: no predicates.
+
+        May raise to refuse them.
+        """
 
 
-def open_modules(flat: System) -> list[Module]:
+def modules_to_complete(flat: System) -> list[Module]:
     """The modules whose predicates are to be computed."""
     return [m for m in flat.modules if m.symbol.ttf is None and m.symbol.safer is None]
 
@@ -97,13 +100,13 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
 
     A module that determines no verification problem, or for which no sets are found, stays as it
     is: its AC never gets control. `known`: sets that need not be computed. Returns a note about
-    each module. Whoever is told of progress may raise `CancelledError`.
+    each module. A listener to the progress may raise `CancelledError`.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
         notes = complete(flat.proved, known)
         _copy_predicates(flat, flat.proved)
         return notes
-    todo = open_modules(flat)
+    todo = modules_to_complete(flat)
     notes = []
     for i, module in enumerate(todo):
         try:
@@ -118,21 +121,23 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
         sets = None if known is None else known.sets(problem)
         if sets is None:
             with between(i / len(todo), (i + 1) / len(todo)):
-                problem, sets = sets_of(problem)
+                problem, sets = find_sets(problem)
         level_tables = None if sets is None else tables_of_groups(problem, sets)
         if known is not None:
             known.check_build(problem, level_tables or [])
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
-        install(flat, module, problem, level_tables)
+        install_predicates(flat, module, problem, level_tables)
         every = zip(problem.groups, level_tables, strict=True)
         share = prod(table.share(group) for group, table in every)
         text = f"AC may have control on {share:.1%} of the estimates (S_0)"
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
             text += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"
         if problem.declared_groups:
-            text += f"; on {cells_of(problem):,} cells, as less is shown on those that are declared"
+            text += (
+                f"; on {cell_count(problem):,} cells, as less is shown on those that are declared"
+            )
         notes.append(f"{module.name}: ttf and safer computed, {text}")
     return notes
 
@@ -154,7 +159,7 @@ def _install_tube_predicates(
         levels += own
     if kept:
         return f"{module.name}: {kept}: {NEVER}"
-    install(flat, module, problem, levels)
+    install_predicates(flat, module, problem, levels)
     module.unshown = _unshown_in_words(claims)
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
     at_start = any(c.given for c in claims)
@@ -163,12 +168,12 @@ def _install_tube_predicates(
 
 
 def _unshown_in_words(claims: Sequence[RestClaims]) -> str:
-    """What is not shown of the plans of a module, the first of which begins; "": nothing."""
+    """What is not shown of a module's plans, the first of which begins; "": nothing."""
     return "; ".join(filter(None, dict.fromkeys([*(c.moves for c in claims), claims[0].start])))
 
 
-def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
-    """The worst cost of a decision of each module with `rest`; the errors of those refused."""
+def decision_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
+    """The worst cost of a decision of each module with `rest`; the errors of modules refused."""
     found: dict[str, Cost] = {}
     refused: list[Diagnostic] = []
     for module in flat.modules:
@@ -177,7 +182,7 @@ def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
         try:
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
-            every = [_followed_cost(TubeCheck(p)) for p in problem.plans or (problem,)]
+            every = [_decision_cost(TubeCheck(p)) for p in problem.plans or (problem,)]
             operations, most = sum(c.operations for c in every), max(c.bytes for c in every)
             found[module.symbol.name] = every[0]._replace(operations=operations, bytes=most)
         except SoterError as error:
@@ -185,25 +190,25 @@ def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
     return found, refused
 
 
-def _followed_cost(check: TubeCheck) -> Cost:
+def _decision_cost(check: TubeCheck) -> Cost:
     try:
-        cost = check.cost()
+        cost = check.decision_cost()
     except TooLongError:
         raise too_long(check) from None
     check.cut = MOST if check.answers_vary else PLAIN
     with contextlib.suppress(TooLongError):  # what fits stays
-        cost = check.cost()
+        cost = check.decision_cost()
         check.kink = next(kinks_of(check.law), None)
-        cost = check.cost()
+        cost = check.decision_cost()
     return cost
 
 
 def rest_claims(check: TubeCheck) -> RestClaims:
-    """What is shown of a module's `rest`, from the cache or computed."""
+    """What is shown of a module's `rest`; read from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
-    parts = [VERSION, check.offline({}), repr(ranges)]
+    parts = [VERSION, check.offline_text({}), repr(ranges)]
     key = digest([*parts, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
@@ -219,8 +224,8 @@ def rest_claims(check: TubeCheck) -> RestClaims:
 def _copy_predicates(here: System, there: System) -> None:
     """Gives the modules of `here` the predicates that were computed for those of `there`.
 
-    A margin here reaches only to the next look (`Module.looks` stays 1): that more looks keep AC
-    depends on the sensors, which may be covered or not.
+    A margin here reaches only to the next look (`Module.looks` stays 1): whether AC keeps control
+    for more looks depends on the sensors, which may not be covered.
     """
     for m in here.modules:
         proved = next(x for x in there.modules if x.name == m.name)
@@ -253,15 +258,15 @@ def _copy_shield(
     return list(topic_reads(*m.shield.code))
 
 
-def install(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
-    """Makes the predicates of these tables the module's own."""
+def install_predicates(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
+    """Makes the predicates that read these tables the module's `ttf` and `safer`, in place."""
     if isinstance(problem, TubeProblem) and problem.plans:
         every = zip(problem.plans, level_tables, strict=True)
-        module.goods = tuple(predicates(p, [table])[1] for p, table in every)
+        module.goods = tuple(predicates_of_tables(p, [table])[1] for p, table in every)
         safer = joined("||", module.goods, module.symbol.span)
         ttf: TypedExpr = TypedUnary(BOOL, module.symbol.span, "!", safer)
     else:
-        ttf, safer = predicates(problem, level_tables)
+        ttf, safer = predicates_of_tables(problem, level_tables)
     reads = tuple(topic_reads(ttf, safer))
     scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
     if module.shield is not None:
@@ -272,7 +277,7 @@ def install(flat: System, module: Module, problem: Problem, level_tables: Found)
     module.symbol = replace(module.symbol, ttf=ttf, safer=safer, topics_read=reads)
     module.inputs = tuple(scope[topic] for topic in reads)
     module.computed, module.grid_ends = True, grid_ends(problem, level_tables)
-    module.looks = looks_of(problem, level_tables)
+    module.looks = looks_with_control(problem, level_tables)
 
 
 def _shield_ttf(
@@ -287,12 +292,12 @@ def _shield_ttf(
     tubes = [x for x in level_tables if isinstance(x, TubeLevels)]
     if tubes:
         w = ShieldWriter(problem, flat, shield)
-        judged = tubes[0].judged(w)
-        shield.held, shield.permits = w.held(), w.chain("&&", [*w.fresh(), judged])
+        judged = tubes[0].judged_command(w)
+        shield.held, shield.permits = (w.new_times(), w.chain("&&", [*w.fresh_reads(), judged]))
         if shield.proposed is not None:
-            shield.moved = tubes[0].toward(w, flat.topics[shield.proposed])
+            shield.moved = tubes[0].moved_command(w, flat.topics[shield.proposed])
             if len(module.outputs) == 1:  # of several a step may publish some, and hold the rest
-                shield.permits = w.chain("&&", w.fresh())
+                shield.permits = w.chain("&&", w.fresh_reads())
         return _add_read_topics(flat, module, shield, scope, TypedUnary(BOOL, span, "!", judged))
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
@@ -313,26 +318,23 @@ def _add_read_topics(
     return ttf
 
 
-def looks_of(problem: Problem, level_tables: Found) -> int:
-    """For how many looks of the DM AC keeps control from one that finds `safer`: m - 1, or 1.
+def looks_with_control(problem: Problem, level_tables: Found) -> int:
+    """For how many looks of the DM AC keeps control from a look that finds `safer`: m - 1, or 1.
 
-    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin).
-    It is 1, which promises nothing beyond the next look, where that argument has a gap: the table
-    is that of several cases, but levels are nested in each case alone; on a map a state may come
-    to lie on the border of a cell; a check in flight has no levels.
+    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin). It
+    is 1, which promises nothing beyond the next look, where that argument has a gap: the table is
+    that of several cases, but levels are nested in each case alone; on a map a state may come to
+    lie on the border of a cell; a check in flight has no levels.
     """
-    alone = sum(1 for _ in cases(problem)) == 1
+    alone = sum(1 for _ in parameter_cases(problem)) == 1
     inside = problem.kind == "flow" and all(isinstance(x, GroupTable) for x in level_tables)
     return max(problem.levels, 2) - 1 if alone and inside else 1
 
 
-# ---------------------------------------------------------------- computing
+def find_sets(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
+    """The problem with its chosen cells and levels, and (S_0, S_(m-2)) of every case.
 
-
-def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
-    """The problem with chosen cells and levels, and pairs of every case, cached or computed.
-
-    None where the engine has no answer.
+    They are cached or computed; None in place of the sets where the engine has no answer.
     """
     phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
@@ -346,9 +348,9 @@ def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
 
 
 def store_computed_sets(result: ModuleResult) -> None:
-    """Puts the sets of a proof with computed predicates into the cache, for whatever flies.
+    """Puts the sets of a proof with computed predicates into the cache, for a later build or run.
 
-    They would be found again.
+    Otherwise they would be computed again.
     """
     problem = result.problem
     if problem.groups and all(result.findings[c].holds for c in OF_SETS):
@@ -358,7 +360,7 @@ def store_computed_sets(result: ModuleResult) -> None:
 
 def _compute_sets(problem: Problem, library: ReachLibrary) -> Sets | None:
     announce_work(problem, partial(_one_case, library))
-    chosen = choose(problem, partial(_all_cases, library))
+    chosen = choose_cells_and_levels(problem, partial(_all_cases, library))
     problem = chosen.problem
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
@@ -371,7 +373,7 @@ def _all_cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
 
     None where the dynamics have no enclosure. There are no levels where some case has no K.
     """
-    every = list(cases(problem))
+    every = list(parameter_cases(problem))
     done = []
     for i, parameter in enumerate(every):
         share_done(i / len(every))  # how many rounds a case takes nobody knows before
@@ -380,7 +382,7 @@ def _all_cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
         except UnboundedError:
             return None
         done.append(case)
-    return done if any(case.failed("P2a") for case in done) else with_way_back(done)
+    return done if any(case.failures_of("P2a") for case in done) else with_way_back(done)
 
 
 def _one_case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
@@ -394,9 +396,6 @@ def _one_case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...
         claims.compute_free_phase(case)
         compute_levels(case)
     return case
-
-
-# ---------------------------------------------------------------- the cache
 
 
 def _cache_key(problem: Problem, library: ReachLibrary) -> str:
@@ -437,7 +436,7 @@ def _cache_key(problem: Problem, library: ReachLibrary) -> str:
 
 
 def _law_parts(problem: Problem) -> tuple[object, ...]:
-    """What K_fs depends on besides, as SC has to keep it where a fail-safe law is declared."""
+    """What the sets depend on in a fail-safe law, whose K_fs SC has to keep, too."""
     law = problem.law
     if law is None:
         return ()
@@ -453,7 +452,7 @@ def engine_files() -> list[Path]:
 
 
 def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
-    """Writes the sets into the cache; that it cannot be written is no error."""
+    """Writes the sets into the cache; a cache that cannot be written is no error."""
     arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(problem.levels)}
     for k, axis in enumerate(a for group in problem.groups for a in group.axes):
         arrays[f"{EDGES}{k}"] = np.array(axis.edges)
@@ -475,8 +474,8 @@ def _cached_sets(key: str, problem: Problem) -> Sets | None:
             problem = replace(_with_chosen_cells(data, problem), levels=int(data[LEVELS]))
             groups = problem.groups
             return problem, [
-                [_stored_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
-                for i, _ in enumerate(cases(problem))
+                [_read_stored_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
+                for i, _ in enumerate(parameter_cases(problem))
             ]
     except (OSError, ValueError, KeyError):
         return None
@@ -495,6 +494,6 @@ def _with_chosen_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 
     return replace(problem, groups=tuple(groups), declared_groups=declared)
 
 
-def _stored_pair(data: Any, name: str, group: Group) -> Estimates:  # noqa: ANN401 - an open archive
+def _read_stored_pair(data: Any, name: str, group: Group) -> Estimates:  # noqa: ANN401 - an open archive
     own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
     return unpack(group, own)

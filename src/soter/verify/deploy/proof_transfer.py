@@ -1,9 +1,9 @@
 """What a deployed system takes over from the system of its proofs, and from a certificate.
 
-Purpose: `inherited` says module by module whether the proof holds for the deployed system, and what
-is still assumed. `certified_sets` reads S_0 and S_(m-2) of every group and case from a certificate,
-so that they need not be computed; `what_differs` says whether what a DM is built with of its proof
-is what a certificate has of it, whoever computed it.
+Purpose: `transferred_proofs` says module by module whether the proof holds for the deployed system,
+and what is still assumed. `certified_sets` reads S_0 and S_(m-2) of every group and case from a
+certificate, so that they need not be computed; `difference_from_certificate` says whether what a DM
+is built with of its proof is what a certificate has of it, whoever computed it.
 Non-goals: whether a certificate is right: the caller has had it checked (`soter.recheck`), and
 `ttf` and `safer` of the module confirmed; that both systems are the same program
 (`language/elaborate/wellformed.py`), what sensors have to give (`deployed_sensors.py`).
@@ -20,8 +20,8 @@ from soter.language.elaborate.derived_systems import faultless, without_held_top
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.verify.claims.results import PROVED
 from soter.verify.grid.claims import pair_in_certificate
-from soter.verify.problem.extract import cases, extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.extract import extract, parameter_cases
+from soter.verify.problem.problem import assumption_texts
 from soter.verify.proof_methods import built_entry
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.verify_module import module_method
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 def certified_sets(
     certificate: Certificate, system: str, module: str, problem: Problem
 ) -> list[Pairs] | None:
-    """The pairs of every case; `system` and `module` are names as in the certificate.
+    """(S_0, S_(m-2)) of every group and case; `system` and `module` are names in the certificate.
 
-    None where it does not have exactly this problem's cases, groups and grids.
+    None where the certificate does not have exactly this problem's cases, groups and grids.
     """
     entries = [
         e
@@ -51,7 +51,7 @@ def certified_sets(
         return None  # what a shield permits for longer, and whether others would do, is not there
     if not _same_wrapping(entries[0], problem):
         return None
-    entry_cases, every = entries[0].get("cases", []), list(cases(problem))
+    entry_cases, every = entries[0].get("cases", []), list(parameter_cases(problem))
     if [tuple(c["parameter"]) for c in entry_cases] != every:
         return None
     groups = problem.groups
@@ -60,7 +60,9 @@ def certified_sets(
         if len(case["groups"]) != len(groups):
             return None
         both = zip(groups, case["groups"], strict=True)
-        pairs = [_boundary_sets(certificate, problem, group, entry) for group, entry in both]
+        pairs = [
+            _certified_sets_of_group(certificate, problem, group, entry) for group, entry in both
+        ]
         known = [pair for pair in pairs if pair is not None]
         if len(known) < len(pairs):
             return None
@@ -72,7 +74,7 @@ NAMED = {"state": ("state", "states", "wraps"), "control": ("command",)}
 """Kind of an input -> at which keys of an entry it is named."""
 
 
-def what_differs(
+def difference_from_certificate(
     certificate: Certificate,
     system: str,
     module: str,
@@ -81,8 +83,8 @@ def what_differs(
 ) -> str:
     """What a module's DM is built with that its certificate has otherwise, in words; "": nothing.
 
-    `built`: its tables, or the check that follows SC; empty: neither, and AC never gets control;
-    None: the program has the predicates, and figures are compared alone.
+    `built`: its tables, or the check that follows SC; empty: it has neither, and AC never gets
+    control; None: the program has the predicates, and only figures are compared.
     """
     entries = (
         (e, (e["system"], e["module"], e.get("view", ""))) for e in certificate.manifest["modules"]
@@ -96,8 +98,8 @@ def what_differs(
         followed = "rest" in entry and entry["claims"].get("P2a") == PROVED
         return "predicates" if followed or entry.get("tables") else ""
     files: dict[str, bytes] = {}
-    ours = _by_place(built_entry(problem, built or (), files), files)
-    theirs = _by_place(entry, certificate.contents)
+    ours = _parts_without_names(built_entry(problem, built or (), files), files)
+    theirs = _parts_without_names(entry, certificate.contents)
     # tables follow from the other figures, and are told before them
     every = sorted(ours.keys() | theirs.keys(), key=lambda k: (k != "tables", k))
     every = ["ranges", "times", "wraps"] if built is None else every
@@ -112,10 +114,12 @@ def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
     return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
 
 
-def _by_place(entry: Mapping[str, Any], contents: Mapping[str, object]) -> dict[str, Any]:
-    """The parts of an entry with which a DM is built; names are places, and files their bytes.
+def _parts_without_names(
+    entry: Mapping[str, Any], contents: Mapping[str, object]
+) -> dict[str, Any]:
+    """The parts of an entry from which a DM is built; names become numbers, and files their bytes.
 
-    Names of topics, and so of commands, differ in a file that is imported.
+    Names of topics, and so of commands, are others in a file that is imported.
     """
     rest, inputs = entry.get("rest") or {}, entry["inputs"]
     parts = {key: entry[key] for key in ("times", "tables", "wraps", "levels") if key in entry}
@@ -132,7 +136,7 @@ def _resolve_names(
     places: Mapping[str, list[str]],
     key: str,
 ) -> Any:  # noqa: ANN401 - the same
-    """A part of an entry, found at `key`, with what its names stand for."""
+    """A part of an entry, found at `key`, with the number or the bytes behind each name."""
     if isinstance(entry, dict):
         return {k: _resolve_names(of, contents, places, k) for k, of in entry.items()}
     if isinstance(entry, list):
@@ -143,10 +147,10 @@ def _resolve_names(
     return contents.get(entry, entry) if isinstance(entry, str) else entry
 
 
-def _boundary_sets(
+def _certified_sets_of_group(
     certificate: Certificate, problem: Problem, group: Group, entry: dict[str, Any]
 ) -> Estimates | None:
-    """S_0 and S_(m-2) of a group; None where the entry is that of another group, or has none."""
+    """S_0 and S_(m-2) of a group; None where the entry is about another group, or has no sets."""
     names = [problem.quantities.states[a.state].name for a in group.axes]
     if entry["kind"] != "grid" or [a["state"] for a in entry["axes"]] != names:
         return None
@@ -164,7 +168,7 @@ IN_TIME = "the loop runs every instant no later than `late` says (SOTER_LATE tel
 
 @dataclass(eq=False)
 class TransferredProof:
-    """What a module of a deployed system takes over; `why_not`: why nothing, or ""."""
+    """What a module of a deployed system takes over; `why_not`: why it takes nothing."""
 
     module: str
     why_not: str = ""
@@ -175,10 +179,10 @@ class TransferredProof:
     problem: Problem | None = None
 
 
-def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
+def transferred_proofs(here: System, there: System) -> tuple[TransferredProof, ...]:
     """What each module of `here` takes over from `there`, which has no computed predicates yet.
 
-    `SoterError` D019 where something from outside is not covered.
+    `SoterError` D019 where an input from outside is not covered.
     """
     diagnostics = Diagnostics()
     proved = faultless(without_held_topics(there))
@@ -188,8 +192,8 @@ def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     return tuple(inheritances)
 
 
-def how_to_deploy(here: System, cert: str) -> tuple[str, str]:
-    """What to do with a certificate of a system with plants."""
+def advice_to_deploy(here: System, cert: str) -> tuple[str, str]:
+    """Advice on what to do with a certificate of a system that has plants."""
     outside = {i for c in here.components if c.plant for i in (*c.writes, *c.reads)}
     outside |= {t.index for t in here.topics if t.driver == "input"}
     met = " ".join(f"external topic {t.name};" for t in here.topics if t.index in outside)
@@ -201,7 +205,7 @@ def how_to_deploy(here: System, cert: str) -> tuple[str, str]:
 
 
 def _check_all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
-    """D019 where a plant reads a topic that is no external topic of the deployed system."""
+    """Reports D019 where a plant reads a topic that is no external topic of the deployed system."""
     sensed = {here.topics[e.topic].name for e in here.externals}
     for c in there.components:
         for topic in c.plant.reads if c.plant is not None else ():
@@ -232,7 +236,9 @@ def _transferred_proof(
         return inheritance
     for problem in problems:
         inheritance.assumptions += [
-            text for text in texts(problem.assumptions) if text not in inheritance.assumptions
+            text
+            for text in assumption_texts(problem.assumptions)
+            if text not in inheritance.assumptions
         ]
     (problem,) = problems
     if isinstance(problem, TubeProblem) and problem.plans:

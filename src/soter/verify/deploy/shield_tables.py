@@ -2,11 +2,11 @@
 
 Purpose: `shield_expressions` writes checked expressions for the new value of the shield's topic
 when a command is published, and for whether all commands that may still act are permitted; `ttf` is
-the same about the command that is held. `moved` writes, for a number of a command that is not
-permitted, the search for the number nearest to AC's, toward SC's, that may act longer than a
+the same about the command that is held. `moved_commands` writes, for a number of a command that is
+not permitted, the search for the number nearest to AC's, toward SC's, that may act longer than a
 judgement asks.
 Non-goals: which commands are permitted (`verify/grid/estimate_sets.py`), when they are judged
-(`semantics/rules.py`). What `moved` finds is judged like any other command, so no claim depends on
+(`semantics/rules.py`). What it finds is judged like any other command, so no claim depends on
 the search.
 
 The search goes cell by cell, in one pass of at most as many steps as there are cells, and takes the
@@ -27,9 +27,15 @@ from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, IntType, leaves
-from soter.verify.deploy.level_tables import GroupTable, Writer, cell_of, estimate, place_function
+from soter.verify.deploy.level_tables import (
+    GroupTable,
+    Writer,
+    cell_number,
+    estimate_leaves,
+    place_function,
+)
 from soter.verify.problem.inputs import topics_seen_by_dm
-from soter.verify.problem.supported_constructs import map_topics
+from soter.verify.problem.supported_constructs import topics_of_maps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -38,10 +44,10 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
 
-def moved(
+def moved_commands(
     w: ShieldWriter, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
 ) -> Iterator[t.TypedExpr]:
-    """The numbers to publish in the place of AC's, in the order of `topic`; they are proposals."""
+    """A proposal for each number of AC's command, as expressions, in the order of `topic`."""
     read = t.TopicRead(topic.type, w.span, topic.symbol)
     problem = w.problem
     places = [
@@ -51,7 +57,7 @@ def moved(
     ]
     control_of = {(c.owner, c.path): k for k, c in enumerate(problem.quantities.controls)}
     for at, place in enumerate(places):
-        mine, other = (w.at(read, w.number(n)) for n in (at, at + len(places)))
+        mine, other = (w.element(read, w.number(n)) for n in (at, at + len(places)))
         control = control_of.get(place)
         asked = [
             (number, x)
@@ -61,12 +67,12 @@ def moved(
         if control is None or not asked:
             yield mine
             continue
-        fun = _nearest(w, control, asked, ends)
-        states = [e for _, x in asked for e in estimate(w, problem, x)]
+        fun = _nearest_function(w, control, asked, ends)
+        states = [e for _, x in asked for e in estimate_leaves(w, problem, x)]
         yield w.call(fun, mine, other, w.times(), w.since(), *states)
 
 
-def _nearest(
+def _nearest_function(
     w: ShieldWriter, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
 ) -> t.FunSymbol:
     """`fun nearest(mine, other, times, since, x0, ...): float`, which does the search."""
@@ -79,12 +85,12 @@ def _nearest(
     ]
     own, to, sign, cell = (w.variable(v, "let", INT) for v in ("own", "to", "sign", "cell"))
     step = w.variable("step", "loop", INT)
-    lasting = [_lasting(w, x, f"{name}_lasting{number}") for number, x in tables]
+    lasting = [_lasting_function(w, x, f"{name}_lasting{number}") for number, x in tables]
 
     def permitted(at: t.Variable) -> list[t.TypedExpr]:
-        both = w.acting(control, ends, w.read(times), w.read(at), w.read(since))
+        both = w.acting_cells(control, ends, w.read(times), w.read(at), w.read(since))
         return [
-            _is_one(w, w.call(w.reach(x, number), *map(w.read, xs), both))
+            _is_one(w, w.call(w.permission_function(x, number), *map(w.read, xs), both))
             for (number, x), xs in zip(tables, states, strict=True)
         ]
 
@@ -95,39 +101,43 @@ def _nearest(
     there = w.op("<=", w.read(step), w.op("*", w.read(sign), w.op("-", w.read(to), w.read(own))))
     fine = w.chain("&&", [there, *last_too, *permitted(cell)])
     gone = w.op("+", w.read(own), w.op("*", w.read(sign), w.read(step)))
-    entrance = _either(
+    entrance = _conditional(
         w,
         w.op("==", w.read(cell), w.read(own)),
         w.read(mine),
-        _either(w, w.op(">", w.read(sign), w.number(0)), *_entrances(w, name, control, cell)),
+        _conditional(w, w.op(">", w.read(sign), w.number(0)), *_entrances(w, name, control, cell)),
     )
     outside = w.op("||", w.op("<", w.read(own), w.number(0)), w.op("<", w.read(to), w.number(0)))
     up = w.op(">", w.read(to), w.read(own))
     body: list[t.TypedStmt] = [
         w.declare(own, w.call(w.places[control], w.read(mine))),
         w.declare(to, w.call(w.places[control], w.read(other))),
-        _when(w, outside, w.give(w.read(mine))),
-        w.declare(sign, _either(w, up, w.number(1), w.number(-1))),
+        _if_statement(w, outside, w.give(w.read(mine))),
+        w.declare(sign, _conditional(w, up, w.number(1), w.number(-1))),
         t.ForRange(
-            w.span, step, 0, w.cells, (w.declare(cell, gone), _when(w, fine, w.give(entrance)))
+            w.span,
+            step,
+            0,
+            w.cells,
+            (w.declare(cell, gone), _if_statement(w, fine, w.give(entrance))),
         ),
-        w.give(_either(w, w.chain("&&", permitted(to)), w.read(other), w.read(mine))),
+        w.give(_conditional(w, w.chain("&&", permitted(to)), w.read(other), w.read(mine))),
     ]
     inputs = (mine, other, times, since, *(x for xs in states for x in xs))
     return t.FunSymbol(name, w.span, inputs, FLOAT, tuple(body), False, None)
 
 
-def _lasting(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSymbol:
+def _lasting_function(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSymbol:
     """A function: 1 where commands of a cell may act for longer at an estimate, else 0."""
     assert table.commands is not None
     assert table.commands.lasting is not None
     inputs = [w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
     command = w.variable("command", "parameter", INT)
-    body, cell = cell_of(w, name, inputs, table.edges)
+    body, cell = cell_number(w, name, inputs, table.edges)
     every = tuple(int(v) for v in table.commands.lasting.ravel())
     packed = w.array(f"{name}_TABLE", IntType(0, 255), every)
     at = w.op("+", w.op("*", cell, w.number(w.cells)), w.read(command))
-    return w.function(name, (*inputs, command), [*body, w.give(w.at(packed, at))])
+    return w.function(name, (*inputs, command), [*body, w.give(w.element(packed, at))])
 
 
 def _entrances(
@@ -139,7 +149,7 @@ def _entrances(
     inner = (max(nextafter(high, -inf), low) for low, high in pairwise(edges[:-1]))
     greatest = (*inner, edges[-1])
     tables = (("UP", least), ("DOWN", greatest))
-    up, down = (w.at(w.array(f"{name}_{x}", FLOAT, tuple(v)), w.read(cell)) for x, v in tables)
+    up, down = (w.element(w.array(f"{name}_{x}", FLOAT, tuple(v)), w.read(cell)) for x, v in tables)
     return up, down
 
 
@@ -147,11 +157,11 @@ def _is_one(w: ShieldWriter, value: t.TypedExpr) -> t.TypedExpr:
     return w.op("==", value, w.number(1))
 
 
-def _when(w: ShieldWriter, condition: t.TypedExpr, then: t.TypedStmt) -> t.TypedStmt:
+def _if_statement(w: ShieldWriter, condition: t.TypedExpr, then: t.TypedStmt) -> t.TypedStmt:
     return t.TypedIf(w.span, ((condition, (then,)),), ())
 
 
-def _either(
+def _conditional(
     w: ShieldWriter, condition: t.TypedExpr, then: t.TypedExpr, otherwise: t.TypedExpr
 ) -> t.TypedExpr:
     return t.Conditional(then.type, w.span, condition, then, otherwise)
@@ -181,20 +191,18 @@ class ShieldWriter(Writer):
             for k, edges in enumerate(self.edges)
         ]
 
-    # ------------------------------------------------------------ parts
-
-    def command(self, control: int) -> t.TypedExpr:
-        """A number of the command that is held."""
+    def held_number(self, control: int) -> t.TypedExpr:
+        """The number of the held command that belongs to a control."""
         leaf = self.problem.quantities.controls[control]
         output = self.problem.system.topics[leaf.owner]
         return self.leaf(output.symbol, leaf.path)
 
-    def cell(self, control: int) -> t.TypedExpr:
-        """The cell of that number; -1 outside of its set."""
-        return self.call(self.places[control], self.command(control))
+    def held_cell(self, control: int) -> t.TypedExpr:
+        """The command cell of the number that is held for a control; -1 outside of its range."""
+        return self.call(self.places[control], self.held_number(control))
 
-    def held(self) -> t.TypedExpr:
-        """The new value of the shield's topic: the commands that were held so far end now."""
+    def new_times(self) -> t.TypedExpr:
+        """The new value of the shield's topic: the commands held so far end now."""
         times = self.variable("times", "parameter", self.topic.type)
         now = self.variable("now", "parameter", FLOAT)
         inputs = [self.variable(f"i{k}", "parameter", INT) for k in range(len(self.places))]
@@ -216,14 +224,14 @@ class ShieldWriter(Writer):
             False,
             None,
         )
-        cells = [self.cell(k) for k in range(len(self.places))]
+        cells = [self.held_cell(k) for k in range(len(self.places))]
         return self.call(fun, self.times(), self.now, *cells)
 
     def times(self) -> t.TypedExpr:
         """The shield's topic."""
         return t.TopicRead(self.topic.type, self.span, self.topic.symbol)
 
-    def ends(self) -> t.FunSymbol:
+    def ends_function(self) -> t.FunSymbol:
         """A function: the least and the greatest cell among `own` and those held since `since`.
 
         It returns least + cells * greatest. `first`: where the times of the command begin.
@@ -233,7 +241,7 @@ class ShieldWriter(Writer):
         since = self.variable("since", "parameter", FLOAT)
         low, high = (self.variable(n, "var", INT) for n in ("low", "high"))
         k = self.variable("k", "loop", INT)
-        until = self.at(self.read(times), self.op("+", self.read(first), self.read(k)))
+        until = self.element(self.read(times), self.op("+", self.read(first), self.read(k)))
         acts = self.op(">=", until, self.read(since))
         lower = self.op("<", self.read(k), self.read(low))
         higher = self.op(">", self.read(k), self.read(high))
@@ -246,11 +254,7 @@ class ShieldWriter(Writer):
             self.declare(high, self.read(own)),
             t.ForRange(self.span, k, 0, self.cells, (t.TypedIf(self.span, ((acts, wider),), ()),)),
             self.give(
-                self.op(
-                    "+",
-                    self.read(low),
-                    self.op("*", self.number(self.cells), self.read(high)),
-                )
+                self.op("+", self.read(low), self.op("*", self.number(self.cells), self.read(high)))
             ),
         ]
         return self.function(f"{self.name}_ends", (times, first, own, since), body)
@@ -258,25 +262,25 @@ class ShieldWriter(Writer):
     def permitted(self, table: GroupTable, ends: t.FunSymbol, number: int) -> t.TypedExpr:
         """The expression that the commands that may act are permitted at one group's estimate."""
         assert table.commands is not None
-        arguments = estimate(self, self.problem, table)
+        arguments = estimate_leaves(self, self.problem, table)
         if table.commands.control is None:
             level = table.function(self, f"{self.name}_shield{number}")
             return self.op(">=", self.call(level, *arguments), self.number(1))
         control = table.commands.control
-        both = self.acting(control, ends, self.times(), self.cell(control), self.since())
-        reach = self.reach(table, number)
-        inside = self.op(">=", self.cell(control), self.number(0))
+        both = self.acting_cells(control, ends, self.times(), self.held_cell(control), self.since())
+        reach = self.permission_function(table, number)
+        inside = self.op(">=", self.held_cell(control), self.number(0))
         return self.op(
             "&&", inside, self.op("==", self.call(reach, *arguments, both), self.number(1))
         )
 
     def since(self) -> t.TypedExpr:
-        """A command that was held then or later may act on what is read now: t - W, s."""
+        """The time t - W, in s: commands held then or later may act on the state read now."""
         window = self.problem.times.acted + SLACK_NS
         back = self.decimal(window / 1e9)
-        return self.real("-", self.now, back)
+        return self.real_op("-", self.now, back)
 
-    def acting(
+    def acting_cells(
         self,
         control: int,
         ends: t.FunSymbol,
@@ -284,35 +288,35 @@ class ShieldWriter(Writer):
         own: t.TypedExpr,
         since: t.TypedExpr,
     ) -> t.TypedExpr:
-        """The least cell and the greatest that may act where a command of cell `own` does."""
+        """The least and greatest cell that may act together with the cell `own`."""
         if self.problem.kind == "map":  # of one instant: no other command moves the state read
             return self.op("*", own, self.number(1 + self.cells))
         return self.call(ends, times, self.number(control * self.cells), own, since)
 
-    def reach(self, table: GroupTable, number: int) -> t.FunSymbol:
+    def permission_function(self, table: GroupTable, number: int) -> t.FunSymbol:
         """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
         name = f"{self.name}_reach{number}"
         if name not in self._reach:
-            self._reach[name] = self._made_reach(table, name)
+            self._reach[name] = self._make_permission_function(table, name)
         return self._reach[name]
 
-    def _made_reach(self, table: GroupTable, name: str) -> t.FunSymbol:
+    def _make_permission_function(self, table: GroupTable, name: str) -> t.FunSymbol:
         assert table.commands is not None
         inputs = [self.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
         ends = self.variable("ends", "parameter", INT)
-        body, cell = cell_of(self, name, inputs, table.edges)
+        body, cell = cell_number(self, name, inputs, table.edges)
         n = self.number(self.cells)
         low, high = (self.op(op, self.read(ends), n) for op in "%/")
         packed = self.table_of_bytes(f"{name}_TABLE", table.commands.tops.tobytes())
-        top = self.at(packed, self.op("+", self.op("*", cell, n), low))
+        top = self.element(packed, self.op("+", self.op("*", cell, n), low))
         fine = t.Conditional(
             INT, self.span, self.op("<", high, top), self.number(1), self.number(0)
         )
         return self.function(name, (*inputs, ends), [*body, self.give(fine)])
 
-    def fresh(self) -> list[t.TypedExpr]:
-        """The expressions that what the DM reads is fresh, as its own look requires."""
-        maps = map_topics(self.problem.system, self.problem.module)
+    def fresh_reads(self) -> list[t.TypedExpr]:
+        """A condition for each topic of the DM: that it is not stale, as the DM's look requires."""
+        maps = topics_of_maps(self.problem.system, self.problem.module)
         shown = {*topics_seen_by_dm(self.problem).values(), *maps}
         conditions: list[t.TypedExpr] = []
         for topic in self.problem.system.topics:
@@ -332,15 +336,15 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
-    """(held, permits) of a module's `Shield`, and `ttf`, which leaves stale reads to the DM.
+    """`held` and `permits` of a module's `Shield`, and `ttf`, which does not look at ages.
 
     Fills in `shield.moved`, where commands are moved.
     """
     w = ShieldWriter(problem, system, shield)
-    ends = w.ends()
+    ends = w.ends_function()
     permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
     ttf = t.TypedUnary(BOOL, w.span, "!", permitted)
     if shield.proposed is not None:
-        numbers = moved(w, system.topics[shield.proposed], tables, ends)
+        numbers = moved_commands(w, system.topics[shield.proposed], tables, ends)
         shield.moved = w.floats([*numbers, w.decimal(1.0)])
-    return w.held(), w.chain("&&", [*w.fresh(), permitted]), ttf
+    return w.new_times(), w.chain("&&", [*w.fresh_reads(), permitted]), ttf

@@ -1,8 +1,8 @@
 """Runs of the model with one thing changed: with which change a run that leaves C stays inside.
 
-Purpose: `what_keeps` changes one thing of SC, of the world or of the ages at a time, and follows
-the run that leaves C again; where it stays, it follows others from the same start, too. So the
-advice names what is in the way, and by how much, and says that it was tried.
+Purpose: `changes_that_keep_c` changes one thing of SC, of the world or of the ages at a time, and
+follows the run that leaves C again; where it stays, it follows others from the same start, too. So
+the advice names what is in the way, and by how much, and says that it was tried.
 Non-goals: verdicts: these are runs of the model, and nothing is proved of the changed module (of
 some changes `tried_remedies.py` asks the proof, too); two changes together.
 """
@@ -110,20 +110,25 @@ def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Chang
     ends = list(zip(q.controls, model.forms.whole[model.controls], strict=True))
     for k, (leaf, (low, high)) in () if constant else enumerate(ends):
         about = _middle(low, high)
-        turned = partial(_mapped, k, -1.0, about, low, high)
-        world = _ChangedModel(model, sends=turned), _same
+        turned = partial(_with_scaled_value, k, -1.0, about, low, high)
+        world = _ChangedModel(model, sends=turned), _unchanged_pattern
         yield [Change(f"an SC that publishes `{leaf.name}` {_turned(about)}", (world,))]
     for k, leaf in () if constant else enumerate(q.states):
         about = _middle(model.low[k], model.high[k])
-        turned = partial(_mapped, k, -1.0, about, -np.inf, np.inf)
-        world = _ChangedModel(model, reads=turned), _same
+        turned = partial(_with_scaled_value, k, -1.0, about, -np.inf, np.inf)
+        world = _ChangedModel(model, reads=turned), _unchanged_pattern
         yield [Change(f"an SC that answers `{leaf.name}` {_turned(about)}", (world,))]
     for k, (leaf, (low, high)) in enumerate(ends):
         yield [
             Change(
                 f"an SC whose `{leaf.name}` is {text}",
                 tuple(
-                    (_ChangedModel(model, sends=partial(_mapped, k, by, 0.0, low, high)), _same)
+                    (
+                        _ChangedModel(
+                            model, sends=partial(_with_scaled_value, k, by, 0.0, low, high)
+                        ),
+                        _unchanged_pattern,
+                    )
                     for by in (times, times / MARGIN)
                 ),
             )
@@ -135,14 +140,15 @@ def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Chang
                 Change(
                     f"{OF[part]} `{leaf.name}` {text}",
                     tuple(
-                        (model, partial(_narrowed, part, k, by)) for by in (times, times * MARGIN)
+                        (model, partial(_with_narrowed_pattern, part, k, by))
+                        for by in (times, times * MARGIN)
                     ),
                 )
                 for times, text in NARROWER.items()
             ]
 
 
-def _same(pattern: Pattern) -> Pattern:
+def _unchanged_pattern(pattern: Pattern) -> Pattern:
     return pattern
 
 
@@ -156,17 +162,17 @@ def _turned(about: float) -> str:
     return "with the other sign" if about == 0.0 else f"mirrored at {about:.4g}"
 
 
-def _mapped(
+def _with_scaled_value(
     index: int, times: float, about: float, low: float, high: float, values: Floats
 ) -> Floats:
-    """A copy with one value moved away from `about` so many times as far, inside of its range."""
+    """A copy of `values` with one value `times` as far from `about`, within its range."""
     values = np.copy(values)
     values[index] = np.clip(about + times * (values[index] - about), low, high)
     return values
 
 
-def _narrowed(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
-    """A pattern of whose disturbances, or errors, one is nearer to its middle."""
+def _with_narrowed_pattern(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
+    """A copy of a pattern, one of whose disturbances, or errors, is nearer to its middle."""
     signs = np.copy(getattr(pattern, part))
     signs[index] *= times
     if part == "errors":
@@ -174,23 +180,24 @@ def _narrowed(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
     return replace(pattern, disturbances=signs)
 
 
-def what_brings_back(
+def changes_that_bring_back(
     model: PointModel, first: Pattern, others: Sequence[Pattern], returns: EndsWell
 ) -> str:
     """The changes with which runs end where the DM gives control back, in words; "": none found.
 
-    `returns`: whether a run of a model with a pattern does, and there was time to see it; `first`:
-    a pattern whose run does not.
+    `returns`: whether a run of a model with a pattern ends so, in the time there is; `first`: a
+    pattern whose run does not.
     """
-    return _said(_what_helps(model, first, returns, others), RETURNS)
+    return _changes_in_words(_changes_that_help(model, first, returns, others), RETURNS)
 
 
-def what_keeps(
+def changes_that_keep_c(
     model: PointModel, left: ModelTrace, others: Sequence[Pattern], go_on: Callable[[], bool]
 ) -> str:
-    """The changes with which no run leaves C from where one began, in words; "": none was found.
+    """The changes with which no run leaves C from where `left` began, in words; "": none.
 
-    `left`: a run that leaves it. Where that has everything in the middle, `others` are not asked.
+    `left`: a run that leaves C. Where its pattern has everything in the middle, `others` are not
+    tried.
     """
     until_s = max(LONGER * left.times[-1], HOLDS * model.inputs.period_ns * NS)
 
@@ -201,11 +208,13 @@ def what_keeps(
         return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
 
     calm, constant = not left.pattern.any, same_answer(model, left) is not None
-    helps = _what_helps(model, left.pattern, stays, [] if calm else others, constant=constant)
-    return _said(helps, (KEEPS_CALM if calm else KEEPS).format(until_s))
+    helps = _changes_that_help(
+        model, left.pattern, stays, [] if calm else others, constant=constant
+    )
+    return _changes_in_words(helps, (KEEPS_CALM if calm else KEEPS).format(until_s))
 
 
-def _what_helps(
+def _changes_that_help(
     model: PointModel,
     first: Pattern,
     well: EndsWell,
@@ -221,6 +230,6 @@ def _what_helps(
                 break
 
 
-def _said(found: Iterator[str], tried: str) -> str:
+def _changes_in_words(found: Iterator[str], tried: str) -> str:
     text = "; or ".join(islice(found, MOST))
     return f"{text} {tried}" if text else ""

@@ -1,8 +1,9 @@
 """What is wrong with an SC whose K is empty, as undisturbed runs of the model show it.
 
-Purpose: `habit` looks for three faults of SC: it comes to rest outside of C; it drives a state away
-from its place of rest; or it leaves a state where it starts, so that any push moves that on. They
-lie with SC, so the advice is about SC. `goes_on`: where nothing else is found, it does not stop.
+Purpose: `habit_of_sc` looks for three faults of SC: it comes to rest outside of C; it drives a
+state away from its place of rest; or it leaves a state where it starts, so that any push moves that
+on. They lie with SC, so the advice is about SC. `habit_of_moving_on`: where nothing else is found,
+it does not stop.
 Non-goals: verdicts: these are runs of the model; an SC that is merely too weak
 (`changed_runs.py`).
 """
@@ -20,7 +21,7 @@ from soter.verify.diagnosis.model_runs import (
     TRUE,
     PointModel,
     pattern_text,
-    patterns,
+    patterns_to_try,
     point_text,
     run_of_sc,
 )
@@ -54,9 +55,9 @@ class Habit:
     """The run that leaves C, with everything in the middle, where it does."""
 
 
-def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """The habit of SC from a state, (states,); None: the runs show none, or time ran out."""
-    calm = next(patterns(model))
+def habit_of_sc(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
+    """The habit of SC that runs from a state, (states,), show; None: none, or time ran out."""
+    calm = next(patterns_to_try(model))
     until_s = HOLDS * model.inputs.period_ns * NS
     first = run_of_sc(model, start, calm, until_s, going, beyond=True)
     if not comes_to_rest(model, first) or not going():
@@ -84,8 +85,8 @@ def _habit_beside_rest(
     until_s: float,
     going: Callable[[], bool],
 ) -> Habit | None:
-    """The habit of SC if a state is put beside the place where SC rests; None: it leads back."""
-    calm, name, begin = next(patterns(model)), model.names[axis], rest.copy()
+    """The habit of SC that a run from beside its place of rest shows; None: SC leads back."""
+    calm, name, begin = next(patterns_to_try(model)), model.names[axis], rest.copy()
     step = side * MOVED * (model.high[axis] - model.low[axis])
     begin[axis] += step
     inside = model.low[axis] <= begin[axis] <= model.high[axis]
@@ -99,17 +100,19 @@ def _habit_beside_rest(
         return Habit(text, f"an SC that brings {name} back: perhaps a sign is wrong", trace)
     if trace.left or abs(moved) > 0.5 or not comes_to_rest(model, trace):
         return None
-    for pattern in patterns(model):
+    for pattern in patterns_to_try(model):
         pushed = run_of_sc(model, rest, pattern, until_s / 4, going)
         if not going():
             return None
         speed = (pushed.states[-1][axis] - rest[axis]) / max(pushed.times[-1], NS)
-        if abs(speed) * until_s > STILL * abs(step) and _ends_unsafe(model, rest, axis, speed):
-            return _drift(model, pattern, name, (begin[axis], end[axis], speed))
+        if abs(speed) * until_s > STILL * abs(step) and _drift_ends_unsafe(
+            model, rest, axis, speed
+        ):
+            return _habit_of_drift(model, pattern, name, (begin[axis], end[axis], speed))
     return None
 
 
-def _drift(
+def _habit_of_drift(
     model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
 ) -> Habit:
     """The habit of leaving a state; `seen`: its start, its end, how fast it is pushed at rest."""
@@ -122,7 +125,7 @@ def _drift(
     return Habit(text, f"an SC that brings {name} back to a place, and not to a stop alone")
 
 
-def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bool:
+def _drift_ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bool:
     """Whether `safe` ceases to hold on the way that a state drifts, inside of the grid."""
     x, end = rest.copy(), model.high[axis] if speed > 0.0 else model.low[axis]
     for value in np.linspace(rest[axis], end, LOOKS):
@@ -132,10 +135,10 @@ def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bo
     return False
 
 
-def goes_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
+def habit_of_moving_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
     """The habit of moving on for ever, evenly, from a state, (states,), to where `safe` ends."""
     until_s = HOLDS * model.inputs.period_ns * NS
-    trace = run_of_sc(model, start, next(patterns(model)), until_s, going, beyond=True)
+    trace = run_of_sc(model, start, next(patterns_to_try(model)), until_s, going, beyond=True)
     times, states = np.array(trace.times), np.array(trace.states)
     since, half = (np.searchsorted(times, share * times[-1]) for share in (0.75, 0.875))
     if not since < half < len(times) - 1 or not going():
@@ -146,7 +149,7 @@ def goes_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habi
     if not (np.abs(speeds - early) <= EVEN * np.abs(speeds))[moved].all():
         return None
     for axis in (int(i) for i in np.flatnonzero(moved) if i not in model.turning):
-        if _ends_unsafe(model, states[-1], axis, speeds[axis]):
+        if _drift_ends_unsafe(model, states[-1], axis, speeds[axis]):
             name = model.names[axis]
             text = (
                 f"without any disturbance SC does not stop: after {times[-1]:.4g} s {name} still "

@@ -1,8 +1,8 @@
 """Runs of the model under SC: the dynamics that a proof encloses, at points instead of boxes.
 
-Purpose: `run` simulates the verification system with disturbances and errors at their ends,
-constant or following a rate, and commands as late as the declared times allow; `soonest` finds the
-run that leaves C, the states where `safe` holds, soonest.
+Purpose: `run_of_sc` simulates the verification system with disturbances and errors at their ends,
+constant or following a rate, and commands as late as the declared times allow;
+`soonest_leaving_run` finds the run that leaves C, the states where `safe` holds, soonest.
 Non-goals: refuting: these are runs of the plant's equations, integrated by RK4, not of the program
 (`verify/refute.py`); finding the worst adversary.
 
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.claims.results import LeavingRun
-from soter.verify.grid.grid_problem import of_problem
+from soter.verify.grid.grid_problem import grid_inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -54,7 +54,7 @@ class PointModel:
     """Evaluates the enclosures of one case at points."""
 
     def __init__(self, case: Case) -> None:
-        self.problem, self.inputs = case.problem, of_problem(case.problem, case.parameter)
+        self.problem, self.inputs = case.problem, grid_inputs_of(case.problem, case.parameter)
         self.forms, self.parameter = case.forms, case.parameter
         self.low, self.high = np.array([(i.low, i.high) for i in case.problem.states]).T
         self.turning = [*case.problem.quantities.turning]
@@ -108,7 +108,7 @@ class PointModel:
             raise StepFaultError(name)
 
     def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
-        """What SC publishes on an estimate; the middle of it where that depends on its locals.
+        """The commands of SC on an estimate; their middle where they depend on SC's locals.
 
         `x` (states,), `errors` (errors,), `others` (others,) -> (controls,).
         """
@@ -119,7 +119,7 @@ class PointModel:
         return np.asarray(out[:, 0] / 2 + out[:, 1] / 2)
 
     def rate(self, x: Floats, u: Floats, w: Floats) -> Floats:
-        """The derivative, or a map's next state, (states,).
+        """The derivative of the state, or a map's next state, (states,).
 
         `x` (states,), `u` (controls,), `w` (disturbances,).
         """
@@ -129,7 +129,7 @@ class PointModel:
         return np.array(self._out[: len(x), 2])
 
     def safe(self, x: Floats) -> int:
-        """Truth of `safe`: bit 0 may be false, bit 1 may be true. `x`: (states,)."""
+        """The truth of `safe`: bit 0: it may be false, bit 1: it may be true. `x`: (states,)."""
         self._point[self.states] = x
         try:
             self._call("safe")
@@ -146,7 +146,7 @@ class PointModel:
             return False
         return int(self._truths[0]) == TRUE
 
-    def step(self, x: Floats, u: Floats, w: Floats, t: float) -> Floats:
+    def step_rk4(self, x: Floats, u: Floats, w: Floats, t: float) -> Floats:
         """One step of RK4, `t` seconds long; arrays as of `rate`, so (states,) -> (states,)."""
         a = self.rate(x, u, w)
         b = self.rate(x + t / 2 * a, u, w)
@@ -155,7 +155,7 @@ class PointModel:
         return np.asarray(x + t / 6 * (a + 2 * b + 2 * c + d))
 
     def longest_step_s(self, x: Floats, u: Floats, w: Floats) -> float:
-        """The longest step that follows the fastest lag at a state.
+        """The longest step in s with which RK4 follows the fastest lag at a state.
 
         `x` (states,), `u` (controls,), `w` (disturbances,).
         """
@@ -172,7 +172,7 @@ class PointModel:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A pattern of disturbances, errors and other inputs: -1 (low), 0 (middle) or 1 (high) each.
+    """A choice for disturbances, errors and other inputs: -1 (low), 0 (middle) or 1 (high) each.
 
     `late`: commands act as late, and answer states as old, as they may. `follows`: disturbances
     have the sign of this state's rate; None: they are constant.
@@ -190,8 +190,8 @@ class Pattern:
         return bool(self.late or self.disturbances.any() or self.errors.any() or self.others.any())
 
 
-def patterns(model: PointModel) -> Iterator[Pattern]:
-    """The patterns to try: first that with everything in the middle, then corners."""
+def patterns_to_try(model: PointModel) -> Iterator[Pattern]:
+    """The patterns to try: first the one with everything in the middle, then corners."""
     sizes = [len(model.problem.disturbances), len(model.problem.errors)]
     sizes.append(len(model.problem.others))
     yield Pattern(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[2]))
@@ -238,13 +238,13 @@ def run_of_sc(
     trace = ModelTrace(pattern, [0.0], [np.array(start)])
     try:
         with np.errstate(all="ignore"):  # what is no number ends the run
-            for _ in _extend(model, trace, pattern, until_s):
+            for _ in _extend_trace(model, trace, pattern, until_s):
                 x = trace.states[-1]
                 if (
                     not np.isfinite(x).all()
                     or not going()
                     or (x > model.high)[model.opened].any()  # nothing is claimed of such a run
-                    or (not beyond and _leaves(model, trace))
+                    or (not beyond and _enter_if_left(model, trace))
                 ):
                     break
     except StepFaultError:
@@ -252,15 +252,17 @@ def run_of_sc(
     return trace
 
 
-def _scaled(model: PointModel, part: slice, signs: Floats) -> Floats:
+def _values_of_signs(model: PointModel, part: slice, signs: Floats) -> Floats:
     low, high = model.forms.whole[part].T
     return np.asarray((low + high) / 2 + signs * (high - low) / 2)
 
 
-def _extend(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) -> Iterator[None]:
+def _extend_trace(
+    model: PointModel, trace: ModelTrace, p: Pattern, until_s: float
+) -> Iterator[None]:
     """Extends the trace step by step."""
-    errors = _scaled(model, model.errors, p.errors)
-    others = _scaled(model, model.others, p.others)
+    errors = _values_of_signs(model, model.errors, p.errors)
+    others = _values_of_signs(model, model.others, p.others)
     period = model.inputs.period_ns * NS
     delay, jitter = (v * NS if p.late else 0.0 for v in _delays(model))
     x, t = trace.states[0], 0.0
@@ -287,7 +289,7 @@ def _extend(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) ->
         count = int(np.ceil((until - t) / longest - 1e-9))
         w = _disturbances_at(model, p, x, u)
         for i in range(count):
-            x = model.step(x, u, w, (until - t) / count)
+            x = model.step_rk4(x, u, w, (until - t) / count)
             trace.times.append(t + (until - t) * (i + 1) / count)
             trace.states.append(x)
             yield
@@ -307,14 +309,16 @@ def _delays(model: PointModel) -> tuple[int, int]:
 def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
     """The values of the disturbances that the pattern has in this state."""
     if p.follows is None:
-        return _scaled(model, model.disturbances, p.disturbances)
-    middle = _scaled(model, model.disturbances, np.zeros_like(p.disturbances))
+        return _values_of_signs(model, model.disturbances, p.disturbances)
+    middle = _values_of_signs(model, model.disturbances, np.zeros_like(p.disturbances))
     rate = model.rate(x, u, middle)[p.follows] - (x[p.follows] if model.is_map else 0.0)
-    return _scaled(model, model.disturbances, p.disturbances * (1.0 if rate >= 0.0 else -1.0))
+    return _values_of_signs(
+        model, model.disturbances, p.disturbances * (1.0 if rate >= 0.0 else -1.0)
+    )
 
 
-def _leaves(model: PointModel, trace: ModelTrace) -> bool:
-    """Whether the last state is outside C; if so it enters by which end it left."""
+def _enter_if_left(model: PointModel, trace: ModelTrace) -> bool:
+    """Whether the last state is outside C; if so, enters in the trace by which end the run left."""
     x = trace.states[-1]
     beyond = model.outside(x)
     false = model.safe(x) == FALSE
@@ -335,9 +339,6 @@ def _leaves(model: PointModel, trace: ModelTrace) -> bool:
     return True
 
 
-# ---------------------------------------------------------------- the soonest
-
-
 @dataclass(eq=False)
 class LeavingSearch:
     """The run that leaves C soonest, and what was tried."""
@@ -353,7 +354,7 @@ class LeavingSearch:
     cut: bool = False
 
 
-def soonest(
+def soonest_leaving_run(
     model: PointModel, start: Floats, whose: str, going: Callable[[], bool]
 ) -> LeavingSearch:
     """The run from `start`, (states,), that leaves C soonest under any pattern.
@@ -361,7 +362,7 @@ def soonest(
     `going`: whether there is time left to go on.
     """
     search, period = LeavingSearch(), model.inputs.period_ns * NS
-    todo = list(patterns(model))
+    todo = list(patterns_to_try(model))
     for holds in LENGTHS:
         best = holds * period
         reaches = []
@@ -424,7 +425,7 @@ def without_rounding(value: float) -> float:
 
 
 def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
-    """What a pattern chooses, in words."""
+    """A text for each input that a pattern chooses."""
     q = model.problem.quantities
     names = tuple(s.name for s in q.states)
     chosen = []
@@ -434,7 +435,7 @@ def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
         ("", q.others, model.others, pattern.others),
     )
     for kind, leaves, part, signs in parts:
-        ends = _scaled(model, part, signs), _scaled(model, part, -signs)
+        ends = _values_of_signs(model, part, signs), _values_of_signs(model, part, -signs)
         for leaf, up, down, sign in zip(leaves, *ends, signs, strict=True):
             if sign == 0.0:
                 continue

@@ -1,8 +1,9 @@
 """Explains a claim that was not proved by a run of the model, in a few CPU seconds at most.
 
-Purpose: where K is empty, `explain` finds the run under SC that leaves C soonest, or says that none
-was seen to; where the way back (P2b) is not shown, the run that ends furthest outside `safer`, or
-that none does. It does so beside a refuting run, too, which shows where it ends and not why.
+Purpose: where K is empty, `explain_open_claims` finds the run under SC that leaves C soonest, or
+says that none was seen to; where the way back (P2b) is not shown, the run that ends furthest
+outside `safer`, or that none does. It does so beside a refuting run, too, which shows where it ends
+and not why.
 Non-goals: verdicts: these are runs of the model, and none of them refutes; what would help
 (`variations.py`), which is measured by proving again; an SC that is merely too weak.
 """
@@ -19,15 +20,20 @@ import numpy as np
 
 from soter.language.model.types import show_ns
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
-from soter.verify.diagnosis.changed_runs import OLD, same_answer, what_brings_back, what_keeps
+from soter.verify.diagnosis.changed_runs import (
+    OLD,
+    changes_that_bring_back,
+    changes_that_keep_c,
+    same_answer,
+)
 from soter.verify.diagnosis.habits_of_sc import (
     HOLDS,
     MOVED,
     STILL,
     Habit,
     comes_to_rest,
-    goes_on,
-    habit,
+    habit_of_moving_on,
+    habit_of_sc,
 )
 from soter.verify.diagnosis.model_runs import (
     FALSE,
@@ -37,16 +43,16 @@ from soter.verify.diagnosis.model_runs import (
     PointModel,
     StepFaultError,
     pattern_text,
-    patterns,
+    patterns_to_try,
     point_text,
     run_of_sc,
-    soonest,
+    soonest_leaving_run,
     without_rounding,
 )
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.diagnosis.variations import why_no_rest
 from soter.verify.grid.claims import GridProof
-from soter.verify.grid.grid_refinement import cells_holding
+from soter.verify.grid.grid_refinement import cells_around_interval
 from soter.verify.grid.group_model import NO_ENCLOSURE
 
 if TYPE_CHECKING:
@@ -102,17 +108,17 @@ FINITE = (
 TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads how far it has turned"
 
 
-def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
-    """Enters why K is empty, or why SC does not come back, in the findings."""
+def explain_open_claims(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
+    """Enters in the findings why K is empty, or why SC does not come back."""
     p2a, p2b, safer = (result.findings[claim] for claim in ("P2a", "P2b", "safer"))
-    empty = next((c for c in done if c.failed("P2a")), None)
+    empty = next((c for c in done if c.failures_of("P2a")), None)
     if p2a.verdict in OPEN and empty is not None:
         _explain_empty(done, empty, p2a, go_on)
     elif p2b.verdict in OPEN:
         for case in done:
-            stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
+            stuck = next((f for f in case.failures_of("P2b") if _has_no_way_back(f)), None)
             if stuck is not None:
-                cause = _WayBackSearch(case, stuck).shown(go_on)
+                cause = _WayBackSearch(case, stuck).cause_of_failure(go_on)
                 p2b.causes.append(cause)
                 p2b.hint = cause.hint or HINTS_ON_RETURN.get(cause.kind, p2b.hint)
                 break
@@ -127,11 +133,8 @@ def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
     return lambda: go_on() and time.process_time() < until
 
 
-# ---------------------------------------------------------------- K
-
-
 def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) -> None:
-    failure = case.failed("P2a")[0]
+    failure = case.failures_of("P2a")[0]
     if failure.text == NO_ENCLOSURE and (term := term_without_bound(case.problem)):
         finding.causes.append(Cause("no_enclosure", NOT_FINITE.format(*term)))
         finding.hint = FINITE
@@ -141,7 +144,7 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
     if isinstance(proof, GridProof) and not proof.found.allowed.any():
         why, cause = "there is no C", _cause_without_c(model)
     else:
-        search = _leaving(case, model, _go_on_for(RUNS_S, go_on))
+        search = _search_leaving_run(case, model, _go_on_for(RUNS_S, go_on))
         finding.leaving = search.soonest
         if search.soonest is not None:
             why, cause = _leaving_cause(search, case)
@@ -150,13 +153,13 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
             why = "but no run of the model was seen to leave C"
             cause, finding.hint = _no_run_cause(search, case, stop, finding.tried)
         by_safe = search.soonest is None or search.soonest.safe
-        found = habit(model, model.start, _go_on_for(HABIT_S, go_on)) if by_safe else None
+        found = habit_of_sc(model, model.start, _go_on_for(HABIT_S, go_on)) if by_safe else None
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
         changed = _changed_hint(model, search, found, go_on)
         if changed == NOT_ONE and found is None:
-            cause, finding.hint = _unmended(model, search, cause, go_on)
+            cause, finding.hint = _cause_if_no_change_helps(model, search, cause, go_on)
         elif changed != NOT_ONE:
             finding.hint = changed or finding.hint
     if model.inputs.delay_ns > LATE * model.inputs.period_ns and "(tried" not in finding.hint:
@@ -165,7 +168,7 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
         finding.hint = f"`{axis} in [-PI, PI]`: of exactly a turn, this axis wraps around"
     for state, other in list(_moved_across(model, case))[:1]:
         finding.hint = MOVED_ACROSS.format(model.names[state], model.names[other])
-    failing = sum(bool(c.failed("P2a")) for c in done)
+    failing = sum(bool(c.failures_of("P2a")) for c in done)
     if len(done) > 1:
         pairs = zip(case.problem.parameters, case.parameter, strict=True)
         at = ", ".join(f"{p.name} = {v}" for p, v in pairs)
@@ -178,9 +181,9 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
 def _changed_hint(
     model: PointModel, search: LeavingSearch, found: Habit | None, go_on: GoOn
 ) -> str:
-    """The changes with which runs stay in C, or `NOT_ONE`; "": they could not be asked.
+    """The changes with which runs stay in C, or `NOT_ONE`; "": these were not all tried in time.
 
-    Nor are they where SC's habit is not to leave by itself.
+    Nothing is tried where SC's habit is not to leave by itself.
     """
     if found is not None and found.trace is None:
         return ""
@@ -188,27 +191,27 @@ def _changed_hint(
     all_asked = search.trace is not None
     for trace in (search.trace, search.undisturbed if found is None else found.trace):
         in_time = _go_on_for(CHANGED_S, go_on)
-        if trace and (kept := what_keeps(model, trace, search.furthest, in_time)):
+        if trace and (kept := changes_that_keep_c(model, trace, search.furthest, in_time)):
             return wider + kept
         all_asked &= in_time()
     return NOT_ONE if all_asked and not wider else ""
 
 
-def _unmended(
+def _cause_if_no_change_helps(
     model: PointModel, search: LeavingSearch, cause: Cause, go_on: GoOn
 ) -> tuple[Cause, str]:
     """The cause and the advice where no single change of SC or the world keeps runs in C."""
-    hint, moving = NOT_ONE, goes_on(model, model.start, _go_on_for(HABIT_S, go_on))
+    hint, moving = NOT_ONE, habit_of_moving_on(model, model.start, _go_on_for(HABIT_S, go_on))
     if moving is not None:
         cause, hint = Cause(cause.kind, f"{cause.text}; {moving.text}"), moving.hint
     if search.trace and (sent := same_answer(model, search.trace)) is not None:
         hint = ANSWERS if moving is None else hint
-        hint += UNMOVED.format(_published(model, sent))
+        hint += UNMOVED.format(_commands_in_words(model, sent))
     return cause, hint
 
 
-def _published(model: PointModel, sent: Floats) -> str:
-    """What SC publishes, (controls,), in words."""
+def _commands_in_words(model: PointModel, sent: Floats) -> str:
+    """The commands of SC, (controls,), in words."""
     names = (c.name for c in model.problem.quantities.controls)
     return ", ".join(f"`{n}` = {v:.4g}" for n, v in zip(names, sent, strict=True))
 
@@ -252,9 +255,9 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
 
 
 def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
-    """The states, (states,), in which an undisturbed run from the start rests; None: in none."""
+    """The states, (states,), where an undisturbed run comes to rest; None: it does not."""
     until_s = 3 * HOLDS * model.inputs.period_ns * NS
-    trace = run_of_sc(model, model.start, next(patterns(model)), until_s, go_on, beyond=True)
+    trace = run_of_sc(model, model.start, next(patterns_to_try(model)), until_s, go_on, beyond=True)
     return trace.states[-1] if go_on() and comes_to_rest(model, trace) else None
 
 
@@ -296,14 +299,14 @@ def _no_run_cause(
     return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER))
 
 
-def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
+def _search_leaving_run(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
     """The run that leaves C soonest, from the declared start, else from another state of C."""
     last = LeavingSearch()
     for start, whose in _start_points(case, model):
         if model.outside(start).any() or not model.safe(start) & TRUE:
             continue
         part = FROM_START if whose == DECLARED else (1.0 - FROM_START) / 2
-        search = soonest(model, start, whose, _go_on_for(part * RUNS_S, go_on))
+        search = soonest_leaving_run(model, start, whose, _go_on_for(part * RUNS_S, go_on))
         search.runs += last.runs
         search.longest_s = max(search.longest_s, last.longest_s)
         search.cut |= last.cut
@@ -329,10 +332,8 @@ def _start_points(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]
             yield x, "inside C"
 
 
-# ---------------------------------------------------------------- the way back
-
-
-def _is_way_back(failure: Failure) -> bool:
+def _has_no_way_back(failure: Failure) -> bool:
+    """Whether a failure is about cells without a way back, or about an empty Q."""
     if not isinstance(failure.proof, GridProof):
         return False
     home = failure.proof.found.home
@@ -358,8 +359,8 @@ class _WayBackSearch:
         assert isinstance(failure.proof, GridProof)
         self.grid = failure.proof
 
-    def shown(self, go_on: GoOn) -> Cause:
-        """The cause: the run that ends outside `safer`, undisturbed if possible, else the worst."""
+    def cause_of_failure(self, go_on: GoOn) -> Cause:
+        """The cause: the run that ends outside `safer`, undisturbed or the worst."""
         target = self.grid.found.target
         if target is not None and not target.any():
             text = "there is no cell all of whose estimates satisfy `safer`"
@@ -369,7 +370,7 @@ class _WayBackSearch:
         worst: _RunEnd | None = None
         followed: list[Pattern] = []
         in_time = _go_on_for(BACK_S, go_on)
-        for pattern in patterns(self.model):
+        for pattern in patterns_to_try(self.model):
             end = self._run_end(self.model, start, pattern, in_time)
             if end is None:
                 break
@@ -384,8 +385,8 @@ class _WayBackSearch:
                     break
         if worst is not None:
             kind = "pushed_out" if worst.pattern.any else "stays_away"
-            returns = partial(self._returns, start, _go_on_for(CHANGED_S, go_on))
-            hint = what_brings_back(self.model, worst.pattern, followed, returns)
+            returns = partial(self._run_returns, start, _go_on_for(CHANGED_S, go_on))
+            hint = changes_that_bring_back(self.model, worst.pattern, followed, returns)
             return Cause(kind, f"{head} {self._end_in_words(worst)}", hint)
         text = (
             f"of {len(followed)} runs of the model from {whose} none stays outside `safer`: no set "
@@ -411,12 +412,14 @@ class _WayBackSearch:
     def _all_hold(self, cells: Bools, x: Floats) -> bool:
         """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
         pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
-        at = [cells_holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
+        at = [
+            cells_around_interval(edges, float(x[state]), float(x[state])) for state, edges in pairs
+        ]
         inside = tuple(b for b in at if b is not None)
         return len(inside) == len(at) and bool(cells[inside].all())
 
     def _gives_back(self, x: Floats, *, exact: bool) -> bool:
-        """Whether DM gives control back at a state's exact estimate, or (not `exact`) at all."""
+        """Whether the DM gives control back at a state: at its exact estimate, or at any one."""
         if self.case.problem.computed:
             target = self.grid.found.target
             return target is not None and self._all_hold(target, x)
@@ -424,9 +427,9 @@ class _WayBackSearch:
             return self.model.safer(x)
         box = self.case.forms.whole.copy()
         box[self.model.states] = np.stack([x, x], axis=1)
-        return self.case.forms.truth(self.case.problem.returning, box) == TRUE
+        return self.case.forms.truth(self.case.problem.return_predicate, box) == TRUE
 
-    def _returns(self, start: Floats, go_on: GoOn, model: PointModel, pattern: Pattern) -> bool:
+    def _run_returns(self, start: Floats, go_on: GoOn, model: PointModel, pattern: Pattern) -> bool:
         """Whether a run from a start, (states,), ends where the DM gives control back."""
         end = self._run_end(model, start, pattern, go_on)
         return end is not None and go_on() and not end.trace.left and not end.outside

@@ -41,15 +41,20 @@ from soter.verify.claims.results import (
     RemedyCost,
 )
 from soter.verify.deploy.level_tables import tables_of_groups
-from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
+from soter.verify.deploy.missing_predicates import (
+    complete,
+    find_sets,
+    install_predicates,
+    modules_to_complete,
+)
 from soter.verify.diagnosis.changed_runs import NARROWER
-from soter.verify.diagnosis.model_runs import PointModel, patterns, run_of_sc
-from soter.verify.diagnosis.open_claims import HABIT, REST, explain
-from soter.verify.diagnosis.vacuity import vacuity
+from soter.verify.diagnosis.model_runs import PointModel, patterns_to_try, run_of_sc
+from soter.verify.diagnosis.open_claims import HABIT, REST, explain_open_claims
+from soter.verify.diagnosis.vacuity import worst_vacuity
 from soter.verify.diagnosis.variations import CALMER, HALF, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
-from soter.verify.grid.case import settled
-from soter.verify.grid.grid_refinement import cells_of, with_merged_cells
+from soter.verify.grid.case import settled_in_words
+from soter.verify.grid.grid_refinement import cell_count, with_merged_cells
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
 
@@ -74,9 +79,9 @@ CPU_S = 5.0
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Enters what the changes cost that prove every claim, beside the advice to make them.
+    """Enters the cost of changes that prove every claim, beside the advice to make them.
 
-    For a module that is proved it enters what smaller cells and fewer levels cost. `fresh` makes
+    For a module that is proved it enters the cost of smaller cells and fewer levels. `fresh` makes
     the system in which it was proved, as it flies.
     """
     held = result.verdict in (PROVED, ASSUMED)
@@ -84,20 +89,22 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
         phase(f"{result.problem.name}: measuring what smaller cells cost")
         declared = replace(result.problem, groups=result.problem.declared_groups, cells_open=False)
         before = None if result.cells_why == "P2a" else replace(declared, declared_groups=())
-        result.notes += (f"smaller cells: {_cost(before, result.problem, fresh)}",)
+        result.notes += (f"smaller cells: {_cost_of_remedy(before, result.problem, fresh)}",)
     if held and result.levels_why:
         phase(f"{result.problem.name}: measuring what fewer levels cost")
         default = replace(result.problem, levels=LEVELS_DEFAULT, levels_open=False)
-        result.levels_cost = _cost(default, result.problem, fresh)
+        result.levels_cost = _cost_of_remedy(default, result.problem, fresh)
         result.notes += (f"fewer levels: {result.levels_cost}",)
     for finding in result.findings.values():
         if finding.remedied is not None:
             phase(f"{result.problem.name}: measuring what that costs")
-            finding.cost = _cost(result.problem, finding.remedied, fresh)
+            finding.cost = _cost_of_remedy(result.problem, finding.remedied, fresh)
 
 
-def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System]) -> RemedyCost:
-    """The cost of `remedied` against `problem`; None: the latter has no tables to fly."""
+def _cost_of_remedy(
+    problem: Problem | None, remedied: Problem, fresh: Callable[[], System]
+) -> RemedyCost:
+    """The cost of `remedied` against `problem`, None where that has no tables to fly."""
     flat, ends = fresh(), time.process_time() + CPU_S
     if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
@@ -136,16 +143,16 @@ def _why_not_run(flat: System, problem: Problem) -> str:
         return f"`verify` asks no externs, and system `{flat.name}` has `{asked[0]}`"
     if not flat.until_ns:
         return f"system `{flat.name}` says no `until`"
-    count = len(_instances(flat, problem))
+    count = len(_modules_of_declaration(flat, problem))
     if count != 1:
         return f"the module stands {count} times in system `{flat.name}`, and one was tried"
     return "the module has views" if problem.view else ""
 
 
-def _instances(flat: System, problem: Problem) -> list[Module]:
-    """The modules of the system that are instances of the same declaration.
+def _modules_of_declaration(flat: System, problem: Problem) -> list[Module]:
+    """The modules of the system with the same declaration.
 
-    By its name: the system may be of a text in which hints of another module were put since.
+    They are found by its name: the text of the system may have other hints since.
     """
     return [m for m in flat.modules if m.symbol.name == problem.module.symbol.name]
 
@@ -158,7 +165,7 @@ def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> Syste
         if now.max_age_ns != was.max_age_ns
     }
     if remedied.computed and not problem.computed:
-        (module,) = _instances(flat, problem)
+        (module,) = _modules_of_declaration(flat, problem)
         module.symbol = replace(module.symbol, ttf=None, safer=None, topics_read=())
     younger = [
         replace(t, max_age_ns=ages[t.symbol.name])
@@ -170,18 +177,18 @@ def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> Syste
 
 def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
     """The figures of a run with predicates computed for `tried`; None: none could be computed."""
-    (module,) = _instances(flat, tried)
+    (module,) = _modules_of_declaration(flat, tried)
     count = 0
-    if module in open_modules(flat):
+    if module in modules_to_complete(flat):
         own = extract(faultless(flat), module)
         problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
         problem = replace(problem, declared_groups=tried.declared_groups)
         problem = replace(problem, levels_open=tried.levels_open, cells_open=tried.cells_open)
-        problem, sets = sets_of(problem)
+        problem, sets = find_sets(problem)
         level_tables = None if sets is None else tables_of_groups(problem, sets)
         if level_tables is None:
             return None
-        install(flat, module, problem, level_tables)
+        install_predicates(flat, module, problem, level_tables)
         files: dict[str, bytes] = {}
         for k, table in enumerate(level_tables):
             table.entry([""] * len(problem.states), str(k), files)
@@ -238,7 +245,7 @@ class Trials:
         if done is None:
             return None
         wrong = {f.claim for case in done for f in case.failures}
-        if not wrong and vacuity(done) is not None:
+        if not wrong and worst_vacuity(done) is not None:
             wrong = {"ttf"}
         return tuple(claim for claim in ORDER if claim in wrong)
 
@@ -253,13 +260,13 @@ class Trials:
             return None
         return done if self.go_on() else None
 
-    def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
-        """Whether the undisturbed run of a problem stays in C longer than the given run."""
+    def stays_longer(self, problem: Problem, leaving: LeavingRun | None) -> bool:
+        """Whether the undisturbed run of a problem stays in C longer than `leaving` did."""
         done = self._cases_in_time(with_merged_cells(problem, PILOT))
         if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
-        trace = run_of_sc(model, model.start, next(patterns(model)), until_s, self.go_on)
+        trace = run_of_sc(model, model.start, next(patterns_to_try(model)), until_s, self.go_on)
         return not trace.left and trace.times[-1] > leaving.time_s[-1]
 
     def go_on(self) -> bool:
@@ -267,8 +274,8 @@ class Trials:
         return time.process_time() < self._until
 
 
-def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
-    """The trials of some changes: each on merged cells, then as it is, with few cells first.
+def ordered_trials(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
+    """The trials of some changes, by cost and cells: each change on merged cells, then as it is.
 
     So one grid with many cells does not take the time from changes that would have been quick.
     """
@@ -278,19 +285,19 @@ def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
         if coarse.groups != change.problem.groups:
             trials.append((change, coarse))
         trials.append((change, change.problem))
-    return sorted(trials, key=lambda trial: (trial[0].cost, cells_of(trial[1])))
+    return sorted(trials, key=lambda trial: (trial[0].cost, cell_count(trial[1])))
 
 
 def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
-    """Explains what is open, tries changes and enters the advice, if anything is undecided.
+    """Explains what is not proved, tries changes and enters the advice.
 
-    It does so for a refuted SC, too. `cpu_s`: the CPU seconds that the proof took.
+    Also a refuted SC is explained. `cpu_s`: the CPU seconds that the proof took.
     """
     failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
     trials = Trials(cpu_s, attempt)
     announce(lambda: _first_verdict(result))
-    explain(done, result, trials.go_on)
+    explain_open_claims(done, result, trials.go_on)
     announce(lambda: "\n".join(f"{result.name}: {c.text}" for f in findings for c in f.causes))
     if all(f.verdict != UNDECIDED for f in findings):
         return
@@ -303,10 +310,10 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
 
 
 def _first_verdict(result: ModuleResult) -> str:
-    """What was found out, to be said before anything is tried."""
+    """The verdicts so far, to be shown before anything is tried."""
     worst = [n for n, f in result.findings.items() if f.verdict == result.verdict]
     head = f"{result.name} is {result.verdict.upper()} ({', '.join(worst)})"
-    return "\n".join((f"{head}; looking for the cause, and what helps", *settled(result)))
+    return "\n".join((f"{head}; looking for the cause, and what helps", *settled_in_words(result)))
 
 
 class _KeptChanges:
@@ -319,12 +326,12 @@ class _KeptChanges:
         self.untried: dict[str, None] = {}
 
     def try_one_more(self, trials: Trials) -> bool:
-        """Tries one more change, and keeps it if it helps; whether one was kept."""
+        """Tries changes until one helps, and keeps that one; False where none helps."""
         found = self.found
-        for remedy, tried in in_order(remedies(found)):
+        for remedy, tried in ordered_trials(remedies(found)):
             if self._is_made(remedy):
                 continue
-            if remedy.cost == OTHERS and not trials.stays(tried, found.leaving):
+            if remedy.cost == OTHERS and not trials.stays_longer(tried, found.leaving):
                 continue
             phase(f"{found.problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
@@ -372,18 +379,18 @@ class _KeptChanges:
 
 
 def _helps_in_part(remedy: Remedy, now: Sequence[str], left: Sequence[str]) -> bool:
-    """Whether a change is kept with which claims fail; of narrower worlds only the narrowest is."""
-    return (remedy.cost != HALF or remedy.said == CALMEST) and _fewer_fail(now, left)
+    """Whether a change is kept though claims fail; of narrower worlds only the narrowest is."""
+    return (remedy.cost != HALF or remedy.said == CALMEST) and _fewer_claims_fail(now, left)
 
 
-def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
+def _fewer_claims_fail(now: Sequence[str], left: Sequence[str]) -> bool:
     """Whether fewer claims fail now than before, or P2a no longer does."""
     asked = set(left) - {"P2b"} if "P2a" in now else set(left)  # without K nothing leads back
     return set(now) < asked or (left[0] == "P2a" and "P2a" not in now)
 
 
-def take_back_cells(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Takes back the advice to try what a search has tried in vain: smaller cells, a search."""
+def remove_tried_advice(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
+    """Removes advice that a search has already tried in vain: smaller cells, a search."""
     in_vain = {s.module: s.cells_in_vain for s in searches if not s.proved}
     for name, finding in ((r.name, f) for r in results for f in r.findings.values()):
         words = (REST, OTHERS_FOUND, *["smaller cells"] * in_vain.get(name, False))

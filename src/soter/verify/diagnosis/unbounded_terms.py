@@ -56,7 +56,7 @@ def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
     lets = dict(plant.lets)
     for variable, e in (*lets.items(), *plant.der.items(), *plant.next.items()):
         for part in reversed(list(nodes([e]))):  # parts before what they are parts of
-            of = _asked(part)
+            of = _part_that_must_not_be_zero(part)
             if of is None or not isinstance(part, t.TypedExpr):
                 continue
             r = evaluator.number(of)
@@ -68,8 +68,8 @@ def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
     return None
 
 
-def _asked(part: object) -> t.TypedExpr | None:
-    """What must not be 0, or below: the divisor of a quotient, what a root is taken of."""
+def _part_that_must_not_be_zero(part: object) -> t.TypedExpr | None:
+    """The part that must not be 0, or below: the divisor of a quotient, the argument of a root."""
     if isinstance(part, (t.TypedBinary, t.Vector)) and part.op == "/":
         return part.right
     return part.arguments[0] if isinstance(part, t.Builtin) and part.name == "sqrt" else None

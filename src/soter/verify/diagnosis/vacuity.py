@@ -1,7 +1,7 @@
 """Whether a proof says anything: how often AC can have control at all.
 
-Purpose: `vacuity` computes, for each group and combination of parameter values, on how much of K
-(the states that SC keeps) `ttf` and `safer` let AC have control, and puts the least share into
+Purpose: `worst_vacuity` computes, for each group and combination of parameter values, on how much
+of K (the states that SC keeps) `ttf` and `safer` let AC have control, and puts the least share into
 words for a headline if it is nothing, or hardly anything. *Never* is enclosed: it holds of every
 state. *Hardly ever* is measured: as a share of cells, or of states drawn from K.
 Non-goals: verdicts: a proof about an empty set is a proof.
@@ -47,7 +47,7 @@ OF_FRESH = "of whatever is fresh"
 HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 
 
-def vacuity(done: Sequence[Case]) -> Vacuity | None:
+def worst_vacuity(done: Sequence[Case]) -> Vacuity | None:
     """The worst vacuity of all cases; None: the proof says something, and AC can have control."""
     if done and (nothing := _vacuous_safe(done[0].problem)):
         return nothing
@@ -71,7 +71,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
-    """The vacuity of a proof by induction; `never`: as `Induction` has it."""
+    """The vacuity of a proof by induction, or None; `never`: as `Induction` has it."""
     if nothing := _vacuous_safe(problem):
         return nothing
     if never == "fails":
@@ -93,8 +93,8 @@ def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
     return _vacuous_safe(problem) or never
 
 
-def say_of_nothing(result: ModuleResult) -> None:
-    """Has the row of a claim that is proved and about nothing say so, and not how it was shown."""
+def tell_vacuity_in_row(result: ModuleResult) -> None:
+    """Makes the row of a claim that is proved, but about nothing, say so."""
     vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
     if vacuity is None or vacuity.how_often != NEVER or vacuity.what not in rows:
         return
@@ -119,15 +119,15 @@ def _parameter_values(case: Case) -> str:
 
 def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
     """The vacuities of one case; empty where it has no K."""
-    if case.failed("P2a"):
+    if case.failures_of("P2a"):
         return
     yield from _small_core(case)
-    free = _least_free(case)
+    free = _least_free_share(case)
     for predicate in ("safer", "ttf"):
         if predicate == "ttf" and _taken_by_age(case):
             yield Vacuity(NEVER, "ttf", 0.0, _why_no_control(case, "ttf", empty=False, of=OF_FRESH))
             continue
-        if _never_lets(case, predicate):
+        if _never_lets_control(case, predicate):
             yield Vacuity(
                 NEVER, predicate, 0.0, _why_no_control(case, predicate, empty=free == 0.0)
             )
@@ -139,10 +139,7 @@ def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
 
 
 def _never_kept(case: Case) -> Iterator[Vacuity]:
-    """The vacuity that `ttf` takes control back (almost) wherever `safer` gives it.
-
-    If no cell has `safer` possibly true and `ttf` possibly false, AC never keeps control.
-    """
+    """The vacuity that `ttf` takes control back (almost) wherever `safer` gives it."""
     for proof in case.proofs:
         share, anything = proof.overlap_of_predicates or (1.0, True)
         if share < RARE_SHARE:
@@ -179,14 +176,11 @@ def _rarity_text(predicate: str, share: float) -> str:
     return f"AC hardly ever {verb} control ({says} on {much} of K)"
 
 
-def _least_free(case: Case) -> float:
+def _least_free_share(case: Case) -> float:
     return min((p.free_share for p in case.proofs if p.free_share is not None), default=1.0)
 
 
-# ---------------------------------------------------------------- never
-
-
-def _never_lets(case: Case, predicate: str) -> bool:
+def _never_lets_control(case: Case, predicate: str) -> bool:
     """Whether surely no estimate of a state of K lets AC have control: enclosed, not sampled."""
     if any(p.excludes(predicate) for p in case.proofs):
         return True
@@ -197,9 +191,9 @@ def _never_lets(case: Case, predicate: str) -> bool:
 
 
 def _taken_by_age(case: Case) -> bool:
-    """Whether `ttf` with the parts about ages, which proofs leave out, holds on all of K.
+    """Whether `ttf`, with the parts about ages, which proofs leave out, holds on all of K.
 
-    It is asked for every age that a fresh read may have: up to `max_age`, and up to the proof's A.
+    Every age is looked at that a fresh read may have: up to `max_age`, and up to the proof's A.
     """
     problem, ttf = case.problem, case.problem.module.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
@@ -215,11 +209,8 @@ def _taken_by_age(case: Case) -> bool:
     return truth_by_parts(ttf, problem.system, problem.module.scope, read) is True
 
 
-# ---------------------------------------------------------------- shares of K
-
-
 def _control_shares(case: Case, predicate: str) -> Iterator[float]:
-    """For each group the share of its K that lets AC have control, with others where it is most."""
+    """For each group the share of its K that lets AC have control, with others at their best."""
     for proof in case.proofs:
         share = proof.lets_share(case, predicate)
         if share is not None:
@@ -242,7 +233,7 @@ class _StateDrawer:
         self.anchors = self._anchors()
 
     def share(self, own: GridProof) -> float:
-        """The share of one group's states, with other groups at the anchor where it is largest."""
+        """The share of one group's states, with other groups at that anchor where it is largest."""
         best = 0.0
         for anchor in self.anchors:
             best = max(best, self._share_at(own, anchor))
@@ -286,12 +277,9 @@ class _StateDrawer:
         return anchors[::-1]
 
 
-# ---------------------------------------------------------------- the start
-
-
 def _never_given(done: Sequence[Case]) -> Vacuity | None:
     """The vacuity that SC has control at the start and no claim says that it ever gives it."""
-    if not at_the_start(done) or not (clause := done[0].problem.module.symbol.stays):
+    if not note_on_start(done) or not (clause := done[0].problem.module.symbol.stays):
         return None
     why = f"at the start `safer` does not hold, and P2b is not asked: `{clause}`"
     return Vacuity(NOT_SHOWN, "safer", 0.0, f"nothing says that AC ever gets control ({why})")
@@ -306,14 +294,14 @@ def _refused_at_start(case: Case) -> bool:
     return not case.forms.truth("safer", box) & LETS["safer"]
 
 
-def at_the_start(done: Sequence[Case]) -> str:
-    """A note that AC cannot have control at the start, as `safer` does not hold there; else "".
+def note_on_start(done: Sequence[Case]) -> str:
+    """A note that AC cannot have control at the start, where `safer` does not hold; "": it may.
 
     It is "" without K, or where a computed `safer` holds nowhere, too.
     """
     for case in done:
-        empty = case.failed("P2a") or (case.problem.computed and case.failed("safer"))
-        if empty or not case.problem.starts_with(case.parameter):
+        empty = case.failures_of("P2a") or (case.problem.computed and case.failures_of("safer"))
+        if empty or not case.problem.may_start_with(case.parameter):
             continue
         if any(p.waits_at_start(case) for p in case.proofs) or _refused_at_start(case):
             return "at the start `safer` does not hold: SC has control until the state is there"

@@ -4,7 +4,7 @@ Purpose: each row of `VARIATIONS` has the words for a change, the function that 
 problems, the claims at which it may help, and its cost. A changed `Problem` is the one that the
 changed program would have; there is none where that is no problem, or where the module cannot be
 read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
-`remedies` gives the changes for a module; `at_periods` the problem with other periods, for
+`remedies` gives the changes for a module; `with_other_periods` the problem with other periods, for
 `advice.py`.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
 (`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
@@ -27,7 +27,7 @@ from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
-from soter.verify.grid.grid_refinement import cells_of, smaller_cells
+from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.tube_check import TubeCheck
@@ -99,7 +99,7 @@ class Remedy:
 
 
 def remedies(found: NotProved) -> Iterator[Remedy]:
-    """The changes that the table has for the claims that fail."""
+    """The changes in the table that may help where these claims fail."""
     for row in VARIATIONS:
         if found.of_sc and row.cost != OTHERS:
             continue
@@ -109,19 +109,16 @@ def remedies(found: NotProved) -> Iterator[Remedy]:
                     yield Remedy(row.said.format(text), problem, row.cost)
 
 
-# ---------------------------------------------------------------- the changes
-
-
 def _change_axes(found: NotProved) -> Iterator[Change]:
     """Changes to axes that reach further, at ends where K is lost and `safe` still holds beyond."""
     for part in LONGER if found.loses_core else LONGER[:1]:
         longer = with_ends(found.problem, _longer_ends(found, part))
-        if longer.groups != found.problem.groups and cells_of(longer) <= CELLS_MAX["P2a"]:
-            yield longer, lines_of(longer)
+        if longer.groups != found.problem.groups and cell_count(longer) <= CELLS_MAX["P2a"]:
+            yield longer, grid_lines_of(longer)
 
 
 def _longer_ends(found: NotProved, part: float) -> Ends:
-    """New ends by state, `part` of the axis further out, where K is lost or a run leaves."""
+    """New ends by state, further out by `part` of the axis, where K is lost or a run leaves."""
     ends: Ends = {}
 
     def lengthen(state: int, edges: Sequence[float], side: int) -> None:
@@ -147,7 +144,7 @@ def _declared_grids(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
 
 
 def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
-    """Axis and side (0: low) of ends where K is lost, and beyond which `safe` holds."""
+    """The ends where K is lost, beyond which `safe` holds: the axis and the side (0: low)."""
     sides = []
     lost = grid.found.allowed & ~(grid.found.core > 0)
     for k, axis in enumerate(grid.group.axes):
@@ -168,7 +165,7 @@ def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
 
 
 def _shorten_axes(found: NotProved) -> Iterator[Change]:
-    """The change of axes on a small part of which `safe` holds to that part."""
+    """The change that shortens axes on only a small part of which `safe` holds."""
     ends: Ends = {}
     for grid, _ in _declared_grids(found.done):
         for k, axis in enumerate(grid.group.axes):
@@ -179,15 +176,15 @@ def _shorten_axes(found: NotProved) -> Iterator[Change]:
                 ends[axis.state] = axis.edges[low], axis.edges[high]
     shorter = with_ends(found.problem, ends)
     if shorter.groups != found.problem.groups:
-        yield shorter, lines_of(shorter)
+        yield shorter, grid_lines_of(shorter)
 
 
 def _open_axis(found: NotProved) -> Iterator[Change]:
-    """The change to `open` of the axis by whose end a run leaves; a trial shows if it is read."""
+    """The change of the axis by whose end a run leaves to `open`."""
     left = found.leaving
     if left is not None and not left.safe:
         opened = with_open_axis(found.problem, left.names.index(left.axis))
-        yield opened, "" if opened is None else lines_of(opened)
+        yield opened, "" if opened is None else grid_lines_of(opened)
 
 
 def _change_predicates(found: NotProved) -> Iterator[Change]:
@@ -241,7 +238,7 @@ def _change_start(found: NotProved) -> Iterator[Change]:
 def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
     """New starts of states: of as few as can be, and as near as can be in widths of the grid."""
     times, engine = case.problem.times, grid.engine
-    in_time = engine.safe_for(case.problem.in_horizon(times.start), grid.found.core > 0)
+    in_time = engine.cells_safe_for(case.problem.whole_periods(times.start), grid.found.core > 0)
     cells = np.argwhere(in_time)
     if not len(cells):
         return
@@ -259,9 +256,9 @@ def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
 
 
 def _change_cells(found: NotProved) -> Iterator[Change]:
-    smaller = replace(smaller_cells(found.problem, found.problem.groups), declared_groups=())
-    if cells_of(smaller) <= CELLS_MAX["P2a"]:
-        yield smaller, lines_of(smaller)
+    smaller = replace(with_smaller_cells(found.problem, found.problem.groups), declared_groups=())
+    if cell_count(smaller) <= CELLS_MAX["P2a"]:
+        yield smaller, grid_lines_of(smaller)
 
 
 def _narrow_disturbances(found: NotProved) -> Iterator[Change]:
@@ -286,7 +283,10 @@ def _exchange_controllers(found: NotProved) -> Iterator[Change]:
     """The change that puts AC in the place of SC, if a run of SC leaves `safe`."""
     if found.leaving is not None and found.leaving.safe:
         symbol = found.problem.module.symbol
-        yield exchanged(found.problem), f"ac {symbol.sc.name}; sc {symbol.ac.name};"
+        yield (
+            with_controllers_exchanged(found.problem),
+            f"ac {symbol.sc.name}; sc {symbol.ac.name};",
+        )
 
 
 CELLS, HALF, OTHERS = 1, 2, 3
@@ -310,13 +310,7 @@ VARIATIONS = (
     Variation("{}", _change_ages, without_core=True, with_core=True),
     Variation("{}", _change_start, without_core=False, with_core=True),
     Variation("more cells: `{}`", _change_cells, without_core=False, with_core=True, cost=CELLS),
-    Variation(
-        CALMER,
-        _narrow_disturbances,
-        without_core=True,
-        with_core=True,
-        cost=HALF,
-    ),
+    Variation(CALMER, _narrow_disturbances, without_core=True, with_core=True, cost=HALF),
     Variation(
         "`{}`, if that is what was meant",
         _exchange_controllers,
@@ -325,9 +319,6 @@ VARIATIONS = (
         cost=OTHERS,
     ),
 )
-
-
-# ---------------------------------------------------------------- problems made of others
 
 
 def predicates_left_out(problem: Problem) -> Problem | None:
@@ -339,7 +330,7 @@ def predicates_left_out(problem: Problem) -> Problem | None:
 
 
 def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
-    """The problem with the least `max_age` of what SC and DM read of plants, and what to write."""
+    """The problem with the least `max_age` of what SC and DM read of plants, and the text."""
     texts, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
@@ -358,12 +349,12 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
 
 
 def younger_reads_of_sc(problem: Problem) -> tuple[Problem, str] | None:
-    """The problem with `age` as long as a period of who publishes, and what to write.
+    """The problem with `age` as long as a publisher's period, and the text of it.
 
-    Phases may make it less: that is not counted on.
+    Phases may make the age less, which is not counted on.
     """
     schedule, verify = problem.times.schedule, problem.module.symbol.verify
-    ages = (max(schedule.stamp_age_sc(p), p.last.period) for p in schedule.read_by_sc)
+    ages = (max(schedule.stamp_age_sc(p), p.last_station.period) for p in schedule.read_by_sc)
     least = max(ages, default=0)
     if not any((p.max_age or 0) > least for p in schedule.read_by_sc):
         return None
@@ -389,8 +380,8 @@ def with_open_axis(problem: Problem, state: int) -> Problem | None:
     return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
 
 
-def extended(edges: Floats, low: float, high: float) -> Floats:
-    """Edges (cells + 1,) with further cells, of the size of the outermost, from `low` to `high`."""
+def extended_edges(edges: Floats, low: float, high: float) -> Floats:
+    """Edges (cells + 1,) with further cells, as large as the outermost, from `low` to `high`."""
     width = float(edges[1] - edges[0]), float(edges[-1] - edges[-2])
     below = np.arange(edges[0] - width[0], low - width[0] / 2, -width[0])[::-1]
     above = np.arange(edges[-1] + width[1], high + width[1] / 2, width[1])
@@ -408,7 +399,7 @@ def with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Prob
         if axis.state not in ends:
             return axis
         low, high = ends[axis.state]
-        edges = extended(np.array(axis.edges), low, high)
+        edges = extended_edges(np.array(axis.edges), low, high)
         if low > axis.edges[0] or high < axis.edges[-1]:
             edges = np.linspace(low, high, len(axis.edges))
         states[axis.state] = Interval(float(edges[0]), float(edges[-1]))
@@ -418,7 +409,7 @@ def with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Prob
     return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
 
 
-def exchanged(problem: Problem) -> Problem | None:
+def with_controllers_exchanged(problem: Problem) -> Problem | None:
     """The problem with AC in the place of SC; None: it is no problem."""
     m, components = problem.module, problem.system.components
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
@@ -433,7 +424,7 @@ def problem_with(system: System, changed: Module) -> Problem:
 
 
 def _extract_again(problem: Problem, system: System, module: Module) -> Problem | None:
-    """The problem of a module that was changed in its own verification system; None: none.
+    """The problem of a module that was changed in its own verification system; None: it has none.
 
     Grids that were changed before stay so.
     """
@@ -451,16 +442,13 @@ def _extract_again(problem: Problem, system: System, module: Module) -> Problem 
     return replace(again, groups=problem.groups, states=problem.states)
 
 
-# ---------------------------------------------------------------- grids
-
-
 def _unbounded_axis(axis: Axis) -> Axis:
     width = axis.edges[-1] - axis.edges[0]
     ends = (axis.edges[0] - width, *axis.edges, axis.edges[-1] + width)
     return replace(axis, edges=ends, unbounded=True)
 
 
-def lines_of(problem: Problem) -> str:
+def grid_lines_of(problem: Problem) -> str:
     """The `grid` lines of a problem."""
     return " ".join(f"grid {', '.join(_axis_in_words(a) for a in g.axes)};" for g in problem.groups)
 
@@ -468,17 +456,17 @@ def lines_of(problem: Problem) -> str:
 def _axis_in_words(axis: Axis) -> str:
     edges = axis.edges[1:-1] if axis.unbounded else axis.edges
     edges = edges[:-1] if axis.open else edges
-    low, high = map(axis.end, (edges[0], edges[-1]))
+    low, high = map(axis.end_in_words, (edges[0], edges[-1]))
     text = f"{axis.name} in [{low}, {high}] / {len(edges) - 1}"
     if axis.open:
-        return f"{text} open to {axis.end(axis.edges[-1])}"
+        return f"{text} open to {axis.end_in_words(axis.edges[-1])}"
     return f"{text} open" if axis.unbounded else text
 
 
-def at_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
+def with_other_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
     """The problem with another Delta and period of SC; nothing else changes.
 
-    Phases stay: they are those of the calendar. The scheme's error is that of the plant's step.
+    Phases stay, as the calendar has them. The scheme's error is that of the plant's step.
     """
     times, was = problem.times, problem.times.schedule
     dm, sc = replace(was.dm, period=delta_ns), replace(was.sc, period=sc_ns)

@@ -37,7 +37,13 @@ from soter.native.compiler import STRICT, compile_with, find, vector_flags
 from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, include_flags, objects, texts
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
-from soter.verify.enclose.enclosure_emitter import Emitter, EnclosureError, framed, given, names_in
+from soter.verify.enclose.enclosure_emitter import (
+    Emitter,
+    EnclosureError,
+    function_body,
+    names_in,
+    result_statement,
+)
 from soter.verify.problem.supported_constructs import ttf_of_states
 from soter.verify.problem.verification_system import with_other_modes_in_ac
 
@@ -159,12 +165,12 @@ class _UnitWriter:
         """Emits the derivative of each state as a function of its own."""
         for k, leaf in enumerate(self.quantities.states):
             enclosed = self._enclosed()
-            rate = given(0, enclosed.derivative()[k])
+            rate = result_statement(0, enclosed.derivative()[k])
             doc = f"derivative of {leaf.name} alone"
             self._add_function(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
     def _emit_constraint(self, safe: TypedExpr) -> None:
-        """Emits C and its parts: those of `safe`, then that plants can publish what they drive."""
+        """Emits C and its conditions: those of `safe`, then of plants' published values."""
         parts = conjuncts(safe)
         self._emit_truth("constraint", lambda e: e.constraint(safe))
         probe = self._enclosed()
@@ -179,12 +185,12 @@ class _UnitWriter:
             self._emit_truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
 
     def _emit_law(self) -> None:
-        """Emits SC for all controls at once, and for each alone: few move a group.
+        """Emits SC for all controls at once, and for each alone, as few controls move a group.
 
         `law_K` puts control K into out[K]. It does not see a fault elsewhere in SC; `law` does.
         """
         enclosed = self._enclosed()
-        results = [given(i, e) for i, e in enumerate(enclosed.law())]
+        results = [result_statement(i, e) for i, e in enumerate(enclosed.law())]
         emitter = enclosed.emitter
         self._add_function("law", "SC's published controls", PARAMETERS, emitter, results)
         if 1 < len(results) <= CONTROLS_MAX:
@@ -193,7 +199,7 @@ class _UnitWriter:
                 self._add_function(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
 
     def _emit_predicate(self, name: str, predicate: TypedExpr, *, estimated: bool) -> None:
-        """A predicate, and its parts where it has several."""
+        """Emits a predicate, and each of its conditions where it has several."""
         self._emit_expression(name, predicate, estimated=estimated)
         parts = conjuncts(predicate)
         for k, part in enumerate(parts if len(parts) > 1 else []):
@@ -202,15 +208,13 @@ class _UnitWriter:
     def _emit_expression(self, name: str, expr: TypedExpr, *, estimated: bool) -> None:
         self._emit_truth(name, lambda e: e.expression(expr, estimated=estimated))
 
-    # ------------------------------------------------------------ one function
-
     def _enclosed(self) -> Enclosed:
         emitter = Emitter(self.statics)
         return Enclosed(self.system, self.core, self.module, self.quantities, emitter, self.prelude)
 
     def _emit_numbers(self, name: str, doc: str, make: Callable[[Enclosed], list[c.CExpr]]) -> None:
         enclosed = self._enclosed()
-        results = [given(i, e) for i, e in enumerate(make(enclosed))]
+        results = [result_statement(i, e) for i, e in enumerate(make(enclosed))]
         self._add_function(name, doc, PARAMETERS, enclosed.emitter, results)
 
     def _emit_truth(self, name: str, make: Callable[[Enclosed], c.CExpr]) -> None:
@@ -229,7 +233,7 @@ class _UnitWriter:
         *,
         faults: bool = True,
     ) -> None:
-        body = framed(emitter.block, emitter.reads, results, faults=faults)
+        body = function_body(emitter.block, emitter.reads, results, faults=faults)
         mentioned = set(names_in(body))
         self.reads[name] = frozenset(k for k, x in emitter.reads.items() if x.text in mentioned)
         if EnclosureOperations(emitter).anything in mentioned:
@@ -283,7 +287,7 @@ UNIT = "enclosures.c"
 MESSAGE = "the C of this module's enclosures does not compile"
 
 
-def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+def engine_ffi() -> Any:  # noqa: ANN401 - cffi has no types
     """The declarations of the engine and of every function that a unit may have."""
     functions = [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in NUMBERS]
     functions += [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in TRUTHS]
@@ -311,8 +315,8 @@ class ReachLibrary:
         `reads`: the inputs that each function of the unit reads, where they are known.
         """
         self.inputs, self.reads = _input_count(source), reads
-        self.ffi = ffi()
-        self.path = compiled(source, self.inputs, extra)
+        self.ffi = engine_ffi()
+        self.path = compiled_library(source, self.inputs, extra)
         """The library's file, whose name is a hash of everything it was built from."""
         self.lib = opened(self.ffi, self.path)
 
@@ -324,8 +328,8 @@ class ReachLibrary:
             return self.ffi.NULL
 
 
-def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
-    """The shared library, from the cache or freshly built; `SoterError` X004, X006."""
+def compiled_library(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
+    """The shared library, from the cache or built now; `SoterError` X004, X006."""
     compiler = find()
     more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
@@ -384,7 +388,7 @@ def _refuse_unbounded_reads(problem: Problem, unit: EnclosureUnit) -> None:
 
 
 def _safer_in_ac(problem: Problem) -> TypedExpr | None:
-    """`safer` with the modules that it waits for in AC; None where it waits for none."""
+    """`safer` with AC for the modes that it waits for; None where it waits for none."""
     safer = problem.module.symbol.safer
     if safer is None or problem.modes is None or not problem.modes.waits:
         return None
@@ -423,7 +427,7 @@ class CompiledEnclosures:
         self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
         """The box of all inputs over their whole ranges."""
 
-    def within(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
+    def with_ranges(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
         """These enclosures with other ranges of some inputs in `whole`."""
         forms = copy(self)
         forms.whole = self.whole.copy()
@@ -431,7 +435,7 @@ class CompiledEnclosures:
             forms.whole[i] = r
         return forms
 
-    def affine(self, name: str, forms: Floats, count: int) -> Floats | None:
+    def affine_results(self, name: str, forms: Floats, count: int) -> Floats | None:
         """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
 
         `forms`: those of the inputs, shaped likewise. None where a step fault is possible.
@@ -468,7 +472,7 @@ class CompiledEnclosures:
             return None
         return np.array(self._out[:count, :2])
 
-    def conjuncts(self, name: str) -> list[str]:
+    def conjunct_names(self, name: str) -> list[str]:
         """The functions whose conjunction is the predicate; empty where it is no conjunction."""
         candidates = [f"{name}_{k}" for k in range(PARTS_MAX)]
         return [f for f in candidates if self.library.symbol(f) != self.library.ffi.NULL]

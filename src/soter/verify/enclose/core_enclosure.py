@@ -17,12 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_walks import Execution
-from soter.language.model.types import (
-    IntType,
-    ListType,
-    Type,
-    leaf_count,
-)
+from soter.language.model.types import IntType, ListType, Type, leaf_count
 from soter.language.model.values import Table
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations
@@ -67,7 +62,7 @@ def is_prelude(function: core.Function) -> bool:
 def enclosed_call(
     ops: EnclosureOperations, function: core.Function, arguments: tuple[Item, ...]
 ) -> Item | None:
-    """An enclosure of what a prelude function means; None: its body has to be enclosed."""
+    """An enclosure of the exact value of a prelude function; None: its body has to be enclosed."""
     name = function.source_name
     if is_prelude(function) and name in PERIODIC:
         (angle,) = arguments
@@ -105,8 +100,6 @@ class EnclosureBody(Execution[Item]):
         self.cell = cell
         self.prelude = prelude
         """The prelude functions whose tested error bounds were used; they are added here."""
-
-    # ------------------------------------------------------------ expressions
 
     def expr(self, e: core.Expr) -> Item:
         """The value of an expression."""
@@ -179,8 +172,6 @@ class EnclosureBody(Execution[Item]):
         assert isinstance(whole, (AggregateParts, Sequence))
         return whole
 
-    # ------------------------------------------------------------ statements
-
     def _checked(self, s: core.Checked, operands: list[Item], limit: Item | None) -> Item:
         if s.op == "narrow":
             assert isinstance(s.type, IntType)
@@ -242,7 +233,7 @@ class EnclosureBody(Execution[Item]):
     def _replaced(
         self, old: Item, path: tuple[int | Item, ...], new: Callable[[Item], Item]
     ) -> Item:
-        """`old` with the part at `path` changed; at an undecided index each part may have."""
+        """`old` with the part at `path` changed; at an undecided index any may have."""
         if not path:
             return new(old)
         step, rest = path[0], path[1:]
@@ -291,8 +282,8 @@ class EnclosureBody(Execution[Item]):
             if a is not None and b is not None:
                 return self.ops.merged(a, b, merged, *sides)
             if a is not None:  # of one block only; it must outlive the block
-                return self.ops.outlived(a, merged, sides[0])
+                return self.ops.value_after_block(a, merged, sides[0])
             assert b is not None
-            return self.ops.outlived(b, merged, sides[1])
+            return self.ops.value_after_block(b, merged, sides[1])
 
         return join

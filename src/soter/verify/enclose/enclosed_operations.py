@@ -83,8 +83,6 @@ class EnclosureOperations:
     def __init__(self, emitter: Emitter) -> None:
         self.emitter = emitter
 
-    # ------------------------------------------------------------ values as C
-
     def form(self, v: Item) -> c.CExpr:
         """A float as an operand of type `const soter_form *`."""
         if isinstance(v, Form):
@@ -125,8 +123,8 @@ class EnclosureOperations:
         assert isinstance(v, KnownTruth)
         return c.Number("3U" if v.value is None else "2U" if v.value else "1U")
 
-    def top(self, t: Type) -> Item:
-        """Any value of a type."""
+    def any_value(self, t: Type) -> Item:
+        """An enclosure of any value of a type."""
         if isinstance(t, FloatType):
             return Form(self._static_form(-math.inf, math.inf))
         if isinstance(t, BoolType):
@@ -135,7 +133,7 @@ class EnclosureOperations:
             return self.whole_range(t.low, t.high)
         if isinstance(t, EnumType):
             return self.whole_range(0, len(t.members) - 1)
-        items = tuple(self.top(f) for f in element_types(t))
+        items = tuple(self.any_value(f) for f in element_types(t))
         if isinstance(t, ListType):
             return Sequence(self.whole_range(0, t.capacity), items)
         return AggregateParts(items)
@@ -152,8 +150,6 @@ class EnclosureOperations:
         if math.isfinite(low) and math.isfinite(high):
             return FloatRange(low, high)
         return Form(self._static_form(low, high))
-
-    # ------------------------------------------------------------ floats
 
     def _form(self, function: str, *arguments: c.CExpr) -> Form:
         return Form(self.emitter.emit("form", function, *arguments))
@@ -225,10 +221,8 @@ class EnclosureOperations:
         return replace(v, turns=turns, sums=sums)
 
     def any_turn(self, v: Form) -> c.CExpr:
-        """The argument of a function of a full turn, corrected for being any turns off."""
+        """The argument of a function of a full turn, with the error of being any turns off."""
         return address(self.emitter.emit("form", "soter_n_any_turn", address(v.place)))
-
-    # ------------------------------------------------------------ truth
 
     def negated(self, v: Item) -> Item:
         """The operation `!` of a bool."""
@@ -267,8 +261,6 @@ class EnclosureOperations:
         if op == "==":
             return EmittedTruth(self.emitter.emit("truth", "soter_equal", *operands))
         return EmittedTruth(self.emitter.emit("truth", FORM_COMPARE[op], SIZE, *operands))
-
-    # ------------------------------------------------------------ ints
 
     def note_possible_fault(self) -> None:
         """Notes that a fault is possible here."""
@@ -326,7 +318,7 @@ class EnclosureOperations:
         )
 
     def number(self, v: Item) -> Item:
-        """A float that is compared; notes a fault if it may be NaN."""
+        """A float that is compared, unchanged; notes a fault if it may be NaN."""
         if not isinstance(v, FloatRange):
             is_number = EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form(v)))
             self.note_fault_unless(is_number)
@@ -339,8 +331,6 @@ class EnclosureOperations:
         if isinstance(v, (EmittedTruth, KnownTruth)):
             return self._form("soter_n_truth_to_float", self.truth(v))
         return self._form("soter_n_to_float", self.ints(v))
-
-    # ------------------------------------------------------------ one of several
 
     def select(self, condition: Item, then: Item, otherwise: Item) -> Item:
         """The operation `condition ? then : otherwise`."""
@@ -395,26 +385,32 @@ class EnclosureOperations:
             variables.append(variable)
             then.append(MergeStore(variable, self._stored(kind, x), second=False))
             otherwise.append(MergeStore(variable, self._stored(kind, y), second=True))
-            return placed(kind, variable.result)
+            return emitted_value(kind, variable.result)
 
         return self.mapped(a, b, leaf)
 
-    def outlived(self, v: Item, variables: list[MergedVariable], block: list[Step]) -> Item:
+    def value_after_block(
+        self, v: Item, variables: list[MergedVariable], block: list[Step]
+    ) -> Item:
         """A value that a block computed, for use after the block where it ran."""
         v = opened(v) if isinstance(v, Constant) else v
         if isinstance(v, AggregateParts):
-            return AggregateParts(tuple(self.outlived(x, variables, block) for x in v.items))
+            return AggregateParts(
+                tuple(self.value_after_block(x, variables, block) for x in v.items)
+            )
         if isinstance(v, Sequence):
-            length = self.outlived(v.length, variables, block)
+            length = self.value_after_block(v.length, variables, block)
             assert isinstance(length, (EmittedInts, KnownInt))
-            return Sequence(length, tuple(self.outlived(x, variables, block) for x in v.items))
+            return Sequence(
+                length, tuple(self.value_after_block(x, variables, block) for x in v.items)
+            )
         if isinstance(v, (FloatRange, KnownInt, KnownTruth, Constant)):
             return v
         kind = kind_of(v)
         variable = MergedVariable(kind, self.emitter.fresh(kind))
         variables.append(variable)
         block.append(MergeStore(variable, self._stored(kind, v), second=False))
-        return placed(kind, variable.result)
+        return emitted_value(kind, variable.result)
 
     def _stored(self, kind: str, v: Item) -> c.CExpr:
         if kind == "form":
@@ -434,20 +430,22 @@ class EnclosureOperations:
             if isinstance(target.type, ListType):
                 missing = target.type.capacity - len(values)
                 values += (default_value(t),) * missing
-            return self._table(t, values, at)
+            return self._element_of_table(t, values, at)
         assert isinstance(target, (AggregateParts, Sequence))
-        return self._gather(target.items, at)
+        return self._element_of_items(target.items, at)
 
-    def _table(self, t: Type, values: tuple[object, ...], at: Item) -> Item:
+    def _element_of_table(self, t: Type, values: tuple[object, ...], at: Item) -> Item:
         if not is_scalar(t):
             if isinstance(t, ListType):
-                return self._gather(tuple(Constant(t, v) for v in values), at)
+                return self._element_of_items(tuple(Constant(t, v) for v in values), at)
             parts = element_types(t)
             columns = zip(*values, strict=True) if values else ()
             pairs = zip(parts, columns, strict=True)
-            return AggregateParts(tuple(self._table(f, tuple(col), at) for f, col in pairs))
+            return AggregateParts(
+                tuple(self._element_of_table(f, tuple(col), at) for f, col in pairs)
+            )
         if isinstance(t, BoolType):
-            return self._gather(tuple(Constant(t, v) for v in values), at)
+            return self._element_of_items(tuple(Constant(t, v) for v in values), at)
         if isinstance(t, FloatType):
             items = tuple((None, float_literal(float(v))) for v in values)  # type: ignore[arg-type]
             table = self.emitter.static("double", "table", c.Initializer(items), array=True)
@@ -456,7 +454,7 @@ class EnclosureOperations:
         table = self.emitter.static("int64_t", "table", c.Initializer(items), array=True)
         return EmittedInts(self.emitter.emit("ints", "soter_ints_table", table, self.ints(at)))
 
-    def _gather(self, items: tuple[Item, ...], at: Item) -> Item:
+    def _element_of_items(self, items: tuple[Item, ...], at: Item) -> Item:
         """The item at an index: a join of several where the index is undecided."""
         selection = items[-1]
         if len(items) == 1:
@@ -467,7 +465,7 @@ class EnclosureOperations:
         return selection
 
 
-def placed(kind: str, name: str) -> Form | EmittedInts | EmittedTruth:
+def emitted_value(kind: str, name: str) -> Form | EmittedInts | EmittedTruth:
     """A variable of the emitted C as a value."""
     if kind == "form":
         return Form(c.Name(name))

@@ -75,8 +75,6 @@ class Enclosed:
         self._topics: dict[int, Item] = {}
         self._driven: dict[int, Item] | None = None
 
-    # ------------------------------------------------------------ cells
-
     def body(self, more: Mapping[str, core.Function] | None = None) -> EnclosureBody:
         """A new body that executes Core for this function."""
         functions = {**self.functions, **(more or {})}
@@ -158,10 +156,8 @@ class Enclosed:
         for index in topics:
             self._topics[index] = self._topic(index)
 
-    # ------------------------------------------------------------ functions
-
     def law(self) -> list[c.CExpr]:
-        """What SC publishes, for each leaf of the controls; `EnclosureError` where SC is extern."""
+        """The commands of SC, by leaf of the controls; `EnclosureError` where SC is extern."""
         self.drive()
         self.estimated = True
         step = self.core.nodes[self.module.sc]
@@ -172,7 +168,7 @@ class Enclosed:
         self._make_estimates(component.scope.topics.values())
         body = self.body()
         for x in step.locals:
-            body.bind(x.name, x.type, self.ops.top(x.type))
+            body.bind(x.name, x.type, self.ops.any_value(x.type))
         if step.takeover:
             body.branch(UNKNOWN, lambda: body.run(step.takeover), lambda: None)
         body.run(step.body)
@@ -235,11 +231,11 @@ class Enclosed:
         ]
 
     def published(self) -> list[Item]:
-        """For each driven leaf with a set whether it lies there with every error; then of others.
+        """For each driven leaf with a set whether it lies there with every error; one for others.
 
-        The last one is that leaves without a set are finite. To be called after `drive`. Left out
-        are lists, arrays too long to be numbered, and leaves that equal a state that is left out,
-        or that is read modulo a full turn.
+        The last condition is that leaves without a set are finite. To be called after `drive`. Left
+        out are lists, arrays too long to be numbered, and leaves that equal a state that is left
+        out, or that is read modulo a full turn.
         """
         assert self._driven is not None
         conditions: list[Item] = []
@@ -341,7 +337,7 @@ class Enclosed:
         return self.ops.truth(self._expression_value(e, estimated=estimated))
 
     def publishing(self, number: int | None = None) -> c.CExpr:
-        """The truth that plants can publish what they drive: all of `published`, or one of it."""
+        """The truth that plants publish within their sets: all conditions, or one of them."""
         self.drive()
         conditions = self.published()
         return self.ops.truth(

@@ -1,9 +1,9 @@
 """The intermediate form of an enclosure: its operations and values, and their printing as C.
 
 Purpose: an `Emitter` collects operations in single-assignment form, with nested blocks for
-undecided branches; `pruned` drops those whose results nobody reads; `statements` prints them.
-Records, arrays and lists are split into scalars, each of them known now or held by a variable of
-the emitted C.
+undecided branches; `without_unread` drops those whose results nobody reads; `statements` prints
+them. Records, arrays and lists are split into scalars, each of them known now or held by a variable
+of the emitted C.
 Non-goals: which operations (`core_enclosure.py`), what they do (`verify/engine/soter_form.h`).
 """
 
@@ -47,7 +47,7 @@ class EnclosureError(Exception):
 
 @dataclass(eq=False)
 class Op:
-    """One call in C; `kind`: its result is a "form", "ints" or a "truth"; "": it has none."""
+    """A call in C; `kind`: the type of its result, "form", "ints" or "truth"; "": it has none."""
 
     kind: str
     result: str
@@ -77,7 +77,7 @@ class MergeStore:
 
 @dataclass(eq=False)
 class EmittedBranch:
-    """A branch, of which each block runs that may be taken."""
+    """A branch; each of its blocks runs if its side may be taken."""
 
     condition: c.CExpr
     merged: list[MergedVariable]
@@ -159,9 +159,6 @@ def whole_literal(value: int) -> c.CExpr:
     return int_number(value)
 
 
-# ---------------------------------------------------------------- to C
-
-
 def names_in(e: object) -> Iterator[str]:
     """The names in some expressions of C."""
     if isinstance(e, c.Name):
@@ -174,11 +171,11 @@ def names_in(e: object) -> Iterator[str]:
             yield from names_in(getattr(e, f.name))
 
 
-def pruned(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
+def without_unread(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
     """The block without operations whose results nobody reads.
 
-    `live`: the variables that are read after it; those read in it are added. `faults`: operations
-    that may fault stay in any case.
+    `live`: the variables that are read after the block; those read in it are added. `faults`:
+    operations that may fault stay in any case.
     """
     steps: list[Step] = []
     for s in reversed(block):
@@ -192,8 +189,8 @@ def pruned(block: list[Step], live: set[str], *, faults: bool = True) -> list[St
                 steps.append(s)
         else:
             merged = [m for m in s.merged if m.result in live]
-            then = pruned(s.then, live, faults=faults)
-            otherwise = pruned(s.otherwise, live, faults=faults)
+            then = without_unread(s.then, live, faults=faults)
+            otherwise = without_unread(s.otherwise, live, faults=faults)
             if then or otherwise:
                 live.update(names_in(s.condition))
                 steps.append(EmittedBranch(s.condition, merged, then, otherwise))
@@ -206,13 +203,13 @@ def statements(block: list[Step]) -> list[c.CStmt]:
     c_statements: list[c.CStmt] = []
     for s in block:
         if isinstance(s, Op):
-            c_statements += _op(s)
+            c_statements += _call_statements(s)
         elif isinstance(s, EmittedBranch):
-            c_statements += _branch(s)
+            c_statements += _branch_statements(s)
     return c_statements
 
 
-def _op(s: Op) -> list[c.CStmt]:
+def _call_statements(s: Op) -> list[c.CStmt]:
     if s.kind == "form":
         call = c.CallExpr(s.function, (SIZE, address(c.Name(s.result)), *s.arguments))
         return [c.Declare("soter_form", s.result, None), c.Do(call)]
@@ -223,20 +220,20 @@ def _op(s: Op) -> list[c.CStmt]:
     return [used, c.Unused(s.result)] if s.kept else [used]
 
 
-def _branch(s: EmittedBranch) -> list[c.CStmt]:
+def _branch_statements(s: EmittedBranch) -> list[c.CStmt]:
     c_statements: list[c.CStmt] = []
     for m in s.merged:
-        c_statements += _declared(m)
+        c_statements += _declaration_of(m)
     for block, bit in ((s.then, "2U"), (s.otherwise, "1U")):
         inner = statements(block)
-        inner += [_store(x, s.condition) for x in block if isinstance(x, MergeStore)]
+        inner += [_store_statement(x, s.condition) for x in block if isinstance(x, MergeStore)]
         if inner:
             taken = c.Binary("!=", c.Binary("&", s.condition, c.Number(bit)), c.Number("0U"))
             c_statements.append(c.IfStmt(taken, tuple(inner)))
     return c_statements
 
 
-def _store(s: MergeStore, condition: c.CExpr) -> c.CStmt:
+def _store_statement(s: MergeStore, condition: c.CExpr) -> c.CStmt:
     target = c.Name(s.target.result)
     if not s.second:
         if s.target.kind == "form":
@@ -249,7 +246,7 @@ def _store(s: MergeStore, condition: c.CExpr) -> c.CStmt:
     return c.Do(c.CallExpr(f"soter_{s.target.kind}_merge", (address(target), condition, s.value)))
 
 
-def _declared(m: MergedVariable) -> list[c.CStmt]:
+def _declaration_of(m: MergedVariable) -> list[c.CStmt]:
     """The declaration of a merged variable, with an arbitrary first value."""
     zero = c.Number("0.0")
     if m.kind == "form":
@@ -259,19 +256,15 @@ def _declared(m: MergedVariable) -> list[c.CStmt]:
     return [c.Declare(f"soter_{m.kind}", m.result, none)]
 
 
-def framed(
-    block: list[Step],
-    reads: dict[int, c.Name],
-    results: list[c.CStmt],
-    *,
-    faults: bool = True,
+def function_body(
+    block: list[Step], reads: dict[int, c.Name], results: list[c.CStmt], *, faults: bool = True
 ) -> tuple[c.CStmt, ...]:
     """The body of a function: inputs with symbols of their own, operations, results.
 
     Without `faults` it reports faults only of operations that the results depend on.
     """
     live = {n for s in results for n in names_in(s)}
-    inner = statements(pruned(block, live, faults=faults))
+    inner = statements(without_unread(block, live, faults=faults))
     taken = {k: name for k, name in sorted(reads.items()) if name.text in live}
     numbers = c.Initializer(tuple((None, c.Number(str(k))) for k in taken))
     arguments = (c.Name("in"), c.Name("read"), c.Number(str(len(taken))), c.Name("symbols"))
@@ -287,7 +280,7 @@ def framed(
     return (*prologue, *inner, *results, *unused, c.Return(c.Name("fault")))
 
 
-def given(place: int, form: c.CExpr) -> c.CStmt:
+def result_statement(place: int, form: c.CExpr) -> c.CStmt:
     """The statement that gives a resulting form to the caller."""
     target = address(c.IndexExpr(c.Name("out"), c.Number(str(place))))
     return c.Do(c.CallExpr("soter_n_give", (SIZE, target, form, c.Name("symbols"))))
@@ -386,7 +379,7 @@ def is_scalar(t: Type) -> bool:
 
 
 def opened(v: Constant) -> Item:
-    """A constant, split by one level; a float that is not finite stays a `Constant`."""
+    """The constant, split by one level; a float that is not finite stays a `Constant`."""
     t, value = v.type, v.value
     if isinstance(t, FloatType):
         x = float(value)

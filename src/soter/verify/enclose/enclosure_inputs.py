@@ -88,8 +88,6 @@ class EnclosureInputs:
         self.parameter = {leaf_key(x): i for i, x in enumerate(q.parameters)}
         self.turning = q.turning
 
-    # ------------------------------------------------------------ leaves
-
     def leaf(self, number: int, t: Type) -> Item:
         """Input number `number` as a value of a scalar type."""
         if isinstance(t, FloatType):
@@ -124,11 +122,9 @@ class EnclosureInputs:
             if isinstance(t, (RecordType, ArrayType)):
                 below = zip(part_names(t), element_types(t), strict=True)
                 return AggregateParts(tuple(at(f, (*path, n)) for n, f in below))
-            return self.ops.top(t)
+            return self.ops.any_value(t)
 
         return at(t, ())
-
-    # ------------------------------------------------------------ cells
 
     def state(self, owner: int, name: str, t: Type) -> Item:
         """The value of a plant's state."""
@@ -179,12 +175,12 @@ class EnclosureInputs:
             return Sequence(length, (item,) * t.capacity)
         bound = bounds[path]
         if bound is None:
-            return self.ops.top(t)
+            return self.ops.any_value(t)
         if isinstance(t, FloatType):
             return self.ops.float_range(bound.low, bound.high)
         if isinstance(t, IntType):
             return self.ops.whole_range(math.ceil(bound.low), math.floor(bound.high))
-        return self.ops.top(t)
+        return self.ops.any_value(t)
 
     def measured(self, topic: int, t: Type, true: Item, *, bounds: dict[Path, float]) -> Item:
         """A driven topic as it is read: `true` plus its errors, which are inputs or ranges."""

@@ -3,7 +3,7 @@
 Purpose: a `Case` is one combination of parameter values; each claim reads it, and enters a
 `Failure` where it is not shown. Its `proofs` are one for each group (`grid/claims.py`).
 `axes_entry` writes the axes of a certificate's entry. `ClaimTimer` counts the seconds of a claim;
-`settled` says, for whoever ends the command before it is done, which verdicts there are.
+`settled_in_words` says, for whoever ends the command before it is done, which verdicts there are.
 Non-goals: the claims (`claims.py`).
 
 Claims are asked of all groups in the order of docs/verification.md, section 3: C, K, R(H), then the
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Failure:
-    """A claim that could not be shown, and where: on cells of one group, or no one knows where."""
+    """A claim that could not be shown, and the cells of a group where it fails, if known."""
 
     claim: str
     text: str
@@ -81,11 +81,11 @@ class Case:
         return CaseSets(self.parameter, self.proofs)
 
     @property
-    def fresh(self) -> list[Any]:
-        """The groups whose sets are still to be computed."""
+    def fresh_proofs(self) -> list[Any]:
+        """The proofs of groups whose sets are still to be computed."""
         return [p for p in self.proofs if p.fresh]
 
-    def failed(self, claim: str) -> list[Failure]:
+    def failures_of(self, claim: str) -> list[Failure]:
         """The failures of a claim."""
         return [f for f in self.failures if f.claim == claim]
 
@@ -96,12 +96,12 @@ class Case:
         return made
 
     def make_fresh(self, proof: Any) -> None:  # noqa: ANN401 - one of `proofs`
-        """Makes a group's proof fresh: it keeps nothing of an earlier attempt."""
+        """Makes a group's proof fresh: it keeps none of the failures of an earlier attempt."""
         proof.fresh = True
         self.failures = [f for f in self.failures if f.proof is not proof]
 
-    def count(self, name: str, value: int) -> None:
-        """Sets a count to the larger of its value and this one."""
+    def raise_count(self, name: str, value: int) -> None:
+        """Sets a count to the larger of its value and `value`."""
         self.counts[name] = max(self.counts.get(name, 0), value)
 
 
@@ -124,11 +124,11 @@ class ClaimTimer:
 
     def __exit__(self, kind: object, error: BaseException | None, _: object) -> None:
         if isinstance(error, KeyboardInterrupt):
-            vars(error)["__notes__"] = self._so_far()
+            vars(error)["__notes__"] = self._claims_so_far()
         spent = time.perf_counter() - self.began
         self.case.spent[self.claim] = self.case.spent.get(self.claim, 0.0) + spent
 
-    def _so_far(self) -> list[str]:
+    def _claims_so_far(self) -> list[str]:
         failed = {f.claim: f"not shown: {f.text}" for f in reversed(self.case.failures)}
         claims = [f"{c} {failed.get(c, 'shown')}" for c in self.case.spent]
         values = zip(self.case.problem.parameters, self.case.parameter, strict=True)
@@ -137,8 +137,8 @@ class ClaimTimer:
         return [f"{self.case.problem.name}{at}: {until}; ended in {self.claim}"]
 
 
-def settled(*results: ModuleResult) -> list[str]:
-    """Lines for whoever ends the command before it is done: verdicts, and what is open of them."""
+def settled_in_words(*results: ModuleResult) -> list[str]:
+    """The verdicts, and what is open, for whoever ends the command before it is done."""
     lines = []
     for result in results:
         held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
@@ -166,7 +166,7 @@ def settled_before(notes: Callable[[], list[str]]) -> Iterator[None]:
 def axes_entry(
     problem: Problem, group: Group, stem: str, files: dict[str, bytes]
 ) -> dict[str, Any]:
-    """An entry with a group's kind and axes; the breakpoints are added to `files`."""
+    """A part of an entry: a group's kind and axes; the breakpoints are added to `files`."""
     entry: dict[str, Any] = {"kind": "grid", "axes": []}
     for k, axis in enumerate(group.axes):
         name = f"{stem}_axis{k}.bin"

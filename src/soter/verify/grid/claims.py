@@ -20,11 +20,11 @@ from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.level_tables import CommandTable, Estimates, GroupTable
 from soter.verify.grid import estimate_sets, recovery
 from soter.verify.grid.case import axes_entry
-from soter.verify.grid.grid_refinement import cells_of_box, regions_of
+from soter.verify.grid.grid_refinement import cells_around_box, regions_of
 from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import cells_at_rest
 from soter.verify.grid.scheme_error import STIFF_HINT
-from soter.verify.grid.set_figures import deepest_cell, drawn_edges, figure, volume_share
+from soter.verify.grid.set_figures import deepest_cell, drawn_edges, figure_of_regions, volume_share
 from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.problem.problem_times import look_ahead_advice
 
@@ -43,10 +43,13 @@ if TYPE_CHECKING:
     Arrays = Mapping[str, NDArray[np.generic]]
 
 
-def entry(
+def certificate_entry(
     problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """A group's entry; its tables are added to `files`: witnesses as bytes, sets as bits."""
+    """A group's entry in a certificate.
+
+    Its tables are added to `files`: witnesses as bytes, sets as bits.
+    """
     group_entry = axes_entry(problem, group.group, stem, files)
     rank, holds = group.rank, group.rank_holds
     if rank is not None and holds is not None and group.home is not None:
@@ -118,27 +121,27 @@ class GridProof:
         """The longest time from W to Q, in ns."""
         return self.found.return_ns
 
-    # ------------------------------------------------------------ claims
-
     def take_constraint(self, case: Case, part: CellsPart) -> None:
-        """Takes C_g, this group's part of C; the proof starts anew where it is another one."""
+        """Takes C_g, this group's part of C; a proof that had another one starts anew."""
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
             case.make_fresh(self)
         if self.fresh:
             self.found.allowed = part.cells
 
     def core(self, case: Case) -> bool:
-        """Computes K, a greatest fixpoint; enters a failure of P2a and returns False if empty."""
+        """Computes K, a greatest fixpoint. If K is empty, enters a failure of P2a: False."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         rests = np.zeros(self.engine.shape, dtype=np.bool_)
         if case.problem.stays:
             rests = cells_at_rest(case, self.engine, self.found.allowed)
         holds = case.holds or (0 if self.engine.is_linear or case.vain else HOLDS)
-        kept = self.engine.core(self.found.allowed, vain=case.vain, holds=holds, resting=rests)
+        kept = self.engine.compute_core(
+            self.found.allowed, vain=case.vain, holds=holds, resting=rests
+        )
         self.found.core = kept.witness
-        case.count("rounds", kept.rounds)
-        case.count("longest", int(np.where(rests, 0, kept.witness).max()))
+        case.raise_count("rounds", kept.rounds)
+        case.raise_count("longest", int(np.where(rests, 0, kept.witness).max()))
         if kept.witness.any():
             return True
         hint = "a wider grid; a stronger SC; smaller errors, delays or disturbances"
@@ -152,19 +155,19 @@ class GridProof:
         return False
 
     def free_phase(self, case: Case) -> None:
-        """Computes R(H), the states from which no command of U leads out of K within H."""
-        horizon = case.problem.in_horizon(case.problem.times.horizon_ns)
-        self.found.free = self.engine.safe_for(horizon, self.found.core > 0)
+        """Computes R(H), the states from which no command in U leads out of K within H."""
+        horizon = case.problem.whole_periods(case.problem.times.horizon_ns)
+        self.found.free = self.engine.cells_safe_for(horizon, self.found.core > 0)
 
     def check_inclusion(self, case: Case, predicate: str) -> None:
-        """Enters a failure where a predicate lets AC have control outside R(H), on any estimate."""
+        """Enters a failure where a predicate may let AC have control at a state outside R(H)."""
         part = self.found
         if part.possible is None:
-            part.possible = self.engine.may_hold("safe")
+            part.possible = self.engine.cells_maybe_true("safe")
         if predicate == "ttf":
-            part.lets_ac = lets = self.engine.may_fail("ttf") & part.possible
+            part.lets_ac = lets = self.engine.cells_maybe_false("ttf") & part.possible
         else:
-            part.gives_back = lets = self.engine.may_hold("safer") & part.possible
+            part.gives_back = lets = self.engine.cells_maybe_true("safer") & part.possible
         assert part.free is not None
         wrong = lets & ~part.free
         if wrong.any():
@@ -175,10 +178,10 @@ class GridProof:
             case.fail(predicate, text, self, hint).cells = wrong
 
     def why_not_entered(self, case: Case) -> str:
-        """Why `enters` may hold outside R(H); "": it does not. After a jump `safe` is not known."""
+        """Why `enters`, after which `safe` is not known, may hold outside R(H); or ""."""
         del case
         assert self.found.free is not None
-        wrong = int((self.engine.may_hold("enters") & ~self.found.free).sum())
+        wrong = int((self.engine.cells_maybe_true("enters") & ~self.found.free).sum())
         names = ", ".join(a.name for a in self.group.axes)
         return f"it may hold on {wrong:,} cells of {names} outside R(H)" if wrong else ""
 
@@ -197,17 +200,17 @@ class GridProof:
         estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
     def wrong_at_start(self, at: tuple[NDArray[np.intp], ...], until_ns: int) -> list[Bools]:
-        """The cells of initial states that are not in C, in K, in R(h_0), each (cells, ...)."""
+        """The initial cells that are not in C, in K, in R(h_0): three sets (cells, ...)."""
         kept, found = self.found.core > 0, []
-        for held in (self.found.allowed, kept, self.engine.safe_for(until_ns, kept)):
+        for held in (self.found.allowed, kept, self.engine.cells_safe_for(until_ns, kept)):
             found.append(np.zeros_like(kept))
             found[-1][at] = ~held[at]
         return found
 
     def at_start(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
-        """The cells of the initial states, one index an axis; None where the grid lacks some."""
+        """The cells of the initial states, one index an axis; None if the grid lacks some."""
         starts = [case.problem.initial[s] for s in self.engine.axes]
-        box = cells_of_box(self.engine.spans, self.engine.turns, starts)
+        box = cells_around_box(self.engine.spans, self.engine.turns, starts)
         at = [b for b in box if b is not None]
         return np.ix_(*at) if len(at) == len(box) else None
 
@@ -217,13 +220,11 @@ class GridProof:
         return None if cells is None else CellsPart(self.engine, cells)
 
     def recover(self, case: Case, target: CellsPart) -> None:
-        """Computes Q and W for a target, unless they are there already."""
+        """Computes Q and W for a target, unless they are known for the same target."""
         before = None if self.fresh else self.found.target
         if before is not None and np.array_equal(before, target.cells):
             return
-        recovery.recover(case, self, self.engine, self.found, target.cells)
-
-    # ------------------------------------------------------------ after a failure
+        recovery.compute_recovery(case, self, self.engine, self.found, target.cells)
 
     @property
     def stuck(self) -> float:
@@ -239,25 +240,23 @@ class GridProof:
         return int(np.count_nonzero(self.found.core))
 
     def give_up(self, case: Case) -> None:
-        """Takes W for K; if W has smaller cells, what SC keeps of the declared cells within W."""
+        """Takes W for K; if Q has smaller cells, what SC keeps of declared cells in W."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
         assert part.rank_holds is not None
         if part.finer is not None:
             members = (part.core > 0) & cells_in_way(part)
-            part.core = self.engine.core(part.allowed, members=members).witness
+            part.core = self.engine.compute_core(part.allowed, members=members).witness
         else:
             part.core = np.where(part.rank == 1, part.home, part.rank_holds)
             part.core[part.rank == 0] = 0
-        case.count("longest", int(part.core.max()))
+        case.raise_count("longest", int(part.core.max()))
 
     def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
         """Boxes that together hold all of `cells`, a set of the grid's shape."""
         names = [a.name for a in self.group.axes]
         return regions_of(cells, names, self.engine.edges, parameters)
-
-    # ------------------------------------------------------------ what the proof covers
 
     @property
     def covers_scheme(self) -> bool:
@@ -270,8 +269,6 @@ class GridProof:
         c = self.engine.c
         moved = tuple(int(c.command[a]) for a in range(c.commands))
         return moved if len(moved) > 1 else ()
-
-    # ------------------------------------------------------------ how much it says
 
     def shares(self, case: Case) -> dict[str, float]:
         """The share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
@@ -309,7 +306,7 @@ class GridProof:
 
     @property
     def overlap_of_predicates(self) -> tuple[float, bool] | None:
-        """The share of K where AC gets control and may keep it; whether any state is so."""
+        """The share of K where AC gets and may keep control; whether there is any such state."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         if part.lets_ac is None or part.gives_back is None:
             return None
@@ -318,13 +315,13 @@ class GridProof:
         return volume_share(lets & core, edges) / whole if whole else 1.0, bool(lets.any())
 
     def excludes(self, predicate: str) -> bool:
-        """Whether no cell of K lets AC have control."""
+        """Whether a predicate, as known so far, lets AC have control at no cell of K."""
         part = self.found
         lets = part.lets_ac if predicate == "ttf" else part.gives_back
         return lets is not None and not (lets & (part.core > 0)).any()
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """K's share where a predicate lets AC have control, by the DM's table if there is one."""
+        """The share of K where a predicate, or the DM's table, lets AC have control."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         by_predicate = part.deployed or (part.lets_ac, part.gives_back)
@@ -335,20 +332,18 @@ class GridProof:
         )
 
     def waits_at_start(self, case: Case) -> bool:
-        """Whether AC surely gets no control at some initial states, by their cells."""
+        """Whether AC surely gets no control at the initial states."""
         at, gives_back = self.at_start(case), self.found.gives_back
         return at is not None and gives_back is not None and not gives_back[at].any()
 
     @property
     def deepest(self) -> Mapping[int, float]:
-        """The middle of a cell far inside C, by state."""
+        """The middle of a cell far inside C: a number by state."""
         return deepest_cell(self.found)
-
-    # ------------------------------------------------------------ results
 
     @property
     def pair(self) -> Estimates | None:
-        """S_0 and S_(m-2), both of the grid's shape, and what a shield permits, for the table."""
+        """S_0 and S_(m-2) in the grid's shape, and what a shield permits; None without levels."""
         part = self.found
         if not part.levels:
             return None
@@ -359,13 +354,15 @@ class GridProof:
         )
         return Estimates(part.levels[0], part.levels[-1], commands)
 
-    def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
+    def certificate_entry(
+        self, problem: Problem, stem: str, files: dict[str, bytes]
+    ) -> dict[str, object]:
         """The group's entry in a certificate; its tables are added to `files`."""
-        return entry(problem, self.found, stem, files)
+        return certificate_entry(problem, self.found, stem, files)
 
     def figures(self, note: str) -> list[RegionFigure]:
         """The figure of the grid's regions, as the only one."""
-        return [figure(self.found, note)]
+        return [figure_of_regions(self.found, note)]
 
 
 HOW = {
@@ -391,25 +388,25 @@ def new_proof(case: Case, group: Group) -> GridProof:
 
 
 def set_factors(case: Case, predicate: str) -> list[CellsPart] | None:
-    """For each group the cells on which a predicate holds, other groups' states at a point.
+    """For each group the cells on which a predicate holds, with other groups at one point.
 
-    None where it holds on none. The product is checked later.
+    None where there are no such cells. That C is the product of these is checked later.
     """
     engines = [p.engine for p in case.proofs]
     if len(engines) == 1:
-        return [CellsPart(engines[0], engines[0].definitely(predicate))]
+        return [CellsPart(engines[0], engines[0].cells_true(predicate))]
     for point in points_to_try(case.problem):
         parts = []
         for engine in engines:
             elsewhere = states_elsewhere(case.problem, engine, point)
-            parts.append(CellsPart(engine, engine.definitely(predicate, ranges=elsewhere)))
+            parts.append(CellsPart(engine, engine.cells_true(predicate, ranges=elsewhere)))
         if all(part.cells.any() for part in parts):
             return parts
     return None
 
 
 def cut_to_hint(case: Case, parts: Sequence[CellsPart]) -> list[CellsPart] | None:
-    """The cells of `parts` on which the program's `core e;` holds, too; None: at no point."""
+    """The cells of `parts` on which the program's `core e;` holds, too; None: it holds nowhere."""
     hints = set_factors(case, "core")
     if hints is None:
         return None
@@ -481,7 +478,7 @@ def pair_in_certificate(
 
 
 def _cell_counts(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
-    """For each group the number of cells of K, and of its grid."""
+    """The numbers of cells of K, and those of the grids, a number per group."""
     return [int((g.core > 0).sum()) for g in every], [g.core.size for g in every]
 
 

@@ -48,7 +48,8 @@ def find_permitted_commands(
 ) -> None:
     """Fills in `part.tops`; enters a failure of `ttf` where the group can have no shield.
 
-    `anywhere` keeps cells, in the grid's shape, that are in a set anywhere on axes DM cannot see.
+    `anywhere` keeps those cells, in the grid's shape, that are in a set at every place on unseen
+    axes.
     """
     problem = case.problem
     assert problem.module.shield is not None
@@ -65,27 +66,27 @@ def find_permitted_commands(
     limits = problem.controls[part.command]
     edges = command_edges(limits.low, limits.high, n)
     core, errors = part.core > 0, errors_of(problem)
-    horizon = problem.in_horizon(problem.times.horizon_ns)
+    horizon = problem.whole_periods(problem.times.horizon_ns)
     for i in range(n):
         permitted = np.ones(part.allowed.shape, dtype=np.bool_)
         for j in range(i, n if problem.kind == "flow" else i + 1):
             box = engine_with_command_in(engine, part.command, edges[i], edges[j + 1])
-            permitted &= anywhere(engine.erode(box.safe_for(horizon, core), errors))
+            permitted &= anywhere(engine.erode(box.cells_safe_for(horizon, core), errors))
             if not permitted.any():
                 break
             part.tops[permitted, i] = j + 1
     part.tops[part.levels[0]] = n  # all of U may act there
     if part.lasting is None:
         return
-    longer = problem.in_horizon(problem.times.horizon_ns + problem.lead_ns)
+    longer = problem.whole_periods(problem.times.horizon_ns + problem.lead_ns)
     for i in range(n):
         box = engine_with_command_in(engine, part.command, edges[i], edges[i + 1])
-        free = engine.erode(box.safe_for(longer, core), errors)
+        free = engine.erode(box.cells_safe_for(longer, core), errors)
         part.lasting[..., i] = anywhere(engine.erode(free, errors))
 
 
 def _why_no_shield(problem: Problem, engine: GridGroup) -> tuple[str, str] | None:
-    """Why a group can have no shield, and what would help; None where it can have one."""
+    """Why a group can have no shield, and advice; None where it can have one."""
     first_age = {t.symbol: t.max_age_ns for t in reversed(problem.system.topics)}
     ageless = {s.name for s in topics_seen_by_dm(problem).values() if first_age[s] is None}
     if ageless:
@@ -116,16 +117,16 @@ def engine_with_command_in(engine: GridGroup, control: int, low: float, high: fl
 
 
 def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -> None:
-    """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where they are empty."""
+    """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where these sets are empty."""
     problem = case.problem
     errors, shown = errors_of(problem), topics_seen_by_dm(problem)
-    window = problem.in_horizon(problem.times.decision)
+    window = problem.whole_periods(problem.times.decision)
     assert part.free is not None
     blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)
     part.levels = [_at_any_place(engine.erode(part.free, errors), blind)]
     for _ in range(max(problem.levels, 2) - 2):
         inner = engine.erode(part.levels[-1], errors)
-        following = engine.safe_for(window, inner)
+        following = engine.cells_safe_for(window, inner)
         estimates = _at_any_place(engine.erode(following, errors), blind)
         part.levels.append(estimates & part.levels[-1])
     if problem.module.shield is not None:
@@ -133,7 +134,7 @@ def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -
             case, proof, engine, part, lambda cells: _at_any_place(cells, blind)
         )
     names = [problem.quantities.states[engine.axes[k]].name for k in blind]
-    hint = problem.stronger
+    hint = problem.advice_where_empty
     if names:
         hint = f"let a plant drive a topic with {', '.join(names)}, or write `ttf` and `safer`"
     empty = next((j for j, s in enumerate(part.levels) if not s.any()), 0)
@@ -144,7 +145,7 @@ def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -
 
 
 def _at_any_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
-    """The cells that stay in the set whatever their place on these axes."""
+    """The cells that are in the set wherever they lie on these axes."""
     if not axes:
         return cells
     every: Bools = np.asarray(cells.all(axis=axes, keepdims=True), dtype=np.bool_)
@@ -154,7 +155,7 @@ def _at_any_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
 def enter_table(
     case: Case, proof: object, engine: GridGroup, part: GroupSets, table: GroupTable
 ) -> None:
-    """Fills in the states from which AC may have control by the table; a failure if none is."""
+    """Fills in the states from which AC may have control by the table; if none, a failure."""
     errors = errors_of(case.problem)
     outer, inner = part.deployed = _sets_of_table(part, table)
     assert part.free is not None
@@ -169,14 +170,14 @@ def enter_table(
 
 
 def _sets_of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
-    """The two sets of a table over all axes of its group."""
+    """S_0 and S_(m-2) of a table, over all axes of its group."""
     shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
     entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)
     return entries > 0, entries >= FULL
 
 
 def states_with_control(case: Case, engine: GridGroup, part: GroupSets) -> Bools | None:
-    """States, in the grid's shape, where DM gives AC control on any estimate; None: no table."""
+    """The states, in the grid's shape, where AC gets control on any estimate; None: no table."""
     if part.deployed is None:
         return None
     return engine.erode(part.deployed[1], errors_of(case.problem))

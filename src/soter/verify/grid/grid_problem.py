@@ -1,7 +1,7 @@
 """The inputs of a grid group's analysis: ranges and times.
 
-Purpose: `of_problem` reads the ranges, times and scheme of one module for `GridGroup`; tests write
-them by hand.
+Purpose: `grid_inputs_of` reads the ranges, times and scheme of one module for `GridGroup`; tests
+write them by hand.
 Non-goals: reading a program (`problem/extract.py`).
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GridInputs:
-    """Everything a group's analysis is told; build it with `of_problem`, or by hand in tests.
+    """The inputs of a group's analysis; build them with `grid_inputs_of`, or by hand in tests.
 
     Ranges are (low, high) pairs in the order of the inputs of the enclosure unit.
     """
@@ -56,14 +56,14 @@ class GridInputs:
 
     @property
     def steps(self) -> tuple[tuple[float, int, int], ...]:
-        """`SimulatedFlow.steps`; empty where the simulator's steps are not known."""
+        """`SimulatedFlow.steps` of all states; empty where the simulator's steps are not known."""
         if self.schemes or not self.plant_period_ns:
             return self.schemes
         return ((self.plant_period_ns * NS, ORDER, 0),) * len(self.states)
 
     @property
     def ranges(self) -> tuple[Range, ...]:
-        """All inputs in order."""
+        """The ranges of all inputs, in the order of the enclosure unit."""
         return self.states + self.controls + self.disturbances + self.errors + self.others
 
 
@@ -71,7 +71,7 @@ def _ranges(intervals: Sequence[Interval]) -> tuple[Range, ...]:
     return tuple((x.low, x.high) for x in intervals)
 
 
-def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
+def grid_inputs_of(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
     """The inputs of a problem for one combination of parameter values."""
     times = problem.times
     is_map = problem.kind == "map"
@@ -85,7 +85,7 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         period_ns=times.delta_sc,
         delay_ns=0 if is_map else times.delay_sc,
         jitter_ns=0 if is_map else times.jitter_sc,
-        read_age_ns=0 if is_map or times.schedule.ordered else times.schedule.read_age,
+        read_age_ns=0 if is_map or times.schedule.are_windows_apart else times.schedule.read_age,
         parameters=tuple(parameters),
         schemes=problem.schemes,
         names=tuple(s.name for s in problem.quantities.states),

@@ -1,8 +1,8 @@
 """Cells of grids: boxes of them, finer and coarser ones, and how long a proof on them will take.
 
-Purpose: `regions_of` gives boxes for people around a set of cells, `cells_of_box` the cells that
-hold a box of states. `refined_groups` splits cells near borders where claims fail only there,
-`smaller_cells` halves all of them, `with_merged_cells` makes the same problem on fewer cells.
+Purpose: `regions_of` gives boxes for people around a set of cells, `cells_around_box` the cells
+that hold a box of states. `refined_groups` splits cells near borders where claims fail only there,
+`with_smaller_cells` halves all of them, `with_merged_cells` makes the same problem on fewer cells.
 `announce_work` computes the first case on merged cells, twice; how its time grows tells how long
 the declared grid takes. It says that only where somebody waits for progress, and where it is long.
 Non-goals: verdicts (another grid is a new attempt, no more); sets (`verify/grid/sets.py`). The
@@ -24,7 +24,7 @@ from soter.diagnostics.current_phase import announce, lasting, passing_phase
 from soter.verify.claims.results import Region
 from soter.verify.enclose.enclosed_operations import FAR_TURNS, TURN
 from soter.verify.grid.group_model import UnboundedError
-from soter.verify.problem.extract import cases
+from soter.verify.problem.extract import parameter_cases
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -55,12 +55,12 @@ def regions_of(
     left = cells.copy()
     while left.any() and len(regions) < REGIONS_MAX - 1:
         box = _grown_box(left)
-        regions.append(_region(box, names, edges, parameters))
+        regions.append(_region_of_box(box, names, edges, parameters))
         left[tuple(slice(a, b) for a, b in box)] = False
     if left.any():
         where = np.argwhere(left)
         box = list(zip(where.min(axis=0).tolist(), (where.max(axis=0) + 1).tolist(), strict=True))
-        regions.append(_region(box, names, edges, parameters))
+        regions.append(_region_of_box(box, names, edges, parameters))
     return regions
 
 
@@ -85,7 +85,7 @@ def _grown_box(cells: Bools) -> list[tuple[int, int]]:
     return box
 
 
-def _region(
+def _region_of_box(
     box: Sequence[tuple[int, int]],
     names: Sequence[str],
     edges: Sequence[NDArray[np.float64]],
@@ -97,7 +97,7 @@ def _region(
     return Region(tuple(axes), tuple(parameters))
 
 
-def cells_holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
+def cells_around_interval(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
     """The cells, in a row, whose union holds [low, high]; None where it is not inside the grid.
 
     `edges`: breakpoints of an axis, (cells + 1,), rising.
@@ -109,7 +109,7 @@ def cells_holding(edges: NDArray[np.float64], low: float, high: float) -> slice 
     return slice(first, last + 1)
 
 
-def cells_of_box(
+def cells_around_box(
     spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
 ) -> list[list[int] | None]:
     """The cells of each axis that hold its interval of `box`; None where it leaves the grid.
@@ -118,14 +118,14 @@ def cells_of_box(
     """
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):
-        at = None if wraps else cells_holding(edges, i.low, i.high)
+        at = None if wraps else cells_around_interval(edges, i.low, i.high)
         own = None if at is None else [*range(len(edges) - 1)[at]]
-        cells.append(_cells_holding_around(edges, i.low, i.high) if wraps else own)
+        cells.append(_cells_around_wrapping(edges, i.low, i.high) if wraps else own)
     return cells
 
 
-def _cells_holding_around(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
-    """`cells_holding` on an axis that wraps around: beyond one end it goes on at the other."""
+def _cells_around_wrapping(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
+    """`cells_around_interval` on an axis that wraps: beyond one end it goes on at the other."""
     if not edges[0] - TURN < low <= high < edges[-1] + TURN:
         return None
     turned = [(low, high)]
@@ -135,7 +135,7 @@ def _cells_holding_around(edges: NDArray[np.float64], low: float, high: float) -
         turned.append((low - TURN - FAR_TURNS, high - TURN + FAR_TURNS))
     cells: set[int] = set()
     for a, b in turned:
-        at = cells_holding(edges, max(a, edges[0]), min(b, edges[-1]))
+        at = cells_around_interval(edges, max(a, edges[0]), min(b, edges[-1]))
         cells |= set(range(len(edges) - 1)[at]) if at is not None else set()
     return sorted(cells)
 
@@ -156,7 +156,7 @@ def refined_groups(case: Case) -> tuple[Group, ...] | None:
     groups = []
     for proof in case.proofs:
         cells = wrong.get(id(proof))
-        finer = proof.group if cells is None else _split(proof.group, cells)
+        finer = proof.group if cells is None else _with_split_intervals(proof.group, cells)
         if finer is None:
             return None
         groups.append(finer)
@@ -164,7 +164,7 @@ def refined_groups(case: Case) -> tuple[Group, ...] | None:
 
 
 def _failing_cells(case: Case) -> dict[int, Bools] | None:
-    """The cells on which claims fail, by `id` of the proof; None: they do not fail on few cells."""
+    """The cells where claims fail, by `id` of the proof; None: too many, or unknown."""
     wrong: dict[int, Bools] = {}
     for failure in case.failures:
         if failure.cut:
@@ -179,7 +179,7 @@ def _failing_cells(case: Case) -> dict[int, Bools] | None:
     return wrong
 
 
-def _split(group: Group, cells: Bools) -> Group | None:
+def _with_split_intervals(group: Group, cells: Bools) -> Group | None:
     """The group with every interval near a failing cell cut in two; None: too many cells."""
     axes = []
     for k, axis in enumerate(group.axes):
@@ -207,12 +207,12 @@ def with_halved_cells(axis: Axis, near: Bools) -> Axis:
     return replace(axis, edges=(*edges, axis.edges[-1]))
 
 
-def cells_of(problem: Problem) -> int:
+def cell_count(problem: Problem) -> int:
     """How many cells the grids of all groups have together."""
     return sum(prod(len(a.edges) - 1 for a in g.axes) for g in problem.groups)
 
 
-def smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
+def with_smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
     """The problem with every cell of the grids `coarse` halved along each axis, open ends not."""
     groups = tuple(_all_halved(g) if g in coarse else g for g in problem.groups)
     return replace(
@@ -229,7 +229,7 @@ def _all_halved(group: Group) -> Group:
     return replace(group, axes=tuple(axes))
 
 
-def counts_of(before: Group, after: Group) -> str:
+def cell_counts_in_words(before: Group, after: Group) -> str:
     """The numbers of cells before and after along each axis, in words; "": none differs."""
     pairs = zip(before.axes, after.axes, strict=True)
     counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
@@ -239,13 +239,13 @@ def counts_of(before: Group, after: Group) -> str:
 
 
 def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
-    """A line where a grid is finer than the program says, or is one that it does not mention."""
+    """Lines where a grid is finer than the program says, or is not in the program."""
     worst: dict[tuple[str, ...], tuple[int, str]] = {}
     for case in done:
         if case.first is None:
             continue
         for before, proof in zip(case.first.proofs, case.proofs, strict=True):
-            finer = counts_of(before.group, proof.group)
+            finer = cell_counts_in_words(before.group, proof.group)
             if not finer:
                 continue
             size = prod(len(a.edges) - 1 for a in proof.group.axes)
@@ -284,14 +284,14 @@ def with_merged_cells(problem: Problem, most: int) -> Problem:
     return replace(problem, groups=groups, declared_groups=())
 
 
-def _size(group: Group) -> int:
+def _group_cell_count(group: Group) -> int:
     return int(np.prod([len(a.edges) - 1 for a in group.axes], dtype=np.int64))
 
 
 def _merged_group(group: Group, most: int) -> Group:
-    if _size(group) <= most:
+    if _group_cell_count(group) <= most:
         return group
-    step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
+    step = int(np.ceil((_group_cell_count(group) / most) ** (1 / len(group.axes))))
     return replace(group, axes=tuple(_every_nth_edge(a, step) for a in group.axes))
 
 
@@ -315,15 +315,15 @@ TO_S = 10
 
 def announce_work(problem: Problem, settle: Settle) -> None:
     """Tells how long the sets of a problem will take; `settle` computes a case of a problem."""
-    if cells_of(problem) >= FROM_CELLS:
+    if cell_count(problem) >= FROM_CELLS:
         with passing_phase(f"{problem.name}: how long it will take"):
-            announce(lambda: _estimate_in_words(problem, _estimate(problem, settle)))
+            announce(lambda: _estimate_in_words(problem, _estimated_seconds(problem, settle)))
 
 
-def _estimate(problem: Problem, settle: Settle) -> float:
-    """CPU seconds of all threads for all cases; 0 where nothing can be told."""
-    first = next(iter(cases(problem)))
-    count = sum(1 for _ in islice(cases(problem), 100_000))
+def _estimated_seconds(problem: Problem, settle: Settle) -> float:
+    """CPU seconds of all threads for all cases; 0 where two tries do not tell."""
+    first = next(iter(parameter_cases(problem)))
+    count = sum(1 for _ in islice(parameter_cases(problem), 100_000))
     tries = []
     for most in PILOTS:
         small = with_merged_cells(problem, most)
@@ -332,7 +332,7 @@ def _estimate(problem: Problem, settle: Settle) -> float:
             settle(small, first)
         except UnboundedError:
             return 0.0
-        tries.append((cells_of(small), time.process_time() - began))
+        tries.append((cell_count(small), time.process_time() - began))
     (fewer_cells, fewer_s), (more_cells, more_s) = tries
     slope = (
         math.log(more_s / fewer_s) / math.log(more_cells / fewer_cells)
@@ -340,11 +340,11 @@ def _estimate(problem: Problem, settle: Settle) -> float:
         else GROWTH[0]
     )
     growth = min(max(slope, GROWTH[0]), GROWTH[1])
-    return float(more_s * (cells_of(problem) / more_cells) ** growth * count)
+    return float(more_s * (cell_count(problem) / more_cells) ** growth * count)
 
 
 def _estimate_in_words(problem: Problem, seconds: float) -> str:
-    """The line to tell; "" where the time is too short for one."""
+    """The line about the time; "" where the time is too short for one."""
     if seconds < FROM_S:
         return ""
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]

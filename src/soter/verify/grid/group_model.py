@@ -71,7 +71,7 @@ class UnboundedError(Exception):
 
 
 def _search_starts(edges: Floats) -> Ints:
-    """For each of equal buckets along the axis a cell near it, from where the engine searches."""
+    """For each of many equal buckets along the axis a cell near it, to start a search from."""
     n = len(edges) - 1
     width = np.diff(edges)
     even = bool(np.allclose(width, width[0], rtol=1e-6))
@@ -80,8 +80,8 @@ def _search_starts(edges: Floats) -> Ints:
     return np.asarray(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, n - 1), np.int32)
 
 
-def _touched_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
-    """`touched` for an axis that wraps: `first` in [0, n), `last` counts on beyond n - 1."""
+def _overlapped_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
+    """`overlapped_cells` of an axis that wraps: `last` counts on beyond n - 1."""
     n, low, high = len(edges) - 1, edges[:-1], edges[1:]
     turns = np.concatenate([low - TURN, low, low + TURN])
     low, high = np.nextafter(low - off, -np.inf), np.nextafter(high + off, np.inf)
@@ -143,12 +143,10 @@ class GridModel:
         self._narrow_law()
 
     def _lengthened_edges(self, state: int, edges: Floats) -> Floats:
-        """The breakpoints; where an axis wraps, with outer cells lengthened so that they meet."""
+        """The breakpoints; the outer cells of an axis that wraps are longer, so that they meet."""
         if state in self.wraps and edges[-1] - edges[0] < TURN + SEAM:
             edges[[0, -1]] += -SEAM, SEAM
         return edges
-
-    # ------------------------------------------------------------ the description in C
 
     def _array(self, values: Any, dtype: str, ctype: str) -> Any:  # noqa: ANN401 - cdata
         array = np.ascontiguousarray(values, dtype=dtype)
@@ -198,7 +196,7 @@ class GridModel:
 
     @property
     def spans(self) -> list[Floats]:
-        """Breakpoints of each axis, (cells + 1,); far out where an outer cell has no end."""
+        """Breakpoints of each axis, (cells + 1,); -`FARTHEST` and `FARTHEST` if it has no ends."""
         spans = [e.copy() for e in self.edges]
         for state, edges in zip(self.axes, spans, strict=True):
             if state in self.unbounded:
@@ -266,8 +264,11 @@ class GridModel:
         """Whether the group is a flow that one linear model encloses over the whole domain."""
         return not self.c.is_map and not self.c.is_local
 
-    def model(self) -> dict[str, Floats]:
-        """A (n, n), B (n, commands), c (n), w (n) of x' in A x + B u + c + [-w, w]; `commands`."""
+    def linear_model(self) -> dict[str, Floats]:
+        """The parts A (n, n), B (n, commands), c (n,), w (n,) of x' in A x + B u + c + [-w, w].
+
+        `commands` has the numbers of the commands u.
+        """
         g, n = self.c, len(self.axes)
         m = g.model
         return {
@@ -283,8 +284,9 @@ class GridModel:
     def _narrow_law(self) -> None:
         """Lets the engine compute only one output of SC if only that control moves the group.
 
-        A fault elsewhere in SC would then go unseen, so all of SC must be free of faults over the
-        whole domain. The states that SC reads in a run that counts lie in the grid, hence in it.
+        The engine would then not see a fault elsewhere in SC, so all of SC must be free of faults
+        over the whole domain. The states that SC reads in a run that counts lie in the grid, hence
+        in the domain.
         """
         g = self.c
         if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
@@ -322,7 +324,7 @@ class GridModel:
     def _remainder(self) -> float:
         """How much the model's remainder w grows from a small box to the domain, over the rates."""
         g, lib, n = self.c, self.library.lib, len(self.inputs.states)
-        whole, moving = self.model(), np.zeros(len(self.low), dtype=bool)
+        whole, moving = self.linear_model(), np.zeros(len(self.low), dtype=bool)
         moving[list(self.axes)] = True
         moving[n : n + len(self.inputs.controls)] = True
         mid, half = self.low / 2 + self.high / 2, self.high / 2 - self.low / 2
@@ -332,7 +334,7 @@ class GridModel:
             g, self.pointer(low, "double *"), self.pointer(high, "double *")
         ):
             return np.inf
-        small = self.model()
+        small = self.linear_model()
         ends = [self.pointer(v, "double *") for v in (self.low, self.high)]
         lib.soter_reach_linearize(g, *ends)
         rates = np.abs(whole["A"]) @ half[list(self.axes)] + whole["w"]
@@ -342,7 +344,7 @@ class GridModel:
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
     def _scheme_solution(self) -> SchemeSolution:
-        """Whether the simulator's steps are solutions of the model, and what has to be added."""
+        """Whether the simulator's steps solve the model, and what has to be added to it."""
         x = self.inputs
         if x.kind != "flow" or not self.is_linear or not x.steps:
             return SchemeSolution()
@@ -360,10 +362,8 @@ class GridModel:
             return None
         return out[:n], radius
 
-    # ------------------------------------------------------------ calls in slices
-
-    def bits(self, cells: Bools) -> npt.NDArray[np.uint64]:
-        """The engine's bits, of shape (rows * words,), of a set of the grid's shape."""
+    def bits_of(self, cells: Bools) -> npt.NDArray[np.uint64]:
+        """A set of the grid's shape as the engine's bits, of shape (rows * words,)."""
         assert cells.shape == self.shape, f"a set has the grid's shape {self.shape}"
         rows = int(np.prod(self.shape[:-1], dtype=np.int64))
         bits = np.empty(rows * self.c.words, dtype=np.uint64)
@@ -374,7 +374,7 @@ class GridModel:
         return bits
 
     def cells_of(self, bits: npt.NDArray[np.uint64]) -> Bools:
-        """The set, of the grid's shape, of the engine's bits, of shape (rows * words,)."""
+        """The set, of the grid's shape, that the engine's bits, of shape (rows * words,), hold."""
         out = np.empty(self.shape, dtype=np.uint8)
         self.library.lib.soter_reach_unpack(
             self.c, self.pointer(bits, "uint64_t *"), self.pointer(out, "uint8_t *")
@@ -386,15 +386,13 @@ class GridModel:
         """How many tiles the grid has."""
         return int(np.prod([self.c.tiles[a] for a in range(len(self.axes))]))
 
-    # ------------------------------------------------------------ estimates
-
-    def touched(self, errors: Mapping[int, float]) -> list[tuple[Any, Any]]:
-        """Per axis the first and last cell that [cell - e, cell + e] touches; -1 or n: outside."""
+    def overlapped_cells(self, errors: Mapping[int, float]) -> list[tuple[Any, Any]]:
+        """Per axis the first and last cell that [cell - e, cell + e] overlaps; -1 or n: outside."""
         cell_ranges = []
         for state, edges in zip(self.axes, self.edges, strict=True):
             e, n = errors.get(state, 0.0), len(edges) - 1
             if state in self.wraps:
-                cell_ranges.append(_touched_around(edges, e + SEAM))
+                cell_ranges.append(_overlapped_around(edges, e + SEAM))
                 continue
             low, high = edges[:-1], edges[1:]
             if e:
@@ -407,9 +405,7 @@ class GridModel:
             cell_ranges.append((first.astype(np.int32), last.astype(np.int32)))
         return cell_ranges
 
-    # ------------------------------------------------------------ memory
-
-    def rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
+    def allocate_rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
         """Memory for a fixpoint, buffers (length,) by name, to be kept while `r` is in use."""
         n, tiles = len(self.axes), self.tiles
         sums = int(np.prod([self.c.tiles[a] + 1 for a in range(n)]))
@@ -429,7 +425,7 @@ class GridModel:
 
 @dataclass(eq=False)
 class KeptEnds:
-    """The ends of a group's axes that are kept, and the domain, which goes on beyond these."""
+    """The ends of axes that the flow keeps, and the domain, which goes on beyond these ends."""
 
     low: Floats
     high: Floats
@@ -465,12 +461,14 @@ def kept_ends_of(model: GridModel) -> KeptEnds | None:
             if endless:
                 found.kept[i, upper] = endless
             else:
-                _enter_end(model, found, i, back * largest, upper=upper)
+                _enter_end_if_kept(model, found, i, back * largest, upper=upper)
     return found
 
 
-def _enter_end(model: GridModel, found: KeptEnds, i: int, back: float, *, upper: bool) -> None:
-    """Enters one end of one axis in `found`, if it is kept."""
+def _enter_end_if_kept(
+    model: GridModel, found: KeptEnds, i: int, back: float, *, upper: bool
+) -> None:
+    """Enters one end of one axis in `found`, if the flow keeps it."""
     state, edges = model.axes[i], model.edges[i]
     low, high = found.low.copy(), found.high.copy()
     if upper:

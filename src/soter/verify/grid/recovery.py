@@ -1,10 +1,11 @@
 """P2b on a grid: SC leads from every cell of K to where AC gets control back.
 
-Purpose: `recover` finds Q, the cells that SC keeps inside a target (where `safer` holds at every
-estimate), and W with its ranks: how many chains lead from a cell to Q, and how long they take
+Purpose: `compute_recovery` finds Q, the cells that SC keeps inside a target (where `safer` holds at
+every estimate), and W with its ranks: how many chains lead from a cell to Q, and how long they take
 (`recovery_ranks`; docs/verification.md, section 3; symbols: head of `sets.py`). Where `safer` is
-computed and Q is empty on the declared cells, `finer_q` tries smaller ones: each interval in which
-`safer` lies is cut in two, then in four. Whether that is done depends on counts of cells alone.
+computed and Q is empty on the declared cells, `find_q_on_finer_cells` tries smaller ones: each
+interval in which `safer` lies is cut in two, then in four. Whether that is done depends on counts
+of cells alone.
 Non-goals: targets and the time T (`verify/claims/claims.py`); a `safer` of the user's own, for
 which the whole grid is refined (`verify/grid/grid_refinement.py`).
 """
@@ -42,7 +43,7 @@ HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
 
 @dataclass(frozen=True)
 class RecoveryRanks:
-    """W, by cell: `rank` (0: not in W; 1: in Q), N of its chain, longest time to Q in ns."""
+    """W by cell: its `rank` (0: not in W; 1: in Q), N of its chain, its longest time to Q in ns."""
 
     rank: npt.NDArray[np.uint16]
     holds: Bytes
@@ -52,7 +53,7 @@ class RecoveryRanks:
 
     @property
     def cells(self) -> Bools:
-        """Truths in the grid's shape: whether each cell is in W."""
+        """The cells of W, as truths in the grid's shape."""
         return np.asarray(self.rank != 0)
 
     @property
@@ -70,11 +71,11 @@ def recovery_ranks(
     holds: Sequence[int] = HOLDS,
     before: RecoveryRanks | None = None,
 ) -> RecoveryRanks:
-    """W: from which cells of `core` the law reaches `goal` (Q) on every run, and how soon.
+    """W: the cells of `core` from which the law reaches `goal` (Q) on every run, and how soon.
 
-    W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
-    the image over [N delta - j, N delta + j] in W_k and in `core`}. P2b needs W to cover K.
-    `before`: a W that is extended by the cells it lacks. The sets have the grid's shape.
+    W_0 = Q; W_(k+1) is W_k and those c in `core` where, for some N of `holds`, the tube lies in
+    `constraint`, and the image over [N delta - j, N delta + j] in W_k and in `core`. P2b needs W to
+    cover K. `before`: a W that is extended by the cells it lacks. The sets have the grid's shape.
     """
     ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
@@ -89,9 +90,9 @@ def recovery_ranks(
     slot = np.ascontiguousarray(slot, dtype=np.int32)
     image = np.empty((int(asked.sum()), len(steps), len(group.axes), 2), dtype=np.uint16)
     w = ffi.new("soter_reach_way *")
-    memory = group.rounds(w.r)
-    memory["kept"][:] = group.bits(rank != 0)
-    inside, allowed = group.bits(constraint), group.bits(core)
+    memory = group.allocate_rounds(w.r)
+    memory["kept"][:] = group.bits_of(rank != 0)
+    inside, allowed = group.bits_of(constraint), group.bits_of(core)
     at = group.pointer
     w.allowed, w.inside = at(allowed, "uint64_t *"), at(inside, "uint64_t *")
     w.holds, w.count = at(steps, "int32_t *"), len(steps)
@@ -131,29 +132,31 @@ class FinerQ:
     """An index: `cells[origin]` is a set `cells` of declared cells, on the cells of `engine`."""
     home: NDArray[np.uint8]
 
-    def declared(self, cells: Bools) -> Bools:
+    def declared_cells(self, cells: Bools) -> Bools:
         """The declared cells, in their grid's shape, that have one of these small cells in them."""
         found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
         np.logical_or.at(found, self.origin, cells)
         return found
 
 
-def finer_q(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerQ | None, str]:
-    """Q on the largest of the smaller sizes that has one; else None and the sizes, in words."""
+def find_q_on_finer_cells(
+    case: Case, engine: GridGroup, part: GroupSets
+) -> tuple[FinerQ | None, str]:
+    """Q on the largest smaller cells on which there is one; else None and the sizes tried."""
     assert part.deployed is not None
     inner = part.deployed[1]
     group, tried = part.group, []
     for size, most in SIZES:
-        group = _halved(group, part.group, inner)
+        group = _with_halved_intervals(group, part.group, inner)
         fine = engine_on(case, engine, group)
-        origin = parts_of(part, group)
+        origin = index_of_declared_cells(part, group)
         target = target_on(case, fine, part, origin)
         if not target.any():
             continue
         if np.count_nonzero(target) > most:
             break
         tried.append(size)
-        home = fine.core(target).witness
+        home = fine.compute_core(target).witness
         if home.any():
             return FinerQ(fine, group, size, origin, home), ""
     return None, " or ".join(tried)
@@ -178,18 +181,18 @@ def cells_in_way(part: GroupSets) -> Bools:
     if part.finer is None:
         return part.rank > 0
     led = np.ones(part.core.shape, dtype=np.bool_)
-    np.logical_and.at(led, parts_of(part, part.finer[1]), part.rank > 0)
+    np.logical_and.at(led, index_of_declared_cells(part, part.finer[1]), part.rank > 0)
     return led
 
 
-def parts_of(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
+def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
     """An index: `cells[index]` is a set of declared cells, in the shape of the cells of `group`."""
     return np.ix_(
         *(_intervals_of(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
     )
 
 
-def _halved(group: Group, declared: Group, inner: Bools) -> Group:
+def _with_halved_intervals(group: Group, declared: Group, inner: Bools) -> Group:
     """The group with each interval cut in two in which a cell of the declared set `inner` lies."""
     axes = []
     for k, axis in enumerate(group.axes):
@@ -220,19 +223,23 @@ STRAGGLERS_MAX = 2000
 """If no more cells than this are left, every length is tried for them."""
 
 
-def recover(case: Case, proof: object, engine: GridGroup, part: GroupSets, target: Bools) -> None:
-    """Fills in Q, W, and the time to Q for a `target` in the grid's shape; enters failures."""
+def compute_recovery(
+    case: Case, proof: object, engine: GridGroup, part: GroupSets, target: Bools
+) -> None:
+    """Computes Q, W, and the time to Q for a `target` in the grid's shape; enters failures."""
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
     if case.problem.computed and _mend_recovery(case, engine, part, inside):
         return
-    if not inside.any() and (empty := case.failed("safer")):
+    if not inside.any() and (empty := case.failures_of("safer")):
         case.fail("P2b", empty[0].text, proof, empty[0].hint).cells = inside
         return
-    part.home, part.finer = engine.core(inside).witness, None
+    part.home, part.finer = engine.compute_core(inside).witness, None
     if not part.home.any():
-        found, tried = finer_q(case, engine, part) if case.problem.computed else (None, "")
+        found, tried = (
+            find_q_on_finer_cells(case, engine, part) if case.problem.computed else (None, "")
+        )
         if found is not None:
             _use_finer_q(case, proof, part, found)
             return
@@ -249,11 +256,11 @@ def recover(case: Case, proof: object, engine: GridGroup, part: GroupSets, targe
     home = part.home > 0
     return_way = _search_recovery(engine, part.core > 0, part.allowed, home, every_length[first:])
     _enter_ranks(part, return_way)
-    _fail_if_stuck(case, proof, (part.core > 0) & (return_way.rank == 0))
+    _enter_failure_of_stuck_cells(case, proof, (part.core > 0) & (return_way.rank == 0))
 
 
 def _use_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> None:
-    """Fills in Q and W on small cells, as `finer_q` found Q; K stays as it is."""
+    """Fills in the Q that was found on small cells, and W there; K stays as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
     home = found.home > 0
@@ -267,26 +274,26 @@ def _use_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> N
         found.engine, core | home, part.allowed[found.origin], home, FINER
     )
     _enter_ranks(part, return_way)
-    _fail_if_stuck(case, proof, found.declared(core & (return_way.rank == 0)))
+    _enter_failure_of_stuck_cells(case, proof, found.declared_cells(core & (return_way.rank == 0)))
 
 
 def _mend_recovery(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
-    """Mends the Q and W found before, where K has only lost cells without a way back.
+    """Mends an earlier Q and W after K has lost cells; False where that fails.
 
     The new Q is what SC keeps of the old one inside the target; the old W leads to the old Q, and
-    short chains lead from there to the new one. False where that fails, or there was no Q before.
+    short chains lead from there to the new one.
     """
     if part.home is None or part.rank is None or part.rank_holds is None or not part.home.any():
         return False
     allowed, covered, before = part.allowed, part.core > 0, part.home > 0
     if part.finer is not None:
-        origin = parts_of(part, part.finer[1])
+        origin = index_of_declared_cells(part, part.finer[1])
         engine = engine_on(case, engine, part.finer[1])
         inside = target_on(case, engine, part, origin)
         allowed, covered = allowed[origin], covered[origin]
     if (covered & (part.rank == 0)).any():
         return False
-    home = engine.core(inside, members=before).witness
+    home = engine.compute_core(inside, members=before).witness
     if not home.any():
         return False
     inner_way = recovery_ranks(engine, before, allowed, home > 0, holds=FINER[0])
@@ -305,7 +312,7 @@ def _enter_ranks(part: GroupSets, return_way: RecoveryRanks) -> None:
     part.return_ns = return_way.longest_ns
 
 
-def _fail_if_stuck(case: Case, proof: object, stuck: Bools) -> None:
+def _enter_failure_of_stuck_cells(case: Case, proof: object, stuck: Bools) -> None:
     """Enters a failure of P2b if there are `stuck` cells, from which no way back was found."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
@@ -317,7 +324,7 @@ def _fail_if_stuck(case: Case, proof: object, stuck: Bools) -> None:
 def _search_recovery(
     engine: GridGroup, core: Bools, allowed: Bools, home: Bools, lengths_tried: Lengths
 ) -> RecoveryRanks:
-    """W: tries a few lengths of chains for all cells, then every length for the cells left."""
+    """W: tries a few lengths of chains for all cells, then every length for the last cells."""
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     return_way: RecoveryRanks | None = None
     for lengths in lengths_tried:

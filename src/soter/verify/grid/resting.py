@@ -54,15 +54,15 @@ class _Potential:
     below: Fraction
     above: Fraction
 
-    def reach(self, low: float, high: float) -> Fraction:
-        """The farthest that the way gets from states in [low, high]."""
+    def farthest(self, low: float, high: float) -> Fraction:
+        """The farthest that the way gets from any state in [low, high]."""
         return max(self.below * Fraction(max(0.0, -low)), self.above * Fraction(max(0.0, high)))
 
 
 def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
-    """Cells of `allowed`, in the grid's shape, from which every SC-run stays in C for ever.
+    """The cells of `allowed`, in the grid's shape, from which SC stays in C for ever.
 
-    Of a module that stays where SC leads it: from such cells SC may never lead back.
+    They count only for a module that stays where SC leads it: SC may never lead back from them.
     """
     assert case.problem.stays
     none = np.zeros(engine.shape, dtype=np.bool_)
@@ -78,7 +78,7 @@ def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
 
 
 def _may_rest(problem: Problem, engine: GridGroup) -> bool:
-    """Whether the argument for such cells covers this problem."""
+    """Whether the argument of `cells_at_rest` covers this problem."""
     symbol = problem.module.symbol
     alone = not (problem.view or problem.modes)
     return (
@@ -117,17 +117,15 @@ class _RestSearch:
         self.signs = tuple(product((-1, 0, 1), repeat=len(self.moving)))
         self.enclosures = self._rate_enclosures() if self.law is not None else None
 
-    # ------------------------------------------------------------ B
-
     def cells_kept(self, allowed: Bools, below: bool, above: bool) -> Bools:
-        """The cells that are kept with a B that reaches the grid's end below or above, or not."""
+        """The cells of `allowed` that are kept with a B that does or does not reach the ends."""
         none = np.zeros_like(allowed)
         box = [self._side_of_box(axis, below, above) for axis in self.moving]
         within = [b for b in box if b is not None]
         if self.law is None or len(within) < len(box) or not self._plants_defined(within):
             return none
         rates = self._rates_in(within)
-        if not self._no_state_leaves(rates):
+        if not self._all_states_approach_zero(rates):
             return none
         far = [[self._potentials(rates, way, sign) for sign in (-1, 1)] for way in self.ways]
         return self._cells_safe_around(allowed, within, far)
@@ -141,7 +139,7 @@ class _RestSearch:
         high = edges[-1] if above else edges[edges > 0.0][0]
         return Interval(float(low), float(high))
 
-    def _wider(self, box: Sequence[Interval]) -> list[Interval]:
+    def _widened(self, box: Sequence[Interval]) -> list[Interval]:
         """A box a little larger than B: a run that leaves B stays in it for a while."""
         ends = []
         for axis, r in zip(self.moving, box, strict=True):
@@ -156,17 +154,15 @@ class _RestSearch:
     def _plants_defined(self, box: Sequence[Interval]) -> bool:
         """Whether no plant faults at the states of B."""
         whole = self.whole.copy()
-        for axis, r in zip(self.moving, self._wider(box), strict=True):
+        for axis, r in zip(self.moving, self._widened(box), strict=True):
             whole[self.engine.axes[axis]] = r.low, r.high
         assert self.law is not None
         n = len(self.case.problem.states)
         whole[n : n + len(self.law)] = self.law
         return self.case.forms.numbers("derivative", whole, n) is not None
 
-    # ------------------------------------------------------------ rates
-
     def _rate_enclosures(self) -> Enclosures:
-        """The rates of all states by signs, for any answer that SC may give."""
+        """The enclosures of all rates, a list for each choice of signs, for any answer of SC."""
         assert self.law is not None
         make, winds = self.make, self.case.problem.disturbances
         self.ranges |= {("u", k): Interval(float(a), float(b)) for k, (a, b) in enumerate(self.law)}
@@ -183,7 +179,7 @@ class _RestSearch:
         return Enclosures(lists)
 
     def _rates_in(self, box: Sequence[Interval]) -> Rates:
-        """The ranges of the rates at states of B, and a hair beyond, by signs.
+        """The ranges of the rates at states of B, and a hair beyond, by the signs of the states.
 
         At 0 the rates on both sides count, too: a run that goes to and fro there has any of them.
         """
@@ -191,7 +187,7 @@ class _RestSearch:
         assert self.enclosures is not None
         for signs in self.signs:
             ranges = dict(self.ranges)
-            for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
+            for axis, r, sign in zip(self.moving, self._widened(box), signs, strict=True):
                 ends = {-1: (r.low, 0.0), 0: (0.0, 0.0), 1: (0.0, r.high)}[sign]
                 ranges["x", self.engine.axes[axis]] = Interval(*ends)
             beside = product(*((s,) if s else (-1, 0, 1) for s in signs))
@@ -202,7 +198,7 @@ class _RestSearch:
             ]
         return found
 
-    def _no_state_leaves(self, rates: Rates) -> bool:
+    def _all_states_approach_zero(self, rates: Rates) -> bool:
         """Whether no state of B moves away from 0."""
         for signs, of in rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
@@ -214,7 +210,7 @@ class _RestSearch:
     def _potentials(self, rates: Rates, way: int, sign: int) -> list[_Potential]:
         """Potentials that bound how far a way gets down (`sign` -1) or up (1), if there are any."""
         state = self.engine.axes[way]
-        grows = {signs: _with_sign(of[state], sign).high for signs, of in rates.items()}
+        grows = {signs: _range_with_sign(of[state], sign).high for signs, of in rates.items()}
         found = []
         for k, axis in enumerate(self.moving):
             slopes = {-1: Fraction(0), 1: Fraction(0)}
@@ -232,12 +228,10 @@ class _RestSearch:
                 found.append(_Potential(axis, below, above))
         return found
 
-    # ------------------------------------------------------------ cells
-
     def _cells_safe_around(
         self, allowed: Bools, box: Sequence[Interval], far: Sequence[Sequence[list[_Potential]]]
     ) -> Bools:
-        """The cells of B such that everything the states may reach from them lies in C."""
+        """The cells of B from which the states reach nothing outside of C."""
         cells, edges = np.zeros_like(allowed), self.engine.edges
         beyond = [[self._safe_beyond(box, way, sign) for sign in (-1, 1)] for way in self.ways]
         inside = [
@@ -259,7 +253,7 @@ class _RestSearch:
     def _reach_from_cell(self, potential: _Potential, place: Mapping[int, int]) -> float:
         """How far a way gets from a cell, rounded up."""
         edges, k = self.engine.edges[potential.axis], place[potential.axis]
-        most = potential.reach(float(edges[k]), float(edges[k + 1]))
+        most = potential.farthest(float(edges[k]), float(edges[k + 1]))
         return float(np.nextafter(float(most), inf)) if most else 0.0
 
     def _safe_beyond(self, box: Sequence[Interval], way: int, sign: int) -> bool:
@@ -278,7 +272,7 @@ class _RestSearch:
 
 
 def _sign_replacements(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
-    """Replacements for comparisons of x with 0, where x has this sign; for x, where that is 0."""
+    """Constants for comparisons of x with 0 where x has this sign; for x itself where it is 0."""
     if not sign:
         return {x: make.number(0.0)}
     zero, held = make.number(0.0), {True: make.true, False: make.false}
@@ -286,7 +280,7 @@ def _sign_replacements(make: Expressions, x: Node, sign: int) -> dict[Node, Node
     return {make.compare(op, a, b): held[true] for a, b, true in pairs for op in (">", ">=")}
 
 
-def _with_sign(r: Interval, sign: int) -> Interval:
+def _range_with_sign(r: Interval, sign: int) -> Interval:
     return r if sign > 0 else Interval(-r.high, -r.low)
 
 
@@ -302,7 +296,7 @@ def _cells_up_to_zero(edges: NDArray[np.float64], k: int | None) -> tuple[int, i
 def _fine_around(
     fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
 ) -> Bools:
-    """The cells of `fine` around which everything within `far` along an axis is fine, too."""
+    """The cells of `fine` around which all cells within `far` along an axis are in `fine`, too."""
     low = edges[:-1] if not far[0] else np.nextafter(edges[:-1] - far[0], -inf)
     high = edges[1:] if not far[1] else np.nextafter(edges[1:] + far[1], inf)
     first = np.searchsorted(edges, low, side="right") - 1

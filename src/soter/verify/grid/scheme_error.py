@@ -108,9 +108,6 @@ def scheme_error(
     return np.asarray((scheme + rounding) * UP, dtype=np.float64)
 
 
-# ---------------------------------------------------------------- of one group
-
-
 @dataclass(frozen=True)
 class SchemeSolution:
     """Whether the steps of the simulator are solutions of a group's model.

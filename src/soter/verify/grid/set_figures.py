@@ -1,8 +1,8 @@
 """The sets of a grid in figures: the paper's regions R1 to R5.
 
-Purpose: `regions` gives each cell of a group its region, and `figure` makes a figure of the first
-two axes, with slices through the third. `deepest_cell` finds a state deep in C. `volume_share` is
-the part of a grid that some cells have.
+Purpose: `region_of_each_cell` gives each cell of a group its region, and `figure_of_regions` makes
+a figure of the first two axes, with slices through the third. `deepest_cell` finds a state deep in
+C. `volume_share` is the part of a grid that some cells have.
 Non-goals: anything that a proof rests on; drawing (`report/proof_page.py`). Symbols: `sets.py`.
 """
 
@@ -45,7 +45,7 @@ def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
 
 
 def deepest_cell(part: GroupSets) -> dict[int, float]:
-    """The middle, by state, of a cell far from the border of C; empty where C is."""
+    """The middle of a cell far from the border of C, a number by state; empty where C is empty."""
     left = part.allowed
     while True:
         inner = left.copy()
@@ -71,7 +71,7 @@ SLICES_MAX = 24
 """The most slices of a figure with three axes: each is some kB of the page."""
 
 
-def regions(sets: GroupSets) -> NDArray[np.uint8]:
+def region_of_each_cell(sets: GroupSets) -> NDArray[np.uint8]:
     """The region (R1 to R5) of every cell of a group, in the grid's shape."""
     region_ids = np.full(sets.allowed.shape, R1, dtype=np.uint8)
     region_ids[sets.allowed] = R2
@@ -83,14 +83,14 @@ def regions(sets: GroupSets) -> NDArray[np.uint8]:
     return region_ids
 
 
-def figure(sets: GroupSets, note: str) -> RegionFigure:
-    """The figure of the first two axes, at the place on further axes where most is to be seen.
+def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
+    """The figure of the first two axes, at the place on further axes that shows most.
 
-    Where there is a third axis it has up to `SLICES_MAX` slices along it.
+    A third axis has up to `SLICES_MAX` slices.
     """
     axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
-    cells, lets_ac = regions(sets), sets.lets_ac
-    at = fullest(cells)
+    cells, lets_ac = region_of_each_cell(sets), sets.lets_ac
+    at = place_that_shows_most(cells)
     fourth = [_cell_in_words(a, i) for a, i in zip(axes[3:], at[1:], strict=True)]
     open_ends = [f"{a.name} goes on to {a.edges[-1]:g}" for a in axes[:2] if a.open]
     text = "; ".join(filter(None, (note, ", ".join(fourth), *open_ends)))
@@ -135,7 +135,7 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
     )
 
 
-def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
+def place_that_shows_most(cells: NDArray[np.uint8]) -> tuple[int, ...]:
     """The place on the axes from the third on where most cells of the first two may be AC's.
 
     Places where AC gets control back come first, so that no region with cells stays out of sight.

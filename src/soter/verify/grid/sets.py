@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
-from soter.verify.grid.grid_problem import of_problem
+from soter.verify.grid.grid_problem import grid_inputs_of
 from soter.verify.grid.group_model import GridModel, UnboundedError
 from soter.verify.problem.problem import NS
 
@@ -77,7 +77,7 @@ class GridGroup(GridModel):
     """The engine for one group of states: it computes sets on the group's grid.
 
     `GridModel` has the group's description in C (`c`) and gives the engine its memory: `pointer` to
-    an array, `bits` of a set, the memory of its `rounds`; it works cell by cell in `tiles`.
+    an array, `bits_of` a set, memory by `allocate_rounds`; it works cell by cell in `tiles`.
     """
 
     _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
@@ -96,23 +96,18 @@ class GridGroup(GridModel):
         ends = {a.state for a in group.axes if a.open}
         endless = {a.state for a in group.axes if a.unbounded}
         around = {a.state for a in group.axes if a.wraps}
-        inputs = of_problem(problem, parameters)
+        inputs = grid_inputs_of(problem, parameters)
         options |= {"open_ends": ends, "unbounded": endless, "wraps": around}
         return cls(library, inputs, axes, **options)
 
-    # ------------------------------------------------------------ predicates
-
-    def truth(
-        self,
-        predicate: str,
-        *,
-        ranges: Mapping[int, tuple[float, float]] | None = None,
+    def truth_bits(
+        self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bytes:
-        """Truth of `safe`, `core`, `ttf` or `safer` over each cell, in the grid's shape.
+        """The truth of a predicate over each cell, in the grid's shape.
 
-        Bit 0: may be false, bit 1: may be true, bit 2: a step fault is possible. Predicates on
-        estimates see every error within E.
-        `ranges`: input -> (low, high) for other inputs than their whole range.
+        Bit 0: it may be false, bit 1: it may be true, bit 2: a step fault is possible. Predicates
+        on estimates see every error within E. `ranges`: by input, (low, high) in the place of its
+        whole range.
         """
         low, high = self.low.copy(), self.high.copy()
         for i, (a, b) in (ranges or {}).items():
@@ -135,50 +130,36 @@ class GridGroup(GridModel):
             share_done(at / self.tiles, predicate)
         return out
 
-    def definitely(
+    def cells_true(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells on all of which the predicate is true and no step fault is possible.
+        """Cells all over which the predicate is true without a step fault, in the grid's shape."""
+        return np.asarray(self.truth_bits(predicate, ranges=ranges) == 2)
 
-        In the grid's shape.
-        """
-        return np.asarray(self.truth(predicate, ranges=ranges) == 2)
-
-    def may_hold(
+    def cells_maybe_true(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells somewhere on which (plus any error of E) the predicate may be true.
+        """Cells with a point, plus an error in E, where it may be true: the grid's shape."""
+        return np.asarray((self.truth_bits(predicate, ranges=ranges) & 6) != 0)
 
-        In the grid's shape.
-        """
-        return np.asarray((self.truth(predicate, ranges=ranges) & 6) != 0)
-
-    def may_fail(
+    def cells_maybe_false(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells somewhere on which (plus any error of E) the predicate may be false.
+        """Cells with a point, plus an error in E, where it may be false: the grid's shape."""
+        return np.asarray((self.truth_bits(predicate, ranges=ranges) & 5) != 0)
 
-        In the grid's shape.
-        """
-        return np.asarray((self.truth(predicate, ranges=ranges) & 5) != 0)
-
-    def constraint(
-        self,
-        *,
-        hint: bool = False,
-        ranges: Mapping[int, tuple[float, float]] | None = None,
+    def compute_constraint(
+        self, *, hint: bool = False, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """C, in the grid's shape: cells on all of which `safe` (with `hint` also `core`) is true.
+        """C, in the grid's shape: cells all over which `safe` (with `hint` also `core`) holds.
 
-        Where the unit has a `constraint`, plants can also publish there what they drive.
+        Where the unit has a `constraint`, plants publish there only values of their topics' sets.
         """
         named = self.library.symbol("constraint") != self.library.ffi.NULL
-        cells = self.definitely("constraint" if named else "safe", ranges=ranges)
-        return cells & self.definitely("core", ranges=ranges) if hint else cells
+        cells = self.cells_true("constraint" if named else "safe", ranges=ranges)
+        return cells & self.cells_true("core", ranges=ranges) if hint else cells
 
-    # ------------------------------------------------------------ K
-
-    def core(
+    def compute_core(
         self,
         allowed: Bools,
         *,
@@ -189,23 +170,23 @@ class GridGroup(GridModel):
         members: Bools | None = None,
         holds: int = 0,
     ) -> Core:
-        """K: cells from which the law keeps to `allowed` and comes back to K.
+        """K: the cells from which the law keeps to `allowed` and comes back to K.
 
-        The greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over
-        [0, N delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}.
-        A chain is given up when its images have been more than a cell away from K `patience`
-        times in a row: a smaller K at worst. The result does not depend on threads.
-        All sets have the grid's shape. At most one of these two is given: `resting`, cells of
-        `allowed` that are in K in any case, with `RESTS` for N; `members`, the cells that K may
-        have. K is given up, and empty, when a limit is passed: `vain`, the share of `allowed` that
-        may be followed in vain; `holds`, how many periods of SC may be computed for a cell of
-        `allowed` on average (`HOLDS_LEAST` in all are free). 0: no limit.
+        It is the greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over [0, N
+        delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}. A chain is
+        given up when its images have been more than a cell away from K `patience` times in a row: a
+        smaller K at worst. The result does not depend on threads. All sets have the grid's shape.
+        At most one of these two is passed: `resting`, cells of `allowed` that are in K in any case,
+        with `RESTS` for N; `members`, the cells that K may have. K is given up, and empty, when a
+        limit is passed: `vain`, the share of `allowed` that may be followed in vain; `holds`, how
+        many periods of SC may be computed for a cell of `allowed` on average (`HOLDS_LEAST` in all
+        are free). 0: no limit.
         """
         assert resting is None or members is None
         members = allowed if members is None else members & allowed
-        if self.still:
+        if self.never_moves:
             return Core(np.asarray(members).astype(np.uint8), 0, 0)
-        if members.all() and self.stays:
+        if members.all() and self.never_leaves_grid:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
         kept = np.zeros(self.shape, dtype=np.bool_) if resting is None else resting
@@ -216,21 +197,21 @@ class GridGroup(GridModel):
         )
 
     @property
-    def still(self) -> bool:
+    def never_moves(self) -> bool:
         """Whether no state of the group ever changes, so that every set of cells is kept."""
         return set(self.axes) <= self.inputs.still
 
     @property
-    def stays(self) -> bool:
+    def never_leaves_grid(self) -> bool:
         """Whether no run leaves the grid, whatever the commands, by the flow at its two ends.
 
-        For one axis of a linear flow that no command moves: x' <= 0 wherever x is at the upper
-        end and x' >= 0 at the lower one, for everything else in its range. The solutions of a
+        It looks at one axis of a linear flow that no command moves: x' <= 0 wherever x is at the
+        upper end and x' >= 0 at the lower one, for everything else in its range. The solutions of a
         scalar equation keep their order, so none passes an end.
         """
         if len(self.axes) != 1 or not self.is_linear or self.c.commands:
             return False
-        model = self.model()
+        model = self.linear_model()
         a, c, w = (float(model[k].flat[0]) for k in ("A", "c", "w"))
         low, high = float(self.edges[0][0]), float(self.edges[0][-1])
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
@@ -247,14 +228,14 @@ class GridGroup(GridModel):
         vain_max: int,
         holds: int,
     ) -> Core:
-        """K as `core` says, by the engine; `vain_max`: that many cells in vain, 0: no limit."""
+        """K as `compute_core` says; `vain_max`: the most cells followed in vain, 0: no limit."""
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
-        allowed_bits, member_bits, resting_bits = map(self.bits, (allowed, members, resting))
+        allowed_bits, member_bits, resting_bits = map(self.bits_of, (allowed, members, resting))
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
         witness = np.empty(self.shape, dtype=np.uint8)
         w = ffi.new("soter_reach_work *")
-        memory_of_rounds = self.rounds(w.r)  # the engine has pointers into it
+        memory_of_rounds = self.allocate_rounds(w.r)  # the engine has pointers into it
         w.allowed = self.pointer(allowed_bits, "uint64_t *")
         w.members = self.pointer(member_bits, "uint64_t *")
         w.resting = self.pointer(resting_bits, "uint64_t *")
@@ -285,42 +266,40 @@ class GridGroup(GridModel):
         del memory_of_rounds
         return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
-    # ------------------------------------------------------------ tubes under all of U
-
-    def safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
+    def cells_safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
         """R(t) for a target: cells from which no command of U leads out of the target within t.
 
-        Every run over [0, t] under any measurable command stays in the target. A map's t is a
-        whole number of periods. `segments`: into how many pieces a flow's tube is cut; None: the
-        number is doubled as long as that adds cells; a cell that was shown stays shown. Sets have
-        the grid's shape.
+        Every run over [0, t] under any measurable command stays in the target. A map's t is a whole
+        number of periods. `segments`: into how many pieces a flow's tube is cut; None: the number
+        is doubled as long as that adds cells; a cell that was shown stays shown. Sets have the
+        grid's shape.
         """
         assert t_ns >= 0
         period = self.inputs.map_step_ns or self.inputs.period_ns
-        if t_ns == 0 or self.still or (target.all() and self.stays):
+        if t_ns == 0 or self.never_moves or (target.all() and self.never_leaves_grid):
             return np.array(target, dtype=np.bool_)
         if self.inputs.kind == "map":
             assert t_ns % period == 0, "a map is defined at multiples of its period"
-            return self._safe_in(t_ns, target, np.zeros_like(target), t_ns // period)
+            return self._cells_safe_in_pieces(t_ns, target, np.zeros_like(target), t_ns // period)
         few, most, worth = max(1, -(-t_ns // period)), STEPS_MAX, WORTH_A_STEP
         if self.is_linear:
             few, most, worth = SEGMENTS, SEGMENTS_MAX, WORTH_IT
         pieces = segments or few
-        cells = self._safe_in(t_ns, target, np.zeros_like(target), pieces)
+        cells = self._cells_safe_in_pieces(t_ns, target, np.zeros_like(target), pieces)
         while segments is None and 2 * pieces <= most and not cells.all():
             pieces *= 2
-            more = self._safe_in(t_ns, target, cells, pieces)
+            more = self._cells_safe_in_pieces(t_ns, target, cells, pieces)
             gained = int(more.sum()) - int(cells.sum())
             cells = more
             if gained < worth * int(target.sum()):
                 break
         return cells
 
-    def _safe_in(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
+    def _cells_safe_in_pieces(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
         """R(t) with a fixed number of pieces (of a map: periods); `known` cells are in it."""
         ffi, lib = self.library.ffi, self.library.lib
         out = np.empty(self.shape, dtype=np.uint8)
-        bits, done = self.bits(target), self.bits(known)
+        bits, done = self.bits_of(target), self.bits_of(known)
         tube, group = ffi.NULL, self.c
         if self.is_linear:
             tube = ffi.new("soter_reach_tube *")
@@ -346,11 +325,9 @@ class GridGroup(GridModel):
             share_done(at / self.tiles, "tubes")
         return out.view(np.bool_)
 
-    # ------------------------------------------------------------ estimates
-
     def _shifted_by_errors(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
         now = np.ascontiguousarray(cells).view(np.uint8)
-        for a, cells_by_cell in enumerate(self.touched(errors)):
+        for a, cells_by_cell in enumerate(self.overlapped_cells(errors)):
             if not errors.get(self.axes[a], 0.0):
                 continue
             turns = 1 + (self.axes[a] in self.wraps)  # behind the last cell is the first one
@@ -373,7 +350,7 @@ class GridGroup(GridModel):
         return now.view(np.bool_)
 
     def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
-        """Cells c with c + E inside the set, in the grid's shape.
+        """The cells c with c + E inside the set, in the grid's shape.
 
         As E is symmetric these are both the estimates all of whose states, and the states all of
         whose estimates, are in the set. `errors`: the largest error of each state, which make E.
@@ -381,15 +358,13 @@ class GridGroup(GridModel):
         return self._shifted_by_errors(cells, errors, grow=False)
 
     def dilate(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
-        """Cells that c + E touches for some c of the set, in the grid's shape."""
+        """The cells that c + E overlaps for some cell c of the set, in the grid's shape."""
         return self._shifted_by_errors(cells, errors, grow=True)
 
-    # ------------------------------------------------------------ for tests and refutation
-
-    def enclosures(
+    def images_and_tubes(
         self, low: Sequence[float] | Floats, high: Sequence[float] | Floats, holds: int
     ) -> list[Floats]:
-        """Images and tubes, shape (k, axes, 2) each, of up to `holds` holds from a box."""
+        """Images and tubes of up to `holds` periods of SC from a box, each (k, axes, 2)."""
         n = len(self.axes)
         ends = [np.array(v, dtype=np.float64) for v in (low, high)]
         images, tubes = (np.zeros((holds, n, 2)) for _ in range(2))

@@ -1,8 +1,8 @@
 """When steps may run: the steps in a span of time, and in which orders they may come.
 
-Purpose: `steps_of` turns releases of components into steps with windows, and tells the solver their
-order. A step reads at its start, at most `late` after its release; what it does is out at most
-`response` after that; within one instant every order is possible.
+Purpose: `calendar_steps` turns releases of components into steps with windows, and tells the solver
+their order. A step reads at its start, at most `late` after its release; what it does is out at
+most `response` after that; within one instant every order is possible.
 Non-goals: what a step does (`transition_relation.py`).
 """
 
@@ -57,21 +57,21 @@ class CalendarStep:
     begun: bool = False
 
 
-def hyperperiod(clocks: Sequence[ComponentCalendar]) -> int:
+def hyperperiod_ns(clocks: Sequence[ComponentCalendar]) -> int:
     """The hyperperiod in ns, after which the releases of all components repeat."""
     return lcm(*(c.period for c in clocks))
 
 
-def settled(clocks: Sequence[ComponentCalendar]) -> int:
-    """The first multiple of the hyperperiod from which on releases are periodic."""
-    whole = hyperperiod(clocks)
+def start_of_periodic_releases(clocks: Sequence[ComponentCalendar]) -> int:
+    """The first multiple of the hyperperiod, in ns, from which on releases are periodic."""
+    whole = hyperperiod_ns(clocks)
     return -(-max(c.phase for c in clocks) // whole) * whole
 
 
-def releases(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
+def releases_until(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
     """Releases in [0, end), from the start of a run (`first`) or of any later hyperperiod.
 
-    In the latter case also the one before 0, if its step may last until then.
+    In a later hyperperiod also the release before 0, if its step may last until then.
     """
     begin = clock.phase if first else clock.phase % clock.period
     instants = list(range(begin, end, clock.period))
@@ -81,39 +81,39 @@ def releases(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
     return instants
 
 
-def steps_of(
+def calendar_steps(
     terms: SolverTerms, clocks: Sequence[ComponentCalendar], end: int, *, first: bool
 ) -> list[CalendarStep]:
-    """All steps in [0, end); what is known of their order is stated as facts of `terms`."""
+    """All steps in [0, end); their known order is stated as facts of `terms`."""
     steps: list[CalendarStep] = []
     for clock in clocks:
-        own = [_step(terms, clock, r) for r in releases(clock, end, first=first)]
+        own = [_calendar_step(terms, clock, r) for r in releases_until(clock, end, first=first)]
         for a, b in pairwise(own):
             terms.state(is_before(terms, a.effect, b.start))
         steps += own
-    for group in clusters(steps):
+    for group in groups_apart_in_time(steps):
         points = [p for s in group for p in {s.start: 0, s.effect: 0}]
         if len(points) > 1:
             terms.state(terms.z3.Distinct(*[p.place for p in points]))
     return steps
 
 
-def _step(terms: SolverTerms, clock: ComponentCalendar, release: int) -> CalendarStep:
+def _calendar_step(terms: SolverTerms, clock: ComponentCalendar, release: int) -> CalendarStep:
     begun = release < 0
-    start = _point(terms, max(release, 0), max(release + clock.late, 0))
+    start = _new_point(terms, max(release, 0), max(release + clock.late, 0))
     last = release + clock.late + clock.response
     if begun:
-        effect = _point(terms, 0, last)
+        effect = _new_point(terms, 0, last)
         return CalendarStep(clock.component, release, effect, effect, begun=True)
     if not clock.response:
         return CalendarStep(clock.component, release, start, start)
-    effect = _point(terms, release, last)
+    effect = _new_point(terms, release, last)
     terms.state(effect.at <= start.at + clock.response)
     terms.state(is_before(terms, start, effect))
     return CalendarStep(clock.component, release, start, effect)
 
 
-def _point(terms: SolverTerms, earliest: int, latest: int) -> Point:
+def _new_point(terms: SolverTerms, earliest: int, latest: int) -> Point:
     place = terms.whole("place")
     if earliest == latest:
         return Point(earliest, latest, earliest, place)
@@ -134,8 +134,8 @@ def is_before(terms: SolverTerms, a: Point, b: Point) -> Term:
     return terms.any_of(a.at < b.at, terms.all_of(a.at == b.at, first))
 
 
-def clusters(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
-    """The steps in groups: all of a group is over before anything of the next group begins."""
+def groups_apart_in_time(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
+    """The steps in groups, each of which is over before the next one begins."""
     groups: list[list[CalendarStep]] = []
     latest = -1
     for step in sorted(steps, key=lambda s: (s.start.earliest, s.release)):

@@ -38,7 +38,7 @@ Path = tuple[int, ...]
 
 @dataclass(frozen=True)
 class JumpingTopic:
-    """One topic, the node that publishes it, and `why` nothing is shown of it; "": it is shown."""
+    """A topic, the node that publishes it, and `why` nothing is shown of it; "": it is shown."""
 
     topic: typed.TopicSymbol
     node: str
@@ -48,7 +48,7 @@ class JumpingTopic:
 def jumping_topics(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> Iterator[JumpingTopic]:
-    """For every topic that the map of a view reads; none where there is no view or no `enters`."""
+    """Every topic that the map of a view reads; none where there is no view or no `enters`."""
     enters = None if module.whole is None else module.whole.verify.enters
     if enters is None:
         return
@@ -62,7 +62,7 @@ def jumping_topics(
             changed = ChangedTopic(
                 index, _paths_read(link.value, topic), _driven_topics(flat, module, link)
             )
-            why = _why_not_shown(flat, module, enters, writers[0], changed)
+            why = _why_change_possible(flat, module, enters, writers[0], changed)
         yield JumpingTopic(topic, name, why)
 
 
@@ -80,7 +80,7 @@ def _topic_index(flat: System, topic: typed.TopicSymbol) -> int:
 
 @dataclass(frozen=True)
 class ChangedTopic:
-    """A topic by its index, the parts that the map reads, and the topics `shown` to DM and SC."""
+    """A topic by its index, the parts that the map reads, the topics that show it to DM and SC."""
 
     index: int
     paths: list[Path]
@@ -132,12 +132,9 @@ def _paths_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list
     return list(paths)
 
 
-# ---------------------------------------------------------------- the steps
-
-
 @dataclass
 class StepReads:
-    """What one step reads: of each topic any value of its set, or what `values` has for it."""
+    """The reads of one step: of each topic the value in `values`, or any value of its set."""
 
     terms: SolverTerms
     flat: System
@@ -151,7 +148,7 @@ class StepReads:
         return self.values[cell.owner]
 
     def fact(self, fact: core.Fact) -> Term:
-        """An arbitrary value at each read, but that the node is in control."""
+        """Any value at each read; only `in_control` is always true."""
         if fact.fact == "in_control":
             return True
         if fact.fact == "mode":
@@ -165,7 +162,7 @@ class StepReads:
 
 @dataclass
 class StepTransition:
-    """What one step did: locals after it, topics as (whether published, value), `enters` then."""
+    """The result of one step: locals, topics as (whether published, value), `enters` after it."""
 
     locals: dict[str, Term]
     published: dict[int, tuple[Term, Term]]
@@ -174,14 +171,10 @@ class StepTransition:
 
 
 @ctrl_c_waits()
-def _why_not_shown(
-    flat: System,
-    module: Module,
-    enters: typed.TypedExpr,
-    c: Component,
-    changed: ChangedTopic,
+def _why_change_possible(
+    flat: System, module: Module, enters: typed.TypedExpr, c: Component, changed: ChangedTopic
 ) -> str:
-    """Why a change outside of `enters` is possible, as z3 finds; "": there is none."""
+    """Why a change outside of `enters` is possible, as z3 finds; "": it is not possible."""
     enters_property = Property(0, "always", enters, module.scope, "enters", enters.span)
     program = lower(derived_systems.with_properties(flat, (enters_property,)))
     topic = flat.topics[changed.index]
@@ -242,7 +235,7 @@ def _equal_parts(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> T
 def _step_transition(
     terms: SolverTerms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
 ) -> StepTransition:
-    """What one step of a node does from these locals, whatever it reads."""
+    """The transition of one step of a node from these locals, whatever it reads."""
     code = program.nodes[c.index]
     functions = {f.name: f for f in program.functions}
     reads = StepReads(terms, flat)

@@ -31,7 +31,7 @@ from soter.verify.problem.problem import (
     Times,
     latch_assumptions,
 )
-from soter.verify.problem.problem_times import AssumedTimes, check_deployed
+from soter.verify.problem.problem_times import AssumedTimes, check_deployed_times
 from soter.verify.problem.schedule import Releases, Schedule
 from soter.verify.problem.supported_constructs import identified_assumptions
 
@@ -127,7 +127,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     proved_module = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
-    times, clocks, declared, absent = _times(system, proved_module, diagnostics)
+    times, clocks, declared, absent = _times_of_components(system, proved_module, diagnostics)
     rests = _time_assumptions(flat, module, system, declared, diagnostics)
     diagnostics.raise_errors()
     lemmas_, properties = proved_module.symbol.verify.lemmas, _properties_to_show(proved_module)
@@ -170,11 +170,8 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         heard=frozenset(i for i in heard if not flat.topics[i].queues),
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
     )
-    problem.assumptions = (*_assumptions(problem, absent), *rests, *modes.assumptions)
+    problem.assumptions = (*_induction_assumptions(problem, absent), *rests, *modes.assumptions)
     return problem
-
-
-# ---------------------------------------------------------------- what induction is for
 
 
 def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -252,9 +249,6 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
             )
 
 
-# ---------------------------------------------------------------- which nodes matter
-
-
 def _followed_nodes(
     flat: System, module: Module, modes: Modes
 ) -> tuple[list[int], dict[str, str], list[int]]:
@@ -282,7 +276,7 @@ def _followed_nodes(
         writers = [c for c in flat.components if index in c.writes]
         why = decided.get(index) or _why_not_followed(flat, module, writers)
         if not why and index not in needed:
-            why = _what_it_hears(flat, module, writers)
+            why = _sources_in_words(flat, module, writers)
             heard += [index] if why else []
         if why:
             any_value[name] = why
@@ -300,8 +294,8 @@ def _queue_source(flat: System, topic: int) -> int:
     return topic if source is None else source
 
 
-def _what_it_hears(flat: System, module: Module, writers: list[Component]) -> str:
-    """Words that a writer depends on what plants or other modules publish; "": none does."""
+def _sources_in_words(flat: System, module: Module, writers: list[Component]) -> str:
+    """Words on plants or other modules on which a writer depends; "": on none."""
     todo, seen = list(writers), set(module.outputs)
     while todo:
         c = todo.pop()
@@ -331,12 +325,12 @@ def _why_not_followed(flat: System, module: Module, writers: list[Component]) ->
             return f"{c.name} calls an extern function"
         if c.node.bursts:
             return f"{c.name} publishes several messages a step"
-        if _reads_modes(c) - {module.index}:
+        if _modes_read_by(c) - {module.index}:
             return f"{c.name} reads a margin, or the mode of another module"
     return ""
 
 
-def _reads_modes(c: Component) -> set[int]:
+def _modes_read_by(c: Component) -> set[int]:
     assert c.node is not None
     margins = {-1} if margin_reads(*c.node.step) else set()  # of any module: not followed
     return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)} | margins
@@ -367,13 +361,10 @@ def _topics_of_node(c: Component) -> list[int]:
     return _topics_read(c.scope, *c.node.step)
 
 
-# ---------------------------------------------------------------- times
-
-
-def _times(
+def _times_of_components(
     system: System, module: Module, diagnostics: Diagnostics
 ) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
-    """Times of DM and SC; of all components, as followed and as declared; what is undeclared."""
+    """The times of DM and SC; all calendars, as followed and as declared; times left out."""
     _refuse_times_of_others(system, module, diagnostics)
     absent: list[str] = []
     calculator = Calculator(diagnostics, module.scope.params)
@@ -422,7 +413,7 @@ def _delays_of(
 
 
 def _refuse_times_of_others(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """R031 for a time that is declared for a node outside of the proof."""
+    """Reports R031 for a time that is declared for a node outside of the proof."""
     verify = module.symbol.verify
     names_known = {n for c in system.components for n in (c.name, c.name.rpartition(".")[2])}
     names_known |= {c.node.name for c in system.components if c.node is not None}
@@ -451,11 +442,11 @@ def _time_assumptions(
     nodes = {c.name: by_name[c.name] for c in others if c.in_thread}
     elsewhere = {c.name: by_name[c.name] for c in others if not c.in_thread}
     assumed = AssumedTimes(by_name[dm], by_name[sc], nodes, elsewhere=elsewhere)
-    rests = check_deployed(flat, module, assumed, diagnostics)
+    rests = check_deployed_times(flat, module, assumed, diagnostics)
     return [Assumption("thread", text) for text in rests]
 
 
-def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:
+def _induction_assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:
     system, module = problem.system, problem.module
     ac = system.components[module.ac].name
     assumptions = [Assumption(f"any {ac}", in_words("ac", ac))]

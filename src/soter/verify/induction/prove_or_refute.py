@@ -1,11 +1,11 @@
 """k-induction over hyperperiods, and a run that leaves `safe` where the induction fails.
 
-Purpose: `induct` proves that at all times `safe` and every lemma hold and no step faults: in the
-first hyperperiods of every run, and in each one that follows k in which all held. For P2b it then
-proves that DM cannot say "SC" for more than so many hyperperiods on end, and it finds out whether
-AC can ever have control. Where the relation has a run in which something fails, `refuting_run`
-looks for such a run of the program by systematic testing, with an AC that may publish anything; it
-counts only after the reference interpreter has replayed it.
+Purpose: `prove_by_induction` proves that at all times `safe` and every lemma hold and no step
+faults: in the first hyperperiods of every run, and in each one that follows k in which all held.
+For P2b it then proves that DM cannot say "SC" for more than so many hyperperiods on end, and it
+finds out whether AC can ever have control. Where the relation has a run in which something fails,
+`refuting_run` looks for such a run of the program by systematic testing, with an AC that may
+publish anything; it counts only after the reference interpreter has replayed it.
 Non-goals: the relation (`transition_relation.py`), what an execution is (docs/testing.md).
 """
 
@@ -33,7 +33,7 @@ from soter.language.model.types import (
     default_value,
     leaves,
 )
-from soter.verify.induction.calendar import hyperperiod, settled
+from soter.verify.induction.calendar import hyperperiod_ns, start_of_periodic_releases
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.step_terms import AC, SC, ClusterView
 from soter.verify.induction.transition_relation import TimeSpan
@@ -59,7 +59,7 @@ HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
 @dataclass
 class Induction:
-    """What an induction found; `k`: its depth, where it proved the module."""
+    """The result of an induction; `k`: the depth at which it proved the module."""
 
     hyperperiod_ns: int
     steps: int = 0
@@ -93,15 +93,15 @@ class Induction:
 
     @property
     def returns_ns(self) -> int:
-        """P2b in ns: one hyperperiod more, as SC may take over within one; 0: not shown."""
+        """T of P2b in ns: one hyperperiod more, as SC may take over within one; 0: not shown."""
         return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
 
 
 @ctrl_c_waits()
-def induct(problem: InductionProblem) -> Induction:
-    """Tries to prove a module; the result says how far that came."""
+def prove_by_induction(problem: InductionProblem) -> Induction:
+    """Tries to prove a module by k-induction; the result says how far that came."""
     began = time.perf_counter()
-    whole = hyperperiod(problem.clocks)
+    whole = hyperperiod_ns(problem.clocks)
     induction = Induction(whole, sum(whole // c.period for c in problem.clocks))
     if induction.steps > STEPS_MAX // 2:
         induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
@@ -112,7 +112,7 @@ def induct(problem: InductionProblem) -> Induction:
             _prove_with_latching(problem, induction)
         if induction.proved:
             _prove_return(problem, induction)
-            induction.never = _never_happens(problem, induction)
+            induction.never = _event_that_never_happens(problem, induction)
     except TooManyStatementsError:
         induction.why = "a step takes more statements than are followed"
     induction.seconds = time.perf_counter() - began
@@ -121,7 +121,7 @@ def induct(problem: InductionProblem) -> Induction:
 
 def _prove_with_latching(problem: InductionProblem, induction: Induction) -> None:
     """Tries once more with steps that may fault and latch their nodes; such a proof counts, too."""
-    names = _may_fault(problem)
+    names = _components_that_may_fault(problem)
     if not names:
         return
     other = Induction(induction.hyperperiod_ns, induction.steps, latching=names)
@@ -139,10 +139,10 @@ def _prove_with_latching(problem: InductionProblem, induction: Induction) -> Non
         induction.undecided = other.why or f"{other.what} then"
 
 
-def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
-    """The names of the components whose steps may fault, as far as is known of them."""
+def _components_that_may_fault(problem: InductionProblem) -> tuple[str, ...]:
+    """The names of the components whose steps may fault, as far as the solver's terms tell."""
     terms = SolverTerms()
-    span = TimeSpan(problem, terms, hyperperiod(problem.clocks))
+    span = TimeSpan(problem, terms, hyperperiod_ns(problem.clocks))
     indices = {d.step.component for d in span.effects if d.doubt is not False}
     return tuple(problem.system.components[i].name for i in sorted(indices))
 
@@ -160,21 +160,18 @@ def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
         if time.process_time() - began > BUDGET_S:
             induction.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
             return
-        if _base_case(problem, induction, k) != HOLDS:
+        if _prove_base_case(problem, induction, k) != HOLDS:
             return
-        if _induction_step(problem, induction, k):
+        if _prove_induction_step(problem, induction, k):
             induction.k, induction.proved = k, True
             return
     induction.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{induction.gave_up}"
 
 
-# ---------------------------------------------------------------- the two halves
-
-
-def _base_case(problem: InductionProblem, induction: Induction, k: int) -> str:
-    """Whether all holds from the start of every run until k hyperperiods after all phases."""
+def _prove_base_case(problem: InductionProblem, induction: Induction, k: int) -> str:
+    """Whether all claims hold from the start of every run until k hyperperiods after all phases."""
     terms = SolverTerms()
-    end = settled(problem.clocks) + k * induction.hyperperiod_ns
+    end = start_of_periodic_releases(problem.clocks) + k * induction.hyperperiod_ns
     span = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
     induction.uninterpreted |= span.uninterpreted
     bad = _failing_conditions(span, 0, end)
@@ -204,8 +201,8 @@ def _property_name(problem: InductionProblem, number: int) -> str:
     return "`safe`" if number == 1 else f"the lemma `{problem.lemma_texts[number - 2]}`"
 
 
-def _induction_step(problem: InductionProblem, induction: Induction, k: int) -> bool:
-    """Whether all holds in the hyperperiod after any k in which all held.
+def _prove_induction_step(problem: InductionProblem, induction: Induction, k: int) -> bool:
+    """Whether all claims hold in the hyperperiod after any k in which all held.
 
     Each claim is asked by itself: ten of them in one question are harder than ten questions.
     """
@@ -215,7 +212,7 @@ def _induction_step(problem: InductionProblem, induction: Induction, k: int) -> 
     failures = _failing_conditions(span, k * whole, (k + 1) * whole)
     for claim in sorted({number for _, _, number in failures}):
         query = terms.query()
-        _assume(query, span, k * whole)
+        _assume_held_before(query, span, k * whole)
         query.add(terms.any_of(*[b for b, _, number in failures if number == claim]))
         answer = query.check()
         if answer == terms.z3.unknown:
@@ -225,8 +222,8 @@ def _induction_step(problem: InductionProblem, induction: Induction, k: int) -> 
     return True
 
 
-def _assume(query: Query, span: TimeSpan, until: int) -> None:
-    """Adds to the query that everything that is judged before `until` held."""
+def _assume_held_before(query: Query, span: TimeSpan, until: int) -> None:
+    """Adds to the query that all claims held that are judged before `until`."""
     terms = span.terms
     for seen in span.judged:
         if seen.earliest < until:
@@ -251,9 +248,6 @@ def _failing_conditions(span: TimeSpan, begin: int, end: int) -> list[tuple[Term
     return failures
 
 
-# ---------------------------------------------------------------- P2b
-
-
 def _prove_return(problem: InductionProblem, induction: Induction) -> None:
     """P2b: finds a number of hyperperiods in which SC cannot keep control, from any state."""
     began, since = time.perf_counter(), time.process_time()
@@ -273,35 +267,36 @@ def _prove_return(problem: InductionProblem, induction: Induction) -> None:
 
 
 def _no_such_run(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
-    """Whether no n hyperperiods exist in which all holds; `stays`: and SC keeps control.
+    """Whether no run has n hyperperiods in which all claims hold; `stays`: and SC keeps control.
 
-    In them no step faults, and what P2b takes for granted holds.
+    In these runs no step faults, and what P2b takes for granted holds.
     """
     terms, end = SolverTerms(), n * induction.hyperperiod_ns
     span = TimeSpan(problem, terms, end, returning=True, stays=stays)
     query = terms.query()
-    _assume(query, span, end)
+    _assume_held_before(query, span, end)
     granted = [terms.any_of(terms.negated(s.counts), s.progress) for s in span.judged]
     query.add(*granted)
     return bool(query.check() == terms.z3.unsat)
 
 
-# ---------------------------------------------------------------- what is proved of nothing
+def _event_that_never_happens(problem: InductionProblem, induction: Induction) -> str:
+    """`safe` never "fails", AC never "gets" or "keeps" control; "": all may happen.
 
-
-def _never_happens(problem: InductionProblem, induction: Induction) -> str:
-    """What never happens: `safe` never "fails", AC never "gets" or "keeps" control; "" else.
-
-    Asked of the first hyperperiods and of any after k in which all held: as the module is proved,
+    The first hyperperiods are asked, and any after k in which all held: as the module is proved,
     these cover all that can happen.
     """
-    if _holds_anyway(problem):
+    if _is_safe_always_true(problem):
         return "fails"
     whole, latching = induction.hyperperiod_ns, bool(induction.latching)
     held_ns = induction.k * whole
     any_time = partial(TimeSpan, problem, end=held_ns + whole, latching=latching)
     from_start = partial(
-        TimeSpan, problem, end=settled(problem.clocks) + held_ns, first=True, latching=latching
+        TimeSpan,
+        problem,
+        end=start_of_periodic_releases(problem.clocks) + held_ns,
+        first=True,
+        latching=latching,
     )
     for word in ("gets", "keeps"):
         if not (_may_decide(any_time, held_ns, word) or _may_decide(from_start, 0, word)):
@@ -309,7 +304,7 @@ def _never_happens(problem: InductionProblem, induction: Induction) -> str:
     return ""
 
 
-def _holds_anyway(problem: InductionProblem) -> bool:
+def _is_safe_always_true(problem: InductionProblem) -> bool:
     """Whether `safe` is true of all values of the topics' sets, whoever publishes them."""
     terms = SolverTerms()
     span = TimeSpan(problem, terms, 0)
@@ -320,11 +315,11 @@ def _holds_anyway(problem: InductionProblem) -> bool:
 
 
 def _may_decide(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
-    """Whether some decision from `begin` on may give AC control ("gets"), or leave it ("keeps")."""
+    """Whether a decision from `begin` on may give AC control ("gets"), or leave it AC ("keeps")."""
     terms = SolverTerms()
     span = made(terms=terms)
     query = terms.query()
-    _assume(query, span, span.end)
+    _assume_held_before(query, span, span.end)
     ways = [
         terms.all_of(d.mode == AC, d.before == (AC if word == "keeps" else SC))
         for d in span.effects
@@ -384,7 +379,7 @@ def refuting_run(
     """
     if problem.any_value:
         return None
-    for system in (any_ac(problem), problem.system):
+    for system in (system_with_any_ac(problem), problem.system):
         if any(c.extern for c in system.components):
             continue
         violation = search(system_as_test(problem, system, until_ns))
@@ -394,7 +389,7 @@ def refuting_run(
 
 
 def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> System:
-    """The system with a test plan: `safe` always holds, steps are as late as they are declared."""
+    """The system with a test plan: `safe` always holds, and steps may be as late as declared."""
     m = problem.module
     span = m.symbol.span
     safe = Property(0, "always", m.symbol.safe, m.scope, "safe", m.symbol.safe.span)
@@ -410,10 +405,7 @@ def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> 
     return derived_systems.with_test(derived_systems.with_properties(system, (safe,)), plan)
 
 
-# ---------------------------------------------------------------- an AC that may do anything
-
-
-def any_ac(problem: InductionProblem) -> System:
+def system_with_any_ac(problem: InductionProblem) -> System:
     """The system with an AC that may publish, or not, any value on each topic at each release."""
     system = problem.system
     ac = system.components[problem.module.ac]

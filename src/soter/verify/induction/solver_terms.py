@@ -175,8 +175,6 @@ class SolverTerms:
         self._told: set[tuple[str, int]] = set()
         self._opaque: dict[int, tuple[Term, bool]] = {}
 
-    # ------------------------------------------------------------ truths
-
     def all_of(self, *truths: Term) -> Term:
         """The conjunction of some conditions."""
         if any(t is False for t in truths):
@@ -202,11 +200,9 @@ class SolverTerms:
         return query
 
     def state(self, truth: Term) -> None:
-        """Adds a fact."""
+        """Adds a fact, a condition that always holds."""
         if truth is not True:
             self.facts.append(self.z3.BoolVal(False) if truth is False else truth)
-
-    # ------------------------------------------------------------ new values
 
     def name(self, start: str) -> str:
         """A new name that begins with `start`."""
@@ -218,7 +214,7 @@ class SolverTerms:
         if is_tuple(t):
             return tuple(
                 self.fresh(part, f"{name}.{k}", own)
-                for k, (part, own) in enumerate(_divided(t, bounds))
+                for k, (part, own) in enumerate(_parts_with_bounds(t, bounds))
             )
         if isinstance(t, BoolType):
             return self.z3.Bool(self.name(name))
@@ -229,15 +225,15 @@ class SolverTerms:
             return term
         term = self.z3.Const(self.name(name), self.sort)
         if bounds is not None:
-            self.state(self._predicate(t, bounds)(term))
+            self.state(self._publishable_predicate(t, bounds)(term))
         return term
 
     def whole(self, name: str) -> Term:
-        """An unknown integer."""
+        """A term for an unknown integer."""
         return self.z3.Int(self.name(name))
 
     def truth(self, name: str) -> Term:
-        """An unknown bool."""
+        """A term for an unknown bool."""
         return self.z3.Bool(self.name(name))
 
     def constant(self, t: Type, value: Value) -> Term:
@@ -247,8 +243,6 @@ class SolverTerms:
         if isinstance(t, (ListType, ArrayType)):
             return self.lifted(t, value)
         return value
-
-    # ------------------------------------------------------------ the uninterpreted sort
 
     def lifted(self, t: Type, value: Term) -> Term:
         """A float, list or array as an element of the sort."""
@@ -262,7 +256,7 @@ class SolverTerms:
             self._constants[key] = (value, term)
             for (of, _), (bounds, predicate) in self._inside.items():
                 if of == t:
-                    self.state(predicate(term) == allowed(value, t, bounds))
+                    self.state(predicate(term) == passes_gate(value, t, bounds))
             if isinstance(t, ListType) and isinstance(value, tuple):
                 self._state_list(term, t, value)
         return self._constants[key][1]
@@ -282,7 +276,7 @@ class SolverTerms:
         """The length of a list."""
         return self.z3.Function("length", self.sort, self.z3.IntSort())(term)
 
-    def _predicate(self, t: Type, bounds: Bounds) -> Term:
+    def _publishable_predicate(self, t: Type, bounds: Bounds) -> Term:
         """The uninterpreted predicate that values of a type may be published with these bounds."""
         key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
         if key not in self._inside:
@@ -291,7 +285,7 @@ class SolverTerms:
             self._inside[key] = (bounds, predicate)
             for (of, _), (value, term) in list(self._constants.items()):
                 if of == t:
-                    self.state(predicate(term) == allowed(value, t, bounds))
+                    self.state(predicate(term) == passes_gate(value, t, bounds))
             for made, term, elements in list(self._made):
                 if made == t:
                     self._decide_made(predicate(term), t, elements, bounds)
@@ -302,7 +296,11 @@ class SolverTerms:
     ) -> None:
         """States that a list may be published if and only if all of its elements may."""
         size = len(elements)
-        own = [bounds] * size if isinstance(t, ListType) else [b for _, b in _divided(t, bounds)]
+        own = (
+            [bounds] * size
+            if isinstance(t, ListType)
+            else [b for _, b in _parts_with_bounds(t, bounds)]
+        )
         passes = [self.may_publish(v, p, b or ()) for (v, p), b in zip(elements, own, strict=True)]
         self.state(claim == self.all_of(*passes))
 
@@ -323,7 +321,7 @@ class SolverTerms:
     def may_publish(self, value: Term, t: Type, bounds: Bounds) -> Term:
         """The condition that the gate lets a value pass: finite and within its bounds."""
         if is_tuple(t):
-            own = zip(value, _divided(t, bounds), strict=True)
+            own = zip(value, _parts_with_bounds(t, bounds), strict=True)
             return self.all_of(*[self.may_publish(v, p, b or ()) for v, (p, b) in own])
         if isinstance(t, (BoolType, EnumType)):
             return True
@@ -331,10 +329,8 @@ class SolverTerms:
             low, high = range_of(t, bounds)
             return self.all_of(low <= value, value <= high)
         if isinstance(value, float):
-            return allowed(value, t, bounds)
-        return self._predicate(t, bounds)(self.lifted(t, value))
-
-    # ------------------------------------------------------------ functions
+            return passes_gate(value, t, bounds)
+        return self._publishable_predicate(t, bounds)(self.lifted(t, value))
 
     def flat(self, value: Term, t: Type) -> list[Term]:
         """The leaves of a value, as arguments of a function of the solver."""
@@ -348,7 +344,7 @@ class SolverTerms:
         return [self.lifted(t, value)]
 
     def apply(self, name: str, arguments: list[Term], t: Type) -> Term:
-        """An uninterpreted function of some leaves; the range of its type becomes a fact."""
+        """An uninterpreted function of some leaves, whose type's range becomes a fact."""
         if is_tuple(t):
             return tuple(
                 self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(part_types(t))
@@ -366,7 +362,7 @@ class SolverTerms:
         return term
 
     def is_opaque(self, term: Term) -> bool:
-        """Whether a term depends on something uninterpreted; definitions of names are not read."""
+        """Whether a term depends on an uninterpreted function; names are not followed."""
         if is_known(term):
             return False
         known = self._opaque.get(term.get_id())
@@ -383,8 +379,6 @@ class SolverTerms:
             return lambda: constant
         return self.z3.Function(f"{name}/{len(sorts)}", *sorts, result)
 
-    # ------------------------------------------------------------ one of two
-
     def chosen(self, condition: Term, then: Term, otherwise: Term, t: Type) -> Term:
         """`condition ? then : otherwise`."""
         if isinstance(condition, bool):
@@ -392,7 +386,9 @@ class SolverTerms:
         if is_tuple(t):
             triples = zip(then, otherwise, part_types(t), strict=True)
             return tuple(self.chosen(condition, a, b, p) for a, b, p in triples)
-        if then is otherwise or (is_known(then) and is_known(otherwise) and _same(then, otherwise)):
+        if then is otherwise or (
+            is_known(then) and is_known(otherwise) and _is_same_value(then, otherwise)
+        ):
             return then
         if isinstance(t, FloatType) and isinstance(then, Age) and isinstance(otherwise, Age):
             return Age(self.z3.If(condition, then.ns, otherwise.ns))
@@ -400,7 +396,7 @@ class SolverTerms:
         return self.z3.If(condition, a, b)
 
     def defined(self, value: Term, t: Type, name: str) -> Term:
-        """A value whose terms are names for those of `value`, so that terms stay small."""
+        """The value with new names in the place of its terms, so that terms stay small."""
         if is_tuple(t):
             pairs = enumerate(zip(value, part_types(t), strict=True))
             return tuple(self.defined(v, p, f"{name}.{k}") for k, (v, p) in pairs)
@@ -418,13 +414,11 @@ class SolverTerms:
         self.facts.append(constant == term)
         return constant
 
-    # ------------------------------------------------------------ ages
-
     def compare_age(self, op: str, ns: Term, limit: float) -> Term:
         """`float(ns) / 1e9 op limit`, exactly: division and conversion are monotone."""
         if math.isnan(limit):
             return op == "!="
-        reached, passed = _least(limit, after=False), _least(limit, after=True)
+        reached, passed = _least_ns(limit, after=False), _least_ns(limit, after=True)
         if op == ">":
             return ns >= passed
         if op == ">=":
@@ -437,13 +431,13 @@ class SolverTerms:
         return same if op == "==" else self.negated(same)
 
 
-def _same(a: Term, b: Term) -> bool:
+def _is_same_value(a: Term, b: Term) -> bool:
     """Whether two known scalars have the same type and value (0.0 is not -0.0)."""
     return type(a) is type(b) and repr(a) == repr(b)
 
 
-def _least(limit: float, *, after: bool) -> int:
-    """The least ns with float(ns) / 1e9 >= `limit`, or (`after`) > `limit`."""
+def _least_ns(limit: float, *, after: bool) -> int:
+    """The least ns with float(ns) / 1e9 >= `limit`, or with `after` the least with > `limit`."""
     low, high = 0, AGE_MAX
     while low < high:
         middle = (low + high) // 2
@@ -455,7 +449,7 @@ def _least(limit: float, *, after: bool) -> int:
     return low
 
 
-def _divided(t: Type, bounds: Bounds | None) -> list[tuple[Type, Bounds | None]]:
+def _parts_with_bounds(t: Type, bounds: Bounds | None) -> list[tuple[Type, Bounds | None]]:
     """The parts of a type, each with the bounds of its leaves."""
     bounded_parts: list[tuple[Type, Bounds | None]] = []
     at = 0
@@ -476,13 +470,13 @@ def range_of(t: Type, bounds: Bounds | None) -> tuple[int, int]:
     return low, high
 
 
-def allowed(value: Value, t: Type, bounds: Bounds) -> bool:
+def passes_gate(value: Value, t: Type, bounds: Bounds) -> bool:
     """Whether the gate lets a known value pass."""
     if isinstance(t, (RecordType, ArrayType)):
-        own = zip(value, _divided(t, bounds), strict=True)
-        return all(allowed(v, p, b or ()) for v, (p, b) in own)
+        own = zip(value, _parts_with_bounds(t, bounds), strict=True)
+        return all(passes_gate(v, p, b or ()) for v, (p, b) in own)
     if isinstance(t, ListType):
-        return all(allowed(v, t.element, bounds) for v in value)
+        return all(passes_gate(v, t.element, bounds) for v in value)
     if isinstance(t, (BoolType, EnumType)):
         return True
     if isinstance(t, FloatType) and not math.isfinite(value):

@@ -45,7 +45,7 @@ SWAPPED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "==": "==", "!=": "!="}
 
 
 class Reads(Protocol):
-    """What a step or predicate reads."""
+    """The values that a step or predicate reads."""
 
     def cell(self, cell: core.Cell, t: Type) -> Term:
         """The value of a topic."""
@@ -69,8 +69,6 @@ class Evaluation(Execution["Term"]):
         """The condition of faults that depend on something uninterpreted: there may be none."""
         self.uninterpreted: dict[str, None] = {}
         """The names of the program's functions that were not executed."""
-
-    # ------------------------------------------------------------ statements
 
     def _guard(self, condition: Term) -> None:
         self._add_fault(self.terms.negated(condition))
@@ -114,14 +112,12 @@ class Evaluation(Execution["Term"]):
         assert s.limit is None, "bursts are not followed"
         super()._publish(s, value)
 
-    # ------------------------------------------------------------ operations that may fault
-
     def _checked(self, s: core.Checked, operands: list[Term], limit: Term) -> Term:
-        value, fault = self._fallible(s, operands, limit)
+        value, fault = self._value_and_fault(s, operands, limit)
         self._add_fault(fault)
         return value
 
-    def _fallible(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
+    def _value_and_fault(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
         """The value where there is no fault, and the condition that there is one."""
         terms, z3 = self.terms, self.terms.z3
         if s.op == "index":
@@ -158,7 +154,7 @@ class Evaluation(Execution["Term"]):
         return self.terms.apply("is NaN", [self.terms.lifted(FLOAT, value)], BOOL)
 
     def _quotient(self, op: str, v: list[Term]) -> tuple[Term, Term]:
-        """Quotient or remainder, rounded towards zero, and its fault; opaque divisors are too."""
+        """Quotient or remainder, rounded towards zero, and its fault; opaque if the divisor is."""
         terms, z3 = self.terms, self.terms.z3
         a, b = v
         if not is_known(b):
@@ -177,7 +173,7 @@ class Evaluation(Execution["Term"]):
     def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
         """The result of a function; a long or extern one is uninterpreted."""
         terms = self.terms
-        if f.result is not None and _size(f.body) <= INLINE_MAX:
+        if f.result is not None and _statement_count(f.body) <= INLINE_MAX:
             where, fault, doubt = self.where, self.fault, self.doubt
             self.where, self.fault, self.doubt = True, False, False
             value = super().call(f, arguments)
@@ -205,8 +201,6 @@ class Evaluation(Execution["Term"]):
         self._add_fault(terms.length(terms.lifted(t, old)) >= t.capacity)
         operands = [terms.lifted(t, old), *terms.flat(value, s.value.type)]
         return terms.apply("push", operands, t), t
-
-    # ------------------------------------------------------------ parts of values
 
     def _at(self, value: Term, t: Type, steps: Sequence[Term]) -> tuple[Term, Type]:
         for step in steps:
@@ -247,8 +241,6 @@ class Evaluation(Execution["Term"]):
             here = True if isinstance(index, int) else index == k
             changed.append(terms.chosen(here, replaced, value, part))
         return tuple(changed)
-
-    # ------------------------------------------------------------ expressions
 
     def _operation(self, e: core.Expr, *operands: Term) -> Term:
         terms = self.terms
@@ -302,7 +294,7 @@ class Evaluation(Execution["Term"]):
         if e.op == "||":
             return terms.any_of(a, b)
         if isinstance(t, BoolType) or is_whole(t):
-            return _compared(terms, e.op, a, b)
+            return _comparison(terms, e.op, a, b)
         assert isinstance(t, FloatType), t
         if not isinstance(e.type, BoolType):
             return self._float(e.op, a, b)
@@ -320,7 +312,7 @@ class Evaluation(Execution["Term"]):
     def _floats_compared(self, op: str, a: Term, b: Term) -> Term:
         terms = self.terms
         if isinstance(a, float) and isinstance(b, float):
-            return _compared(terms, op, a, b)
+            return _comparison(terms, op, a, b)
         if isinstance(a, Age) and isinstance(b, float):
             return terms.compare_age(op, a.ns, b)
         if isinstance(a, float) and isinstance(b, Age):
@@ -333,7 +325,7 @@ class Evaluation(Execution["Term"]):
         return terms.apply(f"float {op}", operands, BOOL)
 
 
-def _compared(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
+def _comparison(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
     if op == "==":
         return a == b
     if op == "!=":
@@ -341,15 +333,15 @@ def _compared(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
     return a < b if op == "<" else a <= b if op == "<=" else a > b if op == ">" else a >= b
 
 
-def _size(statements: Sequence[core.Stmt]) -> int:
+def _statement_count(statements: Sequence[core.Stmt]) -> int:
     """The number of statements, with loops unrolled."""
     count = 0
     for s in statements:
         count += 1
         if isinstance(s, core.If):
-            count += _size(s.then) + _size(s.otherwise)
+            count += _statement_count(s.then) + _statement_count(s.otherwise)
         elif isinstance(s, core.Loop):
-            count += _size(s.body) * (s.high - s.low)
+            count += _statement_count(s.body) * (s.high - s.low)
     return count
 
 
@@ -372,7 +364,7 @@ class State:
 
 @dataclass(eq=False)
 class StepEffect:
-    """What a step did: topics as (whether published, value), and the mode where it is a DM's."""
+    """The effects of a step: topics as (whether published, value), and the mode if it is a DM's."""
 
     step: CalendarStep
     published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
@@ -404,7 +396,7 @@ class JudgedInstant:
 
 
 class StepSurroundings(Protocol):
-    """What a view needs of the span of time around it: `transition_relation.TimeSpan`."""
+    """The span of time around a view, as far as a view needs it: `transition_relation.TimeSpan`."""
 
     problem: InductionProblem
     terms: SolverTerms
@@ -415,7 +407,7 @@ class StepSurroundings(Protocol):
 
 
 class Order(Protocol):
-    """What a view needs of the steps around it: `transition_relation.Cluster`."""
+    """The steps around a view, as far as a view needs them: `transition_relation.Cluster`."""
 
     def last(
         self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
@@ -427,7 +419,7 @@ class Order(Protocol):
 
 
 class ClusterView:
-    """What a reader sees at a point of a cluster, with the effects of its `own` step if given."""
+    """A reader's view at a point of a cluster, with the effects of its `own` step, if any."""
 
     def __init__(
         self,
@@ -464,7 +456,7 @@ class ClusterView:
         return self._known[index]
 
     def stamp(self, index: int) -> Term:
-        """The stamp of a topic; if no node of the relation publishes it, any one until now."""
+        """The stamp of a topic; any stamp until now, if no node of the relation publishes it."""
         if index in self.span.writers:
             return self.topic(index)[1]
         terms = self.span.terms
@@ -478,7 +470,7 @@ class ClusterView:
         return mode if self.cluster is None else self.cluster.mode(mode, self.point, self.own)
 
     def fact(self, fact: core.Fact) -> Term:
-        """The value of a mode, an age or `in_control`; that of `time` is arbitrary."""
+        """The value of a mode, an age or `in_control`; `time` has any value."""
         if fact.fact == "mode":
             return self.mode()
         if fact.fact == "in_control":

@@ -16,7 +16,7 @@ from soter.core import core
 from soter.core.core_walks import walk
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, MODE
-from soter.verify.induction.calendar import clusters, is_before, steps_of
+from soter.verify.induction.calendar import calendar_steps, groups_apart_in_time, is_before
 from soter.verify.induction.step_terms import (
     AC,
     NEVER,
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 class TimeSpan:
     """The span of time [0, end) in ns, of a run (`first`) or of any hyperperiod from any state.
 
-    `returning` adds what P2b takes for granted: what the DM reads is fresh, the gate has latched no
+    `returning` adds what P2b takes for granted: the DM's reads are fresh, the gate has latched no
     fault and waits for no clean output, topics of nodes that hear plants or other modules are
     constant, and modules whose mode `safer` reads are in AC. `stays`: the mode is SC throughout.
     `latching`: a step whose fault depends on something uninterpreted latches its node
@@ -78,16 +78,14 @@ class TimeSpan:
         self.judged: list[JudgedInstant] = []
         self.effects: list[StepEffect] = []
         self.start = self.state = self._initial_state() if first else self._any_state()
-        steps = steps_of(terms, problem.clocks, end, first=first)
-        groups = clusters(steps)
+        steps = calendar_steps(terms, problem.clocks, end, first=first)
+        groups = groups_apart_in_time(steps)
         if first and groups and problem.first_ns < groups[0][0].start.earliest:
             self._judge_start()
         next_block = min(c.phase % c.period for c in problem.clocks)
         for k, group in enumerate(groups):
             after = groups[k + 1][0].start.earliest if k + 1 < len(groups) else end + next_block
             Cluster(self, group, after).run()
-
-    # ------------------------------------------------------------ where it begins
 
     def _initial_state(self) -> State:
         system, terms = self.problem.system, self.terms
@@ -133,8 +131,6 @@ class TimeSpan:
             JudgedInstant(True, 0, 0, 0, holds, holds[1], self.problem.clocks[0].component)
         )
 
-    # ------------------------------------------------------------ what is judged
-
     def claims_at(self, view: ClusterView) -> tuple[Term, ...]:
         """The conditions that `safe` and each lemma hold; one that faults does not hold."""
         problem = self.problem
@@ -167,8 +163,8 @@ class Cluster:
         """Defines each step's effects, judges the instants, and makes the state behind them."""
         raise_if_interrupted()
         for effect in self.effects:
-            self._define(effect)
-        self._judge()
+            self._define_effect(effect)
+        self._judge_instants()
         span, terms = self.span, self.terms
         topics = {}
         for index, old in span.state.topics.items():
@@ -181,8 +177,6 @@ class Cluster:
         mode = terms.named(self.mode(span.state.mode, None, None), "mode")
         span.state = State(topics, self.locals, mode, self.had_control, self.latched)
         span.effects += self.effects
-
-    # ------------------------------------------------------------ who came before
 
     def last(
         self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
@@ -229,8 +223,6 @@ class Cluster:
             return True
         return is_before(self.terms, effect.step.effect, point)
 
-    # ------------------------------------------------------------ what a step does
-
     def _unknown_effect(self, step: CalendarStep) -> StepEffect:
         """A step with unknowns for its effects: readers may come before it is defined."""
         span, terms = self.span, self.terms
@@ -249,8 +241,8 @@ class Cluster:
             effect.published[index] = (terms.truth(f"{topic.name} said"), value)
         return effect
 
-    def _define(self, effect: StepEffect) -> None:
-        """States what a step did, by the role of its component."""
+    def _define_effect(self, effect: StepEffect) -> None:
+        """States the effects of a step, by the role of its component."""
         component = self.span.problem.system.components[effect.step.component]
         if effect.step.begun:
             self._havoc_locals(component.index)
@@ -351,7 +343,7 @@ class Cluster:
             self.locals[key] = terms.defined(value, copy.type, copy.name)
 
     def _latch(self, component: Component, effect: StepEffect) -> Term:
-        """The condition that the step runs to its end: a node that has faulted does nothing."""
+        """The condition that the step runs to its end: a node that has faulted stays silent."""
         terms = self.terms
         bad = terms.any_of(self.latched[component.index], effect.fault, effect.doubt)
         self.latched[component.index] = bad = terms.named(bad, "latched")
@@ -405,7 +397,7 @@ class Cluster:
             terms.state(terms.z3.Implies(where, a == b))
 
     def _havoc_locals(self, component: int) -> None:
-        """Forgets what a component keeps: what its step reads, which began earlier, is unknown."""
+        """Forgets the locals of a component whose step began earlier, as its reads are unknown."""
         self.had_control[component] = self.terms.truth("had control")
         if self.span.latching:
             self.latched[component] = self.terms.truth("latched")
@@ -413,9 +405,7 @@ class Cluster:
         for v in node.locals if node is not None else ():
             self.locals[component, v.name] = self.terms.fresh(v.type, v.name)
 
-    # ------------------------------------------------------------ what is judged
-
-    def _judge(self) -> None:
+    def _judge_instants(self) -> None:
         """Judges each instant at which a step had effect, after the last effect of the instant."""
         steps = [e.step for e in self.effects]
         # in their order, so that a query is the same in every run

@@ -33,8 +33,8 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.diagnosis.vacuity import say_of_nothing, vacuity_of_nodes
-from soter.verify.induction.prove_or_refute import induct, refuting_run
+from soter.verify.diagnosis.vacuity import tell_vacuity_in_row, vacuity_of_nodes
+from soter.verify.induction.prove_or_refute import prove_by_induction, refuting_run
 from soter.verify.problem.problem import Assumption, subjects_in_words
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 def covers(
     here: System, there: System, problem: InductionProblem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """The inputs that the proof covers, and what it assumes of the deployed loop, in words."""
+    """The inputs that the proof covers, and the assumptions on the deployed loop, in words."""
     del there, diagnostics
     names = [here.topics[e.topic].name for e in from_outside(here)]
     free = [f"{n}: any value of its set, of any age" for n in names if n in problem.any_value]
@@ -82,12 +82,7 @@ def entry(
             "progress": list(problem.progress_texts),
             "latching": bool(induction.latching),
             "clocks": {
-                problem.system.components[c.component].name: [
-                    c.period,
-                    c.phase,
-                    c.late,
-                    c.response,
-                ]
+                problem.system.components[c.component].name: [c.period, c.phase, c.late, c.response]
                 for c in problem.declared
             },
         },
@@ -131,7 +126,7 @@ def verify_by_induction(
     """
     del explain, compiled
     began = time.perf_counter()
-    induction = induct(problem)
+    induction = prove_by_induction(problem)
     result = InductionResult(problem, {}, [])
     result.induction = induction
     findings = result.findings
@@ -150,12 +145,12 @@ def verify_by_induction(
         and induction.about in ("safe", "fault")
         and induction.fails_ns is not None
     ):
-        _refute(problem, induction, findings, search)
-    findings["failsafe"] = _failsafe(problem)
-    findings["DM"] = _decision_module(result)
+        _enter_refuting_run(problem, induction, findings, search)
+    findings["failsafe"] = _failsafe_finding(problem)
+    findings["DM"] = _finding_on_dm(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.vacuity = vacuity_of_nodes(problem, induction.never)
-    say_of_nothing(result)
+    tell_vacuity_in_row(result)
     if induction.uninterpreted:
         names = ", ".join(induction.uninterpreted)
         result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)
@@ -163,7 +158,7 @@ def verify_by_induction(
     return result
 
 
-def _failsafe(problem: InductionProblem) -> Finding:
+def _failsafe_finding(problem: InductionProblem) -> Finding:
     """The finding on a fail-safe law: it acts on plants, of which an induction says nothing."""
     if not problem.module.law:
         return Finding(ASSUMED, text=NO_LAW)
@@ -282,7 +277,7 @@ def _finding_from_safe(name: str, safe: Finding) -> Finding:
     return Finding(safe.verdict, 0.0, HOW, text, safe.hint)
 
 
-def _refute(
+def _enter_refuting_run(
     problem: InductionProblem, induction: Induction, findings: dict[str, Finding], search: Search
 ) -> None:
     began = time.perf_counter()
@@ -299,7 +294,7 @@ def _refute(
     findings["P2a"].seconds += time.perf_counter() - began
 
 
-def _decision_module(result: ModuleResult) -> Finding:
+def _finding_on_dm(result: ModuleResult) -> Finding:
     """The finding that the generated C of the DM decides as declared, on the inputs tried."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 

@@ -17,7 +17,7 @@ from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import jumping_topics
 from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, latch_assumptions
 from soter.verify.problem.problem_times import DELAYS, nodes_without_times
-from soter.verify.problem.supported_constructs import assumed_of_maps, identified_assumptions
+from soter.verify.problem.supported_constructs import identified_assumptions, map_assumptions
 from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
@@ -50,10 +50,10 @@ def assumptions_of(
     kind: ProblemKind,
     jumps: Jumps,
 ) -> list[Assumption]:
-    """All assumptions; a proof may later show SCHEME, and those of `jumps` about `enters`."""
+    """The assumptions of a problem; a proof may later show SCHEME and some of `jumps`."""
     assumptions = [
-        *_environment(place, inputs, jumps),
-        *assumed_of_maps(place),
+        *_world_assumptions(place, inputs, jumps),
+        *map_assumptions(place),
         *identified_assumptions(place.flat.program),
         *_node_assumptions(place, chains),
         *_timing_assumptions(place, times, chains, kind),
@@ -63,7 +63,7 @@ def assumptions_of(
     assumptions += [FRESH, *latch_assumptions(place.module.symbol)]
     changing = [p.name for p in inputs.parameters]
     assumptions += [Assumption(f"changes {name}", in_words("changes", name)) for name in changing]
-    assumptions += _arithmetic(place)
+    assumptions += _arithmetic_assumptions(place)
     return assumptions
 
 
@@ -75,7 +75,7 @@ def _declared_enters(place: VerificationSystem) -> typed.TypedExpr:
 
 
 def jumps_of(place: VerificationSystem) -> Jumps:
-    """The jumps of the states of all of a module's abstractions."""
+    """The jumps of the states of all abstractions of a module."""
     assumptions: list[Assumption] = []
     entered: dict[str, str] = {}
     unkept: list[Assumption] = []
@@ -115,7 +115,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
 
 
 def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
-    """Assumptions about topics that only `safe` reads: nobody looks at what is published there."""
+    """Assumptions about topics of plants that only `safe` reads, not DM and SC."""
     followed = {*read_by_dm(place), *read_by_sc(place)}
     assumptions = []
     for symbol in topic_reads(place.module.symbol.safe):
@@ -128,27 +128,23 @@ def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
 
 
 def _start_in_words(place: VerificationSystem, link: typed.AbstractionLink) -> str:
-    """Words on where an abstraction holds from: from the start, if that is known (`inputs.py`)."""
+    """Words on since when an abstraction holds: since what flies starts, if that is known."""
     if start_of_proof_plant(place.flat, place.home, link) is None:
         return f"the initial states of {link.name}"
     return f"the start of {link.instance}"
 
 
-def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> list[Assumption]:
+def _world_assumptions(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> list[Assumption]:
     assumptions = [
         Assumption(
             f"conforms {link.instance} {link.name}",
             in_words(
-                "conforms",
-                link.instance,
-                link.name,
-                link.plant.name,
-                _start_in_words(place, link),
+                "conforms", link.instance, link.name, link.plant.name, _start_in_words(place, link)
             ),
         )
         for link in place.module.symbol.verify.abstracts
     ]
-    assumptions += jumps.told
+    assumptions += jumps.assumptions
     if place.abstract:
         assumptions += _judged_assumptions(place)
     names = ", ".join(c.name for c in place.plants)
@@ -179,7 +175,7 @@ def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[As
     for e, r in zip(inputs.errors, inputs.error_ranges, strict=True):
         text = in_words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
         yield Assumption(f"error {e.name} {r.high:g}", text)
-    for name in _exact_leaves(place, inputs):
+    for name in _exact_leaf_names(place, inputs):
         yield Assumption(f"exact {name}", in_words("exact", name))
 
 
@@ -188,10 +184,10 @@ def _unit_text(leaf: Leaf) -> str:
 
 
 def _unshown_topics(place: VerificationSystem) -> list[str]:
-    """The topics for which nothing shows that plants publish within their sets.
+    """The names of topics for which nothing shows that plants publish within their sets.
 
-    Of a plant that flies in the place of one of the proof these are all. Else C is cut to what
-    plants can publish, but for lists, and arrays too long to be numbered.
+    For an abstraction these are all topics that the flying plant drives. Otherwise nothing is shown
+    only of lists, and of arrays too long to be numbered.
     """
     if place.abstract:
         names = {place.around + link.instance for link in place.module.symbol.verify.abstracts}
@@ -214,7 +210,7 @@ def topics_driven_by(c: Component) -> list[typed.TopicSymbol]:
 
 
 def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
-    """Assumptions about nodes between plant and module: the proof follows their times alone."""
+    """Assumptions about nodes between plant and module, whose times alone a proof follows."""
     assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
@@ -236,7 +232,7 @@ def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> l
     for kind, words_of_kind in BEHIND.items():
         nodes = list(dict.fromkeys(n for w in chains.ways for n in getattr(w, kind)))
         if nodes:
-            text = f"{', '.join(_filter_text(n) for n in nodes)}: {words_of_kind}"
+            text = f"{', '.join(_node_in_words(n) for n in nodes)}: {words_of_kind}"
             assumptions.append(Assumption(kind.replace("_", " "), text))
     on_the_way = [*chains.nodes, *chains.behind, *(n for w in chains.ways for n in w.in_step)]
     if on_the_way:
@@ -247,9 +243,9 @@ def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> l
 
 
 def _source_in_words(place: VerificationSystem, chain: CauseEffectChain) -> str:
-    """Words on whose state a topic of the module shows."""
+    """Words on which plant's state a topic of the module shows."""
     shown = place.shown_by(next(i for i in place.driven if place.system.topics[i] is chain.topic))
-    through = ", ".join(_filter_text(n) for n in chain.nodes)
+    through = ", ".join(_node_in_words(n) for n in chain.nodes)
     if chain.source:
         return (
             f"what {chain.nodes[0].name} publishes, on which {chain.topic.name} rests, is its own, "
@@ -266,13 +262,13 @@ def _source_in_words(place: VerificationSystem, chain: CauseEffectChain) -> str:
     )
 
 
-def _filter_text(node: Component) -> str:
+def _node_in_words(node: Component) -> str:
     assert node.node is not None
     kept = ", ".join(v.name for v in node.node.locals)
     return f"{node.name} (which keeps {kept})" if kept else node.name
 
 
-def _exact_leaves(place: VerificationSystem, inputs: Inputs) -> list[str]:
+def _exact_leaf_names(place: VerificationSystem, inputs: Inputs) -> list[str]:
     """The leaves that DM and SC read of plants and that have no declared error."""
     measured = {(e.owner, e.path) for e in inputs.errors}
     leaf_names = []
@@ -302,12 +298,12 @@ def _timing_assumptions(
         age = show_ns(times.age_sc)
         text = f"what SC reads is at most {age} old (for SC no runtime enforces it)"
         assumptions.append(Assumption("age", text))
-    assumptions += [*_declared_times(place, times, chains)]
+    assumptions += [*_declared_time_assumptions(place, times, chains)]
     assumptions += [Assumption("thread", text) for text in times.rests]
     return [*assumptions, Assumption("sensors on time", in_words("sensors on time"))]
 
 
-def _declared_times(
+def _declared_time_assumptions(
     place: VerificationSystem, times: Times, chains: CauseEffectChains
 ) -> Iterator[Assumption]:
     """Assumptions about the times that the program declares, and those that it leaves out."""
@@ -315,7 +311,7 @@ def _declared_times(
     for name in DELAYS:
         kind, text = "undeclared", name.replace("_", " ") + " within" * (name == "acts")
         if name in times.declared:
-            kind, text = "declared", f"{text} {_declared_text(times, name)}"
+            kind, text = "declared", f"{text} {_declared_time_in_words(times, name)}"
         yield Assumption(f"{kind} {text}", in_words(kind, text))
     if nodes := sorted({*verify.late_of, *verify.response_of}):
         yield Assumption("declared of nodes", f"times as declared, too: of {', '.join(nodes)}")
@@ -329,13 +325,13 @@ def _declared_times(
         yield Assumption(f"undeclared {name}", text)
 
 
-def _declared_text(times: Times, name: str) -> str:
+def _declared_time_in_words(times: Times, name: str) -> str:
     """The words for a declared time."""
     least = times.acts_least if name == "acts" else 0
     return f"{show_ns(least)} to " * bool(least) + show_ns(getattr(times, name))
 
 
-def _arithmetic(place: VerificationSystem) -> list[Assumption]:
+def _arithmetic_assumptions(place: VerificationSystem) -> list[Assumption]:
     sc = place.sc.node
     assumptions = []
     symbol = place.module.symbol
@@ -356,7 +352,7 @@ def _arithmetic(place: VerificationSystem) -> list[Assumption]:
 
 
 def _prelude_calls(roots: list[object]) -> set[str]:
-    """The names of the prelude functions that are called, directly or through others."""
+    """The names of the prelude functions that expressions call, directly or through others."""
     names: set[str] = set()
     seen: set[typed.FunSymbol] = set()
     todo: list[object] = list(roots)

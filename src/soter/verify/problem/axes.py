@@ -45,16 +45,16 @@ WIDEST = 1e6
 """The largest width of a cell up to an open end, in ranges of its axis."""
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 BESIDE = 100
-"""How many cells a state gets that no line names, where lines name others."""
+"""How many cells a state gets that no `grid` line names, where there are such lines."""
 FINDS = "`soter verify FILE --write` finds a grid or `rest` and puts it here"
-"""The first help of R008; a search that was in vain takes it back."""
+"""The first help of R008; after a search that found nothing it is left out."""
 Path = tuple[str, ...]
 NEAR = 2.0**-44
 """How much the written ends of a full turn may be rounded."""
 NEARLY = 0.1
-"""An axis that is a turn but for this, as [-3.14, 3.14], was meant to be one."""
+"""An axis that differs from a full turn by this at most, as [-3.14, 3.14], was meant to be one."""
 COVERED_BY_OTHERS = frozenset({"drives", MOVING})
-"""Functions that are no readers of their own: they are covered by others."""
+"""Functions whose reads do not count, as other functions of the same proof read the same."""
 
 
 class Axes:
@@ -74,12 +74,12 @@ class Axes:
         self.diagnostics = diagnostics
         self.calculator = Calculator(diagnostics, place.module.scope.params)
         self.names = {leaf.name: i for i, leaf in enumerate(inputs.states)}
-        self.topic_leaves = self._topic_leaves()
+        self.topic_leaves = self._state_by_topic_leaf()
         self.shown: dict[int, tuple[int, int]] = {}
         """For each state the (topic, leaf) by which an axis names it."""
 
     def groups(self) -> tuple[Group, ...]:
-        """The declared groups, and one of its own for every bounded state that is on no axis."""
+        """The declared groups, and a group for every bounded state that is on no axis."""
         declared_groups = [self._declared_group(g) for g in self.place.module.symbol.verify.groups]
         groups = [g for g in declared_groups if g.axes]
         self._refuse_repeated_states(groups)
@@ -91,16 +91,14 @@ class Axes:
     def boundless_states(self) -> frozenset[int]:
         """The states that are on no declared axis and that nothing bounds."""
         named = {
-            self._state_named(a) for g in self.place.module.symbol.verify.groups for a in g.axes
+            self._state_named_by(a) for g in self.place.module.symbol.verify.groups for a in g.axes
         }
         others = (s for s in range(len(self.inputs.states)) if s not in named)
         moving = (s for s in others if s not in self.inputs.still)
-        return frozenset(s for s in moving if self._natural_range(s) is None)
-
-    # ------------------------------------------------------------ declared
+        return frozenset(s for s in moving if self._range_in_program(s) is None)
 
     def _refuse_repeated_states(self, groups: list[Group]) -> None:
-        """R009 where two axes, by whatever names, are the same state."""
+        """Reports R009 where two axes, by whatever names, are the same state."""
         seen: set[int] = set()
         for group in groups:
             for axis in group.axes:
@@ -117,7 +115,7 @@ class Axes:
     def _declared_group(self, group: typed.TypedAxisGroup) -> Group:
         axes = []
         for item in group.axes:
-            state = self._state_of_axis(item)
+            state = self._state_of_declared_axis(item)
             if state is not None:
                 axes.append(self._declared_axis(item, state))
         cells = math.prod(len(a.edges) - 1 for a in axes)
@@ -146,7 +144,7 @@ class Axes:
             float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
         )
         cells = self.calculator.value(item.cells, "the number of cells")
-        edges = self._edges(low, high, int(cells or 1), item)
+        edges = self._even_breakpoints(low, high, int(cells or 1), item)
         written = tuple((v, e.span.text) for v, e in ((low, item.low), (high, item.high)))
         if item.unbounded:
             width = high - low
@@ -166,10 +164,10 @@ class Axes:
         written = (*written, (end, item.open.span.text))
         return Axis(state, name, (*edges, end), open=True, unit=unit, written=written)
 
-    def _edges(
+    def _even_breakpoints(
         self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None
     ) -> tuple[float, ...]:
-        """Evenly spaced breakpoints."""
+        """The breakpoints of `cells` cells of one width; R010 where no floats lie between them."""
         edges = [low + (high - low) * (i / cells) for i in range(cells)] + [high]
         if any(a >= b for a, b in pairwise(edges)) and item is not None:
             self.diagnostics.error(
@@ -180,18 +178,18 @@ class Axes:
             )
         return tuple(edges)
 
-    def set_of(self, state: int) -> tuple[float, float]:
-        """The set of the topic that equals this state; without ends where there is none."""
+    def topic_range_of_state(self, state: int) -> tuple[float, float]:
+        """The set of the topic that equals this state; (-inf, inf) where no topic does."""
         for (topic, leaf), s in self.topic_leaves.items():
             bound = self.place.system.topics[topic].bounds[leaf]
             if s == state and bound is not None:
                 return bound.low, bound.high
         return -math.inf, math.inf
 
-    def _state_of_axis(self, item: typed.TypedGridAxis) -> int | None:
-        """The state that an axis names; if by a topic, that is noted in `shown`."""
+    def _state_of_declared_axis(self, item: typed.TypedGridAxis) -> int | None:
+        """The state that an axis names; R009 if none. `shown` notes its topic."""
         shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
-        state, topic_leaf = self._state_named(item), self._leaf_named(item)
+        state, topic_leaf = self._state_named_by(item), self._topic_leaf_named_by(item)
         if topic_leaf is not None and state is not None:
             self.shown[state] = topic_leaf
         if state is None:
@@ -203,26 +201,27 @@ class Axes:
                 notes=(
                     "an axis names a state, or a leaf of a topic that equals one",
                     f"the states are {state_names}" if state_names else "there are no states",
-                    *self._notes_on_driving(item),
+                    *self._notes_on_driven_topic(item),
                 ),
                 helps=("drive the state and scale it in controllers, or an axis over the state",),
             )
         return state
 
-    def _state_named(self, item: typed.TypedGridAxis) -> int | None:
+    def _state_named_by(self, item: typed.TypedGridAxis) -> int | None:
+        """The state that an axis names, directly or by a topic; None if there is none."""
         if item.topic is None:
             return self.names.get(self.place.prefix + leaf_name(item.instance, item.path))
-        at = self._leaf_named(item)
+        at = self._topic_leaf_named_by(item)
         return None if at is None else self.topic_leaves.get(at)
 
-    def _leaf_named(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
+    def _topic_leaf_named_by(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
         """The (topic, leaf) that an axis names; None where it names a state."""
         index = None if item.topic is None else self._topic_index(item.topic)
         if item.topic is None or index is None:
             return None
         return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
-    def _notes_on_driving(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
+    def _notes_on_driven_topic(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
         """Notes on how the topic of an axis is driven, where that is not by a state alone."""
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
@@ -239,11 +238,9 @@ class Axes:
         ]
         return next((s.topics[symbol] for s in scopes if symbol in s.topics), None)
 
-    # ------------------------------------------------------------ defaults
-
     def _default_groups(self, missing: list[int], *, alone: bool) -> list[Group]:
-        """The groups of states that no line names."""
-        ranges = {s: self._natural_range(s) for s in missing}
+        """The groups of states that no `grid` line names; R008 if one has no range."""
+        ranges = {s: self._range_in_program(s) for s in missing}
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
             names = [self.inputs.states[s].name for s in unbounded]
@@ -252,15 +249,15 @@ class Axes:
             return []
         if not alone and len(missing) <= AXES_MAX:
             cells = DEFAULT_CELLS[len(missing)]
-            return [Group(tuple(self._natural_axis(s, cells, ranges[s]) for s in missing))]
+            return [Group(tuple(self._axis_over_range(s, cells, ranges[s]) for s in missing))]
         cells = BESIDE if alone else DEFAULT_CELLS[1]
         return [
-            Group((self._natural_axis(s, 1 if self._is_unseen(s) else cells, ranges[s]),))
+            Group((self._axis_over_range(s, 1 if self._needs_one_cell(s) else cells, ranges[s]),))
             for s in missing
         ]
 
-    def _is_unseen(self, state: int) -> bool:
-        """Whether a state never changes and no topic shows it, so that cells would be useless."""
+    def _needs_one_cell(self, state: int) -> bool:
+        """Whether a state never changes and no topic shows it, so that one cell is enough."""
         plants = [c.plant for c in self.place.plants if c.plant is not None]
         parts = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
         names = {n.variable.name for n in parts if isinstance(n, typed.VarRead)}
@@ -276,29 +273,24 @@ class Axes:
                 "every state is analysed over a box; outside it counts as unsafe",
                 *(f"`{n}` is read by {self.readers[n]}" for n in names if n in self.readers),
             ),
-            helps=(
-                FINDS,
-                f"or say it: `verify {{ grid {names[0]} in [low, high] / cells; }}`",
-            ),
+            helps=(FINDS, f"or say it: `verify {{ grid {names[0]} in [low, high] / cells; }}`"),
         )
 
-    def _natural_range(self, state: int) -> Interval | None:
-        """The range that the program gives a state; None: it gives none."""
+    def _range_in_program(self, state: int) -> Interval | None:
+        """The range of a state: of its start if it never changes, else its topic's set."""
         if state in self.inputs.still:
             start = self.inputs.initial[state]
             return start if start.low < start.high else None
-        low, high = self.set_of(state)
+        low, high = self.topic_range_of_state(state)
         return Interval(low, high) if math.isfinite(low) and math.isfinite(high) else None
 
-    def _natural_axis(self, state: int, cells: int, extent: Interval | None) -> Axis:
+    def _axis_over_range(self, state: int, cells: int, extent: Interval | None) -> Axis:
         assert extent is not None
-        edges = self._edges(extent.low, extent.high, cells)
+        edges = self._even_breakpoints(extent.low, extent.high, cells)
         leaf = self.inputs.states[state]
         return Axis(state, leaf.name, edges, unit=leaf.unit)
 
-    # ------------------------------------------------------------ topics that are states
-
-    def _topic_leaves(self) -> dict[tuple[int, int], int]:
+    def _state_by_topic_leaf(self) -> dict[tuple[int, int], int]:
         """For each (topic, leaf) that equals a state the number of that state."""
         state_by_leaf = {}
         for c in self.place.plants:
@@ -311,7 +303,7 @@ class Axes:
         return state_by_leaf
 
     def _driven_state(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
-        """The full name of the state leaf that an expression has at `path`; None: it is none."""
+        """The full name of the state leaf that `e` equals at `path`; None where it equals none."""
         assert c.plant is not None
         if isinstance(e, typed.VarRead):
             lets = dict(c.plant.lets)
@@ -344,12 +336,12 @@ def states_that_wrap(
 ) -> tuple[frozenset[int], dict[str, str]]:
     """The states whose axis wraps around; for others, by name, who reads their turns.
 
-    "": nobody does, and the axis is nearly a turn long, so that it would wrap around.
-    There are some only in flows that one module alone commands, with a declared SC and predicates.
+    "" in place of a reader: nobody reads them, but the axis is not quite a turn long. Only flows
+    that one module alone commands, with a declared SC and predicates, have such states.
     """
     symbol = at.module.symbol
     settled = not (at.module.view or symbol.verify.enters is not None or symbol.shield is not None)
-    axes = [a for g in groups for a in g.axes if _is_turn(a, NEARLY)]
+    axes = [a for g in groups for a in g.axes if _is_full_turn(a, NEARLY)]
     found: set[int] = set()
     readers: dict[str, str] = {}
     for axis in axes if settled else ():
@@ -359,14 +351,15 @@ def states_that_wrap(
             continue  # said where all of it is enclosed
         if read:
             readers[axis.name] = reader_in_words(read, quantities)
-        elif _is_turn(axis, NEAR):
+        elif _is_full_turn(axis, NEAR):
             found.add(axis.state)
         else:
             readers[axis.name] = ""
     return frozenset(found), readers
 
 
-def _is_turn(axis: Axis, off: float) -> bool:
+def _is_full_turn(axis: Axis, off: float) -> bool:
+    """Whether an axis is a full turn long, but for `off` rad."""
     low, high = axis.edges[0], axis.edges[-1]
     long = abs(high - low - TURN) <= off and max(-low, high) <= 1.5 * TURN
     return long and not (axis.open or axis.unbounded)
@@ -382,16 +375,16 @@ def _readers_of_turns(
 
 
 def with_wrapping_axes(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
-    """The groups, in which the axes of these states now wrap around."""
+    """The groups, in which the axes of these states wrap around."""
     return tuple(
         replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
     )
 
 
 def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
-    """The ranges of starts; those on an axis that wraps are brought back to it by whole turns.
+    """The ranges of starts; a range on an axis that wraps is moved onto it by whole turns.
 
-    They then begin on the axis, and may go on beyond its upper end.
+    It then begins on the axis, and may go on beyond its upper end.
     """
     near = list(starts)
     for axis in (a for g in groups for a in g.axes if a.wraps):
@@ -408,7 +401,7 @@ def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tup
 
 
 def with_same_wrapping(law: Problem, states: frozenset[int]) -> Problem:
-    """The problem of a fail-safe law, with the same axes that wrap around as its module has."""
+    """The problem of a fail-safe law, in which the axes wrap around that do so for its module."""
     kept = law.quantities.turning & states
     quantities = replace(law.quantities, turning=kept)
     return replace(law, quantities=quantities, groups=with_wrapping_axes(law.groups, kept))

@@ -1,8 +1,8 @@
 """Paths of data through the flying system: from sensors to a module, and from it to the plant.
 
-Purpose: `chains_of` finds, for a topic of the verification system, every path from a sensor to its
-publishers, node by node, and, where the plants of the proof are abstractions, the nodes that a
-module's commands pass on their way (docs/proof.md, "The model of time").
+Purpose: `cause_effect_chains_of` finds, for a topic of the verification system, every path from a
+sensor to its publishers, node by node, and, where the plants of the proof are abstractions, the
+nodes that a module's commands pass on their way (docs/proof.md, "The model of time").
 `require_publishes_in_every_step` checks what the times of such paths require.
 Non-goals: what the nodes compute (that they show the state is an assumption, `assumptions.py`), the
 times that follow (`schedule.py`); that no node faults is assumed.
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed
 from soter.language.model.tree_walk import topic_reads
 from soter.verify.problem.schedule import ActuationPath, Releases, SensorPath
-from soter.verify.problem.verification_system import sc_reads
+from soter.verify.problem.verification_system import topics_read_in_step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -54,7 +54,7 @@ def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSy
 
 
 def require_publishes_in_every_step(node: Component, index: int) -> None:
-    """`UnfollowedError` where a step of the node may leave out the topic of that index."""
+    """Raises `UnfollowedError` where a step of the node may leave out the topic of that index."""
     assert node.node is not None
     if node.node.extern:
         return  # named, like everything that an extern does
@@ -111,7 +111,7 @@ def _topics_read(place: VerificationSystem, c: Component) -> set[int]:
 
 
 def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
-    """The path through these nodes: each is counted, in step with SC, or part of the plants."""
+    """The path through these nodes: each waits, runs in SC's instant or counts as plant."""
     counted: list[Component] = []
     in_step: list[Component] = []
     before = -1
@@ -121,7 +121,7 @@ def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) ->
             raise UnfollowedError(node, "the AC of another module may publish anything there")
         if _reads_sensors(place, node, set(nodes[: k + 1])):
             if place.module.symbol.shield is not None and not counted and node.index > before:
-                in_step += [node] if _is_prompt(place, node) else []
+                in_step += [node] if _takes_over_at_once(place, node) else []
             return DownstreamPath(tuple(counted), tuple(in_step), nodes[k:])
         _check_passes_on(place, node, nodes[k + 1] if k + 1 < len(nodes) else None)
         if _steps_with_sc(place, node) and not counted and node.index > before:
@@ -133,7 +133,7 @@ def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) ->
 
 
 def _check_passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
-    """`UnfollowedError` where a node may publish something old, or nothing, to the one after it."""
+    """Raises `UnfollowedError` where a node may pass on something old, or nothing."""
     assert node.node is not None
     topics = place.flat.topics
     if any(topics[node.scope.topics[s.topic]].queue_of is not None for s in node.node.subscribes):
@@ -144,14 +144,14 @@ def _check_passes_on(place: VerificationSystem, node: Component, after: Componen
             require_publishes_in_every_step(node, published)
 
 
-def _is_prompt(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node with sensors of its own takes a command over behind SC, at every step."""
+def _takes_over_at_once(place: VerificationSystem, node: Component) -> bool:
+    """Whether a node with sensors of its own takes over each command right behind SC."""
     assert node.node is not None
     always = all(always_publishes(node.node.step, t) for t in node.node.publishes)
-    return always and is_state_of_proof(place, node) and _steps_with_sc(place, node)
+    return always and is_output_state_of_proof(place, node) and _steps_with_sc(place, node)
 
 
-def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
+def is_output_state_of_proof(place: VerificationSystem, node: Component) -> bool:
     """Whether the maps of `abstracts` read every topic that a node publishes."""
     assert node.node is not None
     shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
@@ -173,12 +173,14 @@ def _topics_of_plant(c: Component) -> set[int]:
 
 
 def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Component]) -> bool:
-    """Whether a node reads what comes from a plant by another way than the nodes before it."""
+    """Whether a node reads data of a plant that did not come through the nodes `behind`."""
     flat, todo, seen = place.flat, [node], {node}
     while todo:
         c = todo.pop()
         assert c.node is not None
-        named = sc_reads(c.node)  # what it subscribes to and never looks at is no sensor of its own
+        named = topics_read_in_step(
+            c.node
+        )  # what it subscribes to and never looks at is no sensor of its own
         topics = [flat.topics[c.scope.topics[t]] for t in named]
         read = {t.index if t.queue_of is None else t.queue_of for t in topics}
         for other in flat.components:
@@ -211,7 +213,7 @@ class CauseEffectChain:
 
     @property
     def stations(self) -> tuple[Component, ...]:
-        """The nodes that belong to `path`: without a source that others read."""
+        """The nodes of `path`; a first node without a plant (`source`) is left out."""
         return self.nodes[len(self.nodes) - len(self.path.nodes) :]
 
 
@@ -242,7 +244,7 @@ class CauseEffectChains:
         return list(dict.fromkeys(stations))
 
 
-def chains_of(
+def cause_effect_chains_of(
     place: VerificationSystem,
     dm: list[int],
     sc: list[int],
@@ -254,8 +256,12 @@ def chains_of(
     def releases(c: Component) -> Releases:
         return releases_of(place, c, ns)
 
-    chains.by_dm += [r for index in dm for r in _chains_to(place, index, releases, chains.beside)]
-    chains.by_sc += [r for index in sc for r in _chains_to(place, index, releases, chains.beside)]
+    chains.by_dm += [
+        r for index in dm for r in _chains_to_topic(place, index, releases, chains.beside)
+    ]
+    chains.by_sc += [
+        r for index in sc for r in _chains_to_topic(place, index, releases, chains.beside)
+    ]
     if place.abstract:
         chains.ways = find_downstream_paths(place)
         chains.releases = {n: releases(n) for n in chains.behind}
@@ -271,11 +277,11 @@ def releases_of(
 
 
 def side_inputs(place: VerificationSystem) -> dict[str, str]:
-    """For topics of SC that no plant of the proof drives the node that always publishes them."""
+    """For topics of SC that no plant drives, the name of the node that always publishes each."""
     publisher_by_topic = {}
-    for topic in sc_reads(place.sc.node) if place.abstract and place.sc.node else ():
+    for topic in topics_read_in_step(place.sc.node) if place.abstract and place.sc.node else ():
         own, index = place.sc.scope.topics[topic], place.flying(topic)
-        nodes = [c for c in place.flat.components if _publishes(c, index)]
+        nodes = [c for c in place.flat.components if _is_published_by(c, index)]
         if own in place.driven or [c.role for c in nodes] != ["node"]:
             continue
         try:
@@ -286,12 +292,13 @@ def side_inputs(place: VerificationSystem) -> dict[str, str]:
     return publisher_by_topic
 
 
-def _publishes(c: Component, index: int) -> bool:
+def _is_published_by(c: Component, index: int) -> bool:
+    """Whether the node `c` publishes the topic of that index."""
     return c.node is not None and index in c.writes
 
 
 def actuation_paths(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
-    """The paths between SC and the plants as the schedule takes them, each kind once."""
+    """The paths between SC and the plants, as `Schedule.outputs`, each kind once."""
     ways = [
         ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
         for w in chains.ways
@@ -299,7 +306,7 @@ def actuation_paths(chains: CauseEffectChains, least: int, acts: int) -> tuple[A
     return tuple(dict.fromkeys(ways)) or (ActuationPath(least, acts),)
 
 
-def _chains_to(
+def _chains_to_topic(
     place: VerificationSystem,
     index: int,
     releases: Callable[[Component], Releases],
@@ -328,7 +335,7 @@ def _chains_to(
             tuple(releases(n) for n in nodes),
             topic.max_age_ns,
             topic=topic.name,
-            publisher=_publisher(way, topic),
+            publisher=_publisher_name(way, topic),
         )
         shown = shown or (way.sensor is not None and way.sensor.name == place.shown_by(index))
         yield CauseEffectChain(path, topic, way.sensor, way.nodes, way.source)
@@ -340,7 +347,7 @@ def _chains_to(
         raise UnfollowedError(place.sc, message)
 
 
-def _publisher(way: _ChainPrefix, topic: Topic) -> str:
+def _publisher_name(way: _ChainPrefix, topic: Topic) -> str:
     if way.nodes:
         return way.nodes[-1].name
     return topic.name if way.sensor is None else way.sensor.name
@@ -359,7 +366,7 @@ class _ChainPrefix:
 def _upstream_prefixes(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
-    """Every path to a topic of the flying system that does not run in a circle."""
+    """Every path from a sensor or source to a topic of the flying system, without circles."""
     flat, links = place.flat, place.module.symbol.verify.abstracts
     shown = {place.around + link.instance for link in links}
     for drive in flat.inputs:
@@ -371,14 +378,14 @@ def _upstream_prefixes(
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
         if c.node is None or c in seen or c.module == place.home.index:
             continue
-        if _publishes(c, index):
+        if _is_published_by(c, index):
             yield from _prefixes_through(place, c, index, seen)
 
 
 def _prefixes_through(
     place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
-    """The paths to a topic that come through a component which publishes it."""
+    """The paths to a topic that come through the component `c`, which publishes it."""
     assert c.node is not None
     if c.role != "node":
         if not seen:

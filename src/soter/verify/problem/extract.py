@@ -30,7 +30,7 @@ from soter.verify.problem.axes import (
     with_same_wrapping,
     with_wrapping_axes,
 )
-from soter.verify.problem.cause_effect_chains import is_state_of_proof, side_inputs
+from soter.verify.problem.cause_effect_chains import is_output_state_of_proof, side_inputs
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import states_to_leave_out
 from soter.verify.problem.problem import NS, ORDER, Assumption, Interval, Problem, Times
@@ -38,11 +38,11 @@ from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import (
     VerificationSystem,
-    modes_as_topics,
-    under_law,
+    system_under_law,
     verification_system_of,
     why_law_not_held,
     with_all_predicates,
+    with_modes_as_topics,
 )
 from soter.verify.tubes.problem import problem_of_plans, tube_problem_of
 
@@ -64,8 +64,8 @@ HELP_FOR_VIEWS = "it says when the state of a view may jump, and there is no vie
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     """The problem of `module` of a flat system; `SoterError` with a code R... where there is none.
 
-    It holds that of the module's fail-safe law, where one is declared; and those of all plans,
-    where SC has several.
+    It holds the problem of the module's fail-safe law, where one is declared; and those of all
+    plans, where SC has several.
     """
     if module.plan is not None:
         alone = derived_systems.systems_by_plan(flat, module)
@@ -75,7 +75,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         try:
             problem.law_unread = why_law_not_held(flat, module) or _why_law_uncovered(problem)
             if not problem.law_unread:
-                law = _problem_of(*under_law(flat, module))
+                law = _problem_of(*system_under_law(flat, module))
                 problem.law = with_same_wrapping(law, problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
@@ -83,10 +83,10 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
 
 
 def _why_law_uncovered(problem: Problem) -> str:
-    """Why nothing is claimed of a fail-safe law here; "" where something may be.
+    """Why nothing is claimed of a fail-safe law of this problem; "" where something may be.
 
-    What other modules of the same trusted part keep is not kept once it has stopped. For a map it
-    is not settled whether a command that ends at an instant moves the plant once more.
+    Other modules of the same trusted part keep nothing once that part has stopped. For a map it is
+    not settled whether a command that ends at an instant moves the plant once more.
     """
     if problem.influences:
         named = ", ".join(i.name(problem.system) for i in problem.influences)
@@ -97,13 +97,13 @@ def _why_law_uncovered(problem: Problem) -> str:
 
 
 def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
-    """The problem without what `extract` adds: the fail-safe law."""
+    """The problem without that of the fail-safe law."""
     diagnostics = Diagnostics()
     refuse_views(module)
-    flat, module, modes = modes_as_topics(flat, module)
+    flat, module, modes = with_modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
-    _refuse_lemmas(module, diagnostics)
+    _refuse_clauses_of_other_proofs(module, diagnostics)
     at = verification_system_of(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -112,11 +112,11 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
     core, rest_clause = lower(at.system), at.module.symbol.rest
     inputs, axes = _inputs_and_axes(at, core, inputs, kind, diagnostics)
     quantities, groups, turns_read = _wrapping_axes(at, core, axes, kind, synthesize=synthesize)
-    _refuse_unbounded(at, groups, kind, diagnostics)
+    _refuse_unbounded_axes(at, groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _check_shield(at, groups, kind, times, chains.ways, diagnostics)
     _check_case_count(at, inputs, diagnostics)
-    commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
+    commands = _commands_to_try(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
     calculator = Calculator(diagnostics, at.module.scope.params)
     symbol, jumps = at.module.symbol, jumps_of(at)
@@ -138,7 +138,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         groups=groups,
         times=times,
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
-        levels_open=_levels_open(at.module) and not synthesize,
+        levels_open=_is_level_count_open(at.module) and not synthesize,
         has_core_hint=symbol.verify.core is not None,
         computed=symbol.ttf is None,
         synthesize=synthesize,
@@ -157,7 +157,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         influences=at.influences,
         commands=commands,
         parameter_starts=tuple(inputs.parameter_starts),
-        schemes=_schemes(at, inputs, quantities.turning) if kind == "flow" else (),
+        schemes=_schemes_of_states(at, inputs, quantities.turning) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
         turns_read=turns_read,
@@ -166,8 +166,8 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
     return problem if rest_clause is None else tube_problem_of(problem, rest_clause, calculator)
 
 
-def _levels_open(module: Module) -> bool:
-    """Whether the number of levels is chosen: not with views, where AC never gets control."""
+def _is_level_count_open(module: Module) -> bool:
+    """Whether the number of levels is to be chosen: not for views, where AC never gets control."""
     symbol = module.symbol
     computed = symbol.ttf is None and symbol.rest is None
     return computed and symbol.verify.levels is None and not module.view
@@ -180,20 +180,20 @@ def _inputs_and_axes(
     kind: ProblemKind,
     diagnostics: Diagnostics,
 ) -> tuple[Inputs, Axes]:
-    """The inputs and axes, without the states that nothing bounds and no claim depends on."""
+    """The inputs and axes, without states that nothing bounds and that no claim depends on."""
     axes = Axes(at, inputs, diagnostics)
     sets = at.module.symbol.rest is None and kind == "flow"
     if not (sets and (boundless := axes.boundless_states())):
         return inputs, axes
     out, readers = states_to_leave_out(at, core, inputs.quantities(), boundless)
-    inputs = inputs.without(out)
+    inputs = inputs.without_states(out)
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
 def _wrapping_axes(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
-    """Quantities and groups, some axes wrapping around; for others with turns, who reads these."""
+    """Quantities and groups, some with axes that wrap; by other states, who reads their turns."""
     quantities = axes.inputs.quantities()
     groups = axes.groups() if at.module.symbol.rest is None else ()
     if kind != "flow" or synthesize:
@@ -205,12 +205,13 @@ def _wrapping_axes(
 def _problem_assumptions(
     at: VerificationSystem, groups: tuple[Group, ...], modes: Modes
 ) -> list[Assumption]:
-    """The assumptions of this problem beside those that every problem has."""
+    """The assumptions that not every problem has, on axes and on modes."""
     beside = [*_unbounded_assumptions(groups), *far_turns_assumption(groups)]
     return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions]
 
 
 def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
+    """The assumption that the DM of a forced module switches, which it does not."""
     if module.forced is None:
         return []
     who = module.forced.upper()
@@ -231,17 +232,17 @@ def _check_shield(
     ways: Sequence[DownstreamPath],
     diagnostics: Diagnostics,
 ) -> None:
-    """R007 for a shield that the proof does not cover.
+    """Reports R007 for a shield that the proof does not cover.
 
     A node behind SC that runs in SC's instant passes a command of AC on by SC's next release at the
-    latest, which W covers; at other times, or elsewhere, it may be arbitrarily late. If it also
-    uses sensors or a memory, the result has to be state of the plants of the proof.
+    latest, which W covers; other nodes may pass it on arbitrarily late. The result of a node that
+    also uses sensors or a memory has to be a state of the plants of the proof.
     """
     symbol = at.module.symbol
     if symbol.shield is None:
         return
     nodes_behind = times is not None and any(o.nodes for o in times.schedule.outputs)
-    reads_more = times is not None and times.schedule.reads_more
+    reads_more = times is not None and times.schedule.sc_reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
         "nodes between the module and its plants": nodes_behind or _may_delay_command(at, ways),
@@ -267,7 +268,7 @@ def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -
     on_the_way = [n for w in ways for n in w.in_step]
     keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
     followed = all(n.in_thread for n in on_the_way)
-    return late or not followed or not all(is_state_of_proof(at, n) for n in keeping)
+    return late or not followed or not all(is_output_state_of_proof(at, n) for n in keeping)
 
 
 def _ac_runs_between_steps(at: VerificationSystem) -> bool:
@@ -276,10 +277,10 @@ def _ac_runs_between_steps(at: VerificationSystem) -> bool:
     return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
 
-def _refuse_unbounded(
+def _refuse_unbounded_axes(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
-    """R007 for an axis without ends in a problem for which the proof does not cover it."""
+    """Reports R007 for an axis without ends in a problem for which the proof does not cover it."""
     symbol = at.module.symbol
     wrong = {
         "an SC that is to be found": symbol.synthesized,
@@ -298,15 +299,15 @@ def _refuse_unbounded(
                 )
 
 
-def extract_sets(flat: System, module: Module) -> Problem:
+def problem_of_sets(flat: System, module: Module) -> Problem:
     """`extract` for a module that is proved by sets; `SoterError` R031 for any other."""
     problem = extract(flat, module)
-    require_sets(problem)
+    require_proof_by_sets(problem)
     return problem
 
 
-def require_sets(problem: Problem) -> None:
-    """`SoterError` R031 for a module that is proved by induction or by tubes, not by sets."""
+def require_proof_by_sets(problem: Problem) -> None:
+    """Raises `SoterError` R031 for a module that is proved by induction or by tubes."""
     symbol = problem.module.symbol
     asked = symbol.verify.induction if symbol.rest is None else symbol.rest.span
     if asked is not None:
@@ -321,7 +322,7 @@ def require_sets(problem: Problem) -> None:
         raise SoterError(diagnostics.items)
 
 
-def _refuse_lemmas(module: Module, diagnostics: Diagnostics) -> None:
+def _refuse_clauses_of_other_proofs(module: Module, diagnostics: Diagnostics) -> None:
     verify = module.symbol.verify
     enters = (verify.enters,) if verify.enters is not None and not module.view else ()
     for word, clauses in (
@@ -342,21 +343,21 @@ def _refuse_lemmas(module: Module, diagnostics: Diagnostics) -> None:
 
 
 def _state_ranges(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:
-    """The range of each state: its axis, else its topic's set, else without ends."""
+    """The range of each state: its axis, else its topic's set, else (-inf, inf)."""
     interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
     every = range(len(axes.inputs.states))
-    return tuple(interval_by_state.get(s) or Interval(*axes.set_of(s)) for s in every)
+    return tuple(interval_by_state.get(s) or Interval(*axes.topic_range_of_state(s)) for s in every)
 
 
-def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
+def parameter_cases(problem: Problem) -> Iterator[tuple[int, ...]]:
     """Every combination of parameter values; one empty combination where there are none."""
     yield from product(*(p.values for p in problem.parameters))
 
 
-def _schemes(
+def _schemes_of_states(
     at: VerificationSystem, inputs: Inputs, turning: frozenset[int]
 ) -> tuple[tuple[float, int, int], ...]:
-    """The step, order and plant of each state's scheme, as `Problem.schemes`.
+    """For each state the step of its plant's scheme in s, the scheme's order, the plant's number.
 
     The step is 0 (not covered) where SC may publish between two steps of the plant: in the
     simulator its command then acts on the whole step. It is also 0 where the error of the plant's
@@ -389,7 +390,7 @@ def _check_case_count(at: VerificationSystem, inputs: Inputs, diagnostics: Diagn
         )
 
 
-def _commands(
+def _commands_to_try(
     at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
 ) -> tuple[tuple[float, ...], ...]:
     """The commands to try of each control: those declared, or the ends and middle of its range."""

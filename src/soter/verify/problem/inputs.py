@@ -19,7 +19,7 @@ from soter.language.model.types import BoolType, EnumType, FloatType, IntType, l
 from soter.verify.enclose.enclosed_operations import FAR_TURNS
 from soter.verify.problem.problem import DiscreteParameter, Interval, Leaf, Quantities
 from soter.verify.problem.supported_constructs import ttf_of_states
-from soter.verify.problem.verification_system import read_by_dm, sc_reads
+from soter.verify.problem.verification_system import read_by_dm, topics_read_in_step
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -58,8 +58,8 @@ class Inputs:
     left_out: list[Leaf] = field(default_factory=list)
     """States that no claim depends on (`left_out_states.py`)."""
 
-    def without(self, left_out: Collection[int]) -> Inputs:
-        """These inputs without some states."""
+    def without_states(self, left_out: Collection[int]) -> Inputs:
+        """These inputs without some states, which `left_out` notes."""
         kept = [s for s in range(len(self.states)) if s not in left_out]
         return replace(
             self,
@@ -70,7 +70,7 @@ class Inputs:
         )
 
     def quantities(self) -> Quantities:
-        """The leaves, as the enclosures take them."""
+        """The leaves alone, in the order in which the emitted functions take them."""
         return Quantities(
             tuple(self.states),
             tuple(self.controls),
@@ -94,11 +94,8 @@ def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
     return inputs
 
 
-# ---------------------------------------------------------------- plants
-
-
 def _mapped_start(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
-    """The start of a plant of the proof, by the map from what flies; None: it is not known."""
+    """The values with which a plant of the proof starts in a run; None: that is not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
             return start_of_proof_plant(place.flat, place.home, link)
@@ -108,7 +105,7 @@ def _mapped_start(place: VerificationSystem, c: Component) -> tuple[Value, ...] 
 def _add_states(
     c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """Adds a plant's states; `mapped`: where it starts in a run, beside its declared start."""
+    """Adds a plant's states; `mapped` are the values with which it starts in a run."""
     plant = c.plant
     assert plant is not None
     variables = zip(plant.states, c.initial, c.initial_range, mapped or c.initial, strict=True)
@@ -150,7 +147,7 @@ def _add_states(
 def _add_parameter(
     leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """Adds a parameter: a discrete state that never changes, for each value of which is proved."""
+    """Adds a parameter: a discrete state that never changes. Each value has a proof."""
     values: tuple[int, ...] = ()
     if isinstance(t, BoolType):
         values = (0, 1)
@@ -173,7 +170,7 @@ def _add_parameter(
 
 
 def scalar_leaves(t: Type, value: Value) -> Iterator[Value]:
-    """The scalar leaves of a value, in the order of `leaves`."""
+    """The scalars in a value, in the order of `leaves`."""
     if isinstance(value, tuple):
         fields = getattr(t, "fields", None)
         parts = [f for _, f in fields] if fields is not None else [t.element] * len(value)  # type: ignore[attr-defined]
@@ -205,10 +202,7 @@ def _refuse_non_float(kind: str, name: str, t: Type, span: Span, diagnostics: Di
     )
 
 
-# ---------------------------------------------------------------- topics
-
-
-def _topic_leaves(
+def _float_leaves_of_topic(
     place: VerificationSystem, index: int, kind: str, diagnostics: Diagnostics
 ) -> Iterator[tuple[Leaf, Interval | None]]:
     topic = place.system.topics[index]
@@ -223,7 +217,7 @@ def _topic_leaves(
 
 def _add_outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     for index in place.module.outputs:
-        for leaf, interval in _topic_leaves(place, index, "output", diagnostics):
+        for leaf, interval in _float_leaves_of_topic(place, index, "output", diagnostics):
             assert interval is not None  # V003
             inputs.controls.append(leaf)
             inputs.control_ranges.append(interval)
@@ -248,7 +242,7 @@ def _topics_read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]
     assert place.sc.node is not None
     reads: dict[int, typed.TypedExpr | None] = {}
     spans = topic_reads(*place.sc.node.step)
-    for topic in sc_reads(place.sc.node):
+    for topic in topics_read_in_step(place.sc.node):
         reads.setdefault(place.sc.scope.topics[topic], spans.get(topic))
     predicates = [e for e in (ttf_of_states(symbol.ttf), symbol.safer) if e is not None]
     for topic, read in topic_reads(*predicates).items():
@@ -257,7 +251,7 @@ def _topics_read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]
 
 
 def _add_other_topics(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
-    """Adds the topics that are read and that no verification plant drives."""
+    """Adds the topics that DM or SC read and that no plant drives; R001 without a set."""
     driven = place.driven
     for index, read in _topics_read(place).items():
         if index in driven:
@@ -284,10 +278,10 @@ def _add_other_topics(place: VerificationSystem, inputs: Inputs, diagnostics: Di
 
 
 def errors_of(problem: Problem) -> dict[int, float]:
-    """The largest |estimate - state| of each state, by its number.
+    """The largest |estimate - state| of each state, by its number, in the state's unit.
 
-    It includes the rounding of the sum of state and error, and, on an axis that wraps around, that
-    of bringing the estimate back by whole turns.
+    It includes the rounding of the sum of state and error, and on an axis that wraps around also
+    the rounding where the estimate is brought back by whole turns.
     """
     error_by_state: dict[int, float] = {}
     for state, (topic, leaf) in problem.topic_leaf_of_state.items():
@@ -306,7 +300,7 @@ def errors_of(problem: Problem) -> dict[int, float]:
 
 
 def topics_seen_by_dm(problem: Problem) -> dict[int, TopicSymbol]:
-    """The topic in which the DM sees each state, by its number; its age counts in A."""
+    """The topic that shows each state, by its number, to the DM; its age counts in A."""
     symbol = problem.module.symbol
     declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}
     sc = problem.system.components[problem.module.sc]

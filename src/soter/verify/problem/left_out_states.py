@@ -44,11 +44,11 @@ def states_to_leave_out(
 ) -> tuple[frozenset[int], dict[str, str]]:
     """The states of `boundless` that can be left out, and for the others who reads them.
 
-    Their solutions have to last as long as a run: their rates may grow no faster than they do
-    themselves (Gronwall).
+    The solutions of those left out have to last as long as a run, so their rates may grow no faster
+    than the states themselves do (Gronwall).
     """
     try:
-        readers = {s: _readers(at, core, quantities, s) for s in boundless}
+        readers = {s: _functions_that_read(at, core, quantities, s) for s in boundless}
     except EnclosureError:
         return frozenset(), {}
     rates = {f"{MOVING}_{s}": s for s in boundless}
@@ -77,10 +77,10 @@ def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
     )
 
 
-def _readers(
+def _functions_that_read(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The functions of a proof that read a state; each state's rate counts as one of its own."""
+    """The names of a proof's functions that read a state, each state's rate among them."""
     without = replace(
         quantities, states=tuple(x for s, x in enumerate(quantities.states) if s != state)
     )
@@ -92,14 +92,14 @@ def _readers(
 
 
 def _lasts_for_ever(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
-    """Whether the solution of a state without bounds lasts for ever, whatever else moves it."""
+    """Whether a state that nothing bounds has a solution for all time, whatever else moves it."""
     plant = at.system.components[leaf.owner].plant
     assert plant is not None
     named = {x.member for x in others if x.owner == leaf.owner}
     variables = [v for v in plant.states if v.name in named]
     lets = dict(plant.lets)
     rate = next((e for v, e in plant.der.items() if v.name == leaf.member), None)
-    return rate is None or (_is_total(rate, lets) and _degree(rate, variables, lets) <= 1)
+    return rate is None or (_is_total(rate, lets) and _degree_of_growth(rate, variables, lets) <= 1)
 
 
 def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]) -> bool:
@@ -108,7 +108,7 @@ def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]
         return e.variable not in lets or _is_total(lets[e.variable], lets)
     if isinstance(e, typed.TopicRead) or not _reads_anything(e):
         return True
-    parts = _parts(e)
+    parts = _subexpressions(e)
     divides = isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("/", "%")
     if isinstance(e.type, IntType) or (divides and _reads_anything(parts[1])):
         return False
@@ -129,15 +129,19 @@ def _reads_anything(e: typed.TypedExpr) -> bool:
     return any(isinstance(n, (typed.VarRead, typed.TopicRead)) for n in nodes([e]))
 
 
-def _degree(
+def _degree_of_growth(
     e: typed.TypedExpr, of: Variables, lets: Mapping[typed.Variable, typed.TypedExpr]
 ) -> float:
-    """The highest power of these variables with which an expression may grow; inf: unknown."""
+    """The highest power of these variables by which `e` may grow; inf: that is unknown."""
     if isinstance(e, typed.VarRead):
-        return _degree(lets[e.variable], of, lets) if e.variable in lets else e.variable in of
+        return (
+            _degree_of_growth(lets[e.variable], of, lets)
+            if e.variable in lets
+            else e.variable in of
+        )
     if not _reads_anything(e):
         return 0
-    of_parts = [_degree(part, of, lets) for part in _parts(e)]
+    of_parts = [_degree_of_growth(part, of, lets) for part in _subexpressions(e)]
     if not any(of_parts):
         return 0
     if isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("*", "/"):
@@ -147,10 +151,10 @@ def _degree(
         return {**dict.fromkeys(BOUNDED, 0), "clamp": max(of_parts)}.get(e.fun.name, inf)
     if isinstance(e, typed.Conditional):
         return max(of_parts[1:])
-    return max(of_parts) if _grows_as_its_parts(e) else inf
+    return max(of_parts) if _grows_like_its_parts(e) else inf
 
 
-def _grows_as_its_parts(e: typed.TypedExpr) -> bool:
+def _grows_like_its_parts(e: typed.TypedExpr) -> bool:
     if isinstance(e, (typed.TypedBinary, typed.Vector)):
         return e.op in ("+", "-")
     if isinstance(e, typed.Builtin):
@@ -158,5 +162,5 @@ def _grows_as_its_parts(e: typed.TypedExpr) -> bool:
     return isinstance(e, (typed.TypedUnary, typed.TypedField, typed.Index, typed.Aggregate))
 
 
-def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
+def _subexpressions(e: typed.TypedExpr) -> list[typed.TypedExpr]:
     return [x for x in children(e) if isinstance(x, typed.TypedExpr)]

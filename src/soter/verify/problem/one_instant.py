@@ -41,7 +41,7 @@ ONE_TOPIC = "publish them as one topic: a record, made of one read"
 def check_one_instant(
     place: VerificationSystem, chains: CauseEffectChains, dropout: int, diagnostics: Diagnostics
 ) -> None:
-    """R016 where a read of several topics is not what the proof of a flow takes it for."""
+    """Reports R016 where one read may show several instants and the proof does not cover that."""
     for who, ways in (("the DM", chains.by_dm), ("SC", chains.by_sc)):
         if not place.abstract:
             _check_periods(
@@ -50,37 +50,43 @@ def check_one_instant(
     if diagnostics.has_errors:
         return
     shown = [w for w in chains.by_dm if w.sensor is not None]
-    if _may_show_several(place, shown, dropout):
-        _refuse(place, "the DM", shown, (ESTIMATE, "a node's stamp does not say"), diagnostics)
+    if _may_show_several_instants(place, shown, dropout):
+        _refuse_several_instants(
+            place, "the DM", shown, (ESTIMATE, "a node's stamp does not say"), diagnostics
+        )
     shown = [w for w in chains.by_sc if w.sensor is not None]
-    if _instants(place, shown, dropout) > 1:
+    if _count_of_instants(place, shown, dropout) > 1:
         why = _why_one_age(place, shown, dropout)
         if why:
-            _refuse(place, "SC", shown, ("their ages may differ", why), diagnostics)
+            _refuse_several_instants(
+                place, "SC", shown, ("their ages may differ", why), diagnostics
+            )
 
 
-def _may_show_several(
+def _may_show_several_instants(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> bool:
-    """Whether an estimate may show several instants though no stamp tells; one number shows one."""
+    """Whether an estimate of several numbers may show several instants untold."""
     topics = dict.fromkeys(w.topic for w in ways)
     numbers = sum(len(list(leaves(topic.type))) for topic in topics)
     by_nodes = dropout if any(w.nodes for w in ways) else 0
-    return _instants(place, ways, 0) > 1 < numbers or (
-        by_nodes > 0 and _instants(place, ways, dropout) > 1
+    return _count_of_instants(place, ways, 0) > 1 < numbers or (
+        by_nodes > 0 and _count_of_instants(place, ways, dropout) > 1
     )
 
 
-def _instants(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> int:
-    """How many instants a read may show: as many as ways, or as topics that may fall silent."""
+def _count_of_instants(
+    place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
+) -> int:
+    """How many instants a read may show: as many as paths, or as topics that may fall silent."""
     every = {(w.path.sensor, w.nodes) for w in ways}
     if not dropout:
         return len(every)
-    return max(len(every), len({t for w in ways for t in _sensed(place, w)}))
+    return max(len(every), len({t for w in ways for t in _sensed_topics(place, w)}))
 
 
-def _sensed(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
-    """The names of the topics of plants that a way begins with."""
+def _sensed_topics(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
+    """The names of the topics of plants that a path begins with."""
     if not way.nodes:
         return {way.topic.name}
     plant, first = way.sensor, way.nodes[0]
@@ -90,41 +96,41 @@ def _sensed(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
 
 
 def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> str:
-    """Why the proof of what SC does needs one age of all that it reads; "": it does not."""
+    """Why the proof of SC needs the same age for all that SC reads; "" where it does not."""
     seen: dict[tuple[Component, typed.Variable], tuple[int, int]] = {}
     for topic in dict.fromkeys(w.topic.index for w in ways):
         plant = place.driven[topic]
         assert plant.plant is not None
         lets = dict(plant.plant.lets)
         driven = [e for t, e in plant.plant.drives if plant.scope.topics[t] == topic]
-        apart = _instants(place, [w for w in ways if w.topic.index == topic], dropout) > 1
-        parts = [[x] for e in driven for x in _numbers(e)] if apart else [driven]
+        apart = _count_of_instants(place, [w for w in ways if w.topic.index == topic], dropout) > 1
+        parts = [[x] for e in driven for x in _expression_of_each_number(e)] if apart else [driven]
         for k, part in enumerate(parts):
-            for variable in _variables(part, lets):
+            for variable in _variables_read(part, lets):
                 if seen.setdefault((plant, variable), (topic, k)) != (topic, k):
                     return f"`{plant.name}.{variable.name}` is in two numbers of them"
     return ""
 
 
-def _numbers(e: typed.TypedExpr) -> Iterator[typed.TypedExpr]:
-    """What each number of a value is made of; all of `e` where it is not written out by parts."""
+def _expression_of_each_number(e: typed.TypedExpr) -> Iterator[typed.TypedExpr]:
+    """The expression of each number of a value; `e` for all if it has no parts."""
     if isinstance(e, typed.Aggregate):
         for element in e.elements:
-            yield from _numbers(element)
+            yield from _expression_of_each_number(element)
     else:
         yield from repeat(e, len(list(leaves(e.type))))
 
 
-def _variables(
+def _variables_read(
     code: Iterable[object], lets: dict[typed.Variable, typed.TypedExpr]
 ) -> set[typed.Variable]:
     """The states and disturbances that code of a plant reads."""
     read = {e.variable for e in nodes(code) if isinstance(e, typed.VarRead)}
     behind = [lets[v] for v in read & lets.keys()]
-    return (read - lets.keys()) | (_variables(behind, lets) if behind else set())
+    return (read - lets.keys()) | (_variables_read(behind, lets) if behind else set())
 
 
-def _refuse(
+def _refuse_several_instants(
     place: VerificationSystem,
     who: str,
     ways: Sequence[CauseEffectChain],
@@ -150,7 +156,7 @@ def _refuse(
 def _check_periods(
     place: VerificationSystem, who: str, topics: Sequence[int], diagnostics: Diagnostics
 ) -> None:
-    """R016 where plants publish at different instants what is read as one state.
+    """Reports R016 where plants publish parts of one read at different instants.
 
     As plants start together, those with the same period publish at the same instants.
     """

@@ -3,8 +3,8 @@
 Purpose: `extract.py` makes a `Problem` from a program, and all of `verify/` works on it
 (docs/verification.md, section 1). `Quantities` says which leaf of a plant or topic each input of
 the dynamics is, `Modes` whose modes the module reads. An `Assumption` that all proofs state alike
-is a constant here; `remaining` gives those that are left once a proof has shown some, by their
-keys, and added others. `VerificationScope` and `ScopeGuarantee` say what a report covers.
+is a constant here; `assumptions_left` gives those that are left once a proof has shown some, by
+their keys, and added others. `VerificationScope` and `ScopeGuarantee` say what a report covers.
 Non-goals: computing anything; finding the inputs (`inputs.py`), the assumptions (`assumptions.py`,
 `induction/problem.py`), C (`verify/enclose/`), what a verification is about (`verify/scope.py`).
 """
@@ -32,9 +32,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Leaf:
-    """One scalar leaf: of a plant state or disturbance (`owner` = component) or of a topic.
+    """One scalar: a part of a plant's state or disturbance, or of a topic.
 
-    `member` is the state's or disturbance's name, "" for a topic; `path` the field path below.
+    `owner` is the number of the component or topic; `member` the name of the state or disturbance,
+    "" for a topic; `path` leads from there to the scalar.
     """
 
     owner: int
@@ -144,12 +145,12 @@ class Times:
 
     @property
     def acts_least(self) -> int:
-        """L_min: the shortest time from an output to its effect, nodes not counted."""
+        """L_min: the shortest time from an output to its effect; nodes behind it not counted."""
         return min(o.least for o in self.schedule.outputs)
 
     @property
     def acted(self) -> int:
-        """W, of a shield: a command that was replaced longer ago acts no more."""
+        """W, of a shield: a command that was replaced longer ago than this acts no more."""
         return self.schedule.acted
 
     @property
@@ -164,8 +165,8 @@ class Times:
 
     @property
     def h_star(self) -> int:
-        """H*, or h_0 where that is longer and an "AC" verdict does not show that SC can read."""
-        return self.schedule.needed
+        """H*, or h_0 where that is longer and "AC" does not show that SC's topics have a state."""
+        return self.schedule.least_horizon
 
     @property
     def horizon_ns(self) -> int:
@@ -174,7 +175,7 @@ class Times:
 
     @property
     def delay_sc(self) -> int:
-        """d: how old the state may be that a command answers when it begins to act."""
+        """d: how old at most the state is that a command answers when the command begins to act."""
         return self.schedule.delay
 
     @property
@@ -189,12 +190,12 @@ class Times:
 
     @property
     def decision(self) -> int:
-        """Delta + A + J_dm: from a state to the DM's next look, at worst."""
-        return self.schedule.look
+        """Delta + A + J_dm: the longest time from a state to the DM's next look at one."""
+        return self.schedule.longest_between_states
 
     @property
     def start(self) -> int:
-        """h_0: by then an output of SC has acted that answers a state."""
+        """h_0: the time by which an output of SC has acted that answers a state, not a default."""
         return self.schedule.start
 
 
@@ -218,13 +219,13 @@ class Axis:
     written: tuple[tuple[float, str], ...] = ()
     """The ends that the program writes, each with its text."""
 
-    def end(self, value: float) -> str:
-        """An end as the program writes it, if it does: six digits of PI would be no full turn."""
+    def end_in_words(self, value: float) -> str:
+        """An end in the words of the program where it writes that end; otherwise six digits."""
         return dict(self.written).get(value, f"{value:.6g}")
 
     @property
-    def reach(self) -> tuple[float, ...]:
-        """The breakpoints, far out where an outer cell has no end."""
+    def far_breakpoints(self) -> tuple[float, ...]:
+        """The breakpoints, the outermost at -`FARTHEST` and `FARTHEST` if the axis has no ends."""
         if not self.unbounded:
             return self.edges
         return (-FARTHEST, *self.edges[1:-1], FARTHEST)
@@ -250,12 +251,12 @@ class DiscreteParameter:
 class Jumps:
     """The jumps of an abstraction's state, where its map reads topics that change at once.
 
-    `told`: the assumptions about them. `entered`: for those that say that the state then lies in
-    R(H), by key, the text where that is shown. `unkept`: that `enters` shows nothing of some
-    abstraction's topics, and why; "": there is no such abstraction.
+    `assumptions`: those about the jumps. `entered`: for those that say that the state then lies in
+    R(H), by key, the text where that is shown. `unkept`: why `enters` shows nothing of the topics
+    of some abstraction; "" where there is no such abstraction.
     """
 
-    told: tuple[Assumption, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
     entered: Mapping[str, str] = field(default_factory=dict)
     unkept: str = ""
 
@@ -338,34 +339,34 @@ class Problem:
     law_unread: str = ""
     """Why a declared law determines no such problem; "": it does."""
 
-    def starts_with(self, parameter: tuple[int, ...]) -> bool:
+    def may_start_with(self, parameter: tuple[int, ...]) -> bool:
         """Whether a run may start with these values of the parameters."""
         pairs = zip(parameter, self.parameter_starts, strict=True)
         return all(value in starts for value, starts in pairs)
 
     @property
-    def returning(self) -> str:
-        """The predicate under which P2b gives control back: `safer` with all other modes in AC."""
+    def return_predicate(self) -> str:
+        """The predicate under which P2b gives control back: `back` waits for other modes."""
         return "back" if self.modes is not None and self.modes.waits else "safer"
 
     @property
-    def stronger(self) -> str:
-        """Advice where some S_j is empty; fewer levels only if their number is not chosen."""
+    def advice_where_empty(self) -> str:
+        """Advice for an empty S_j; it speaks of fewer levels only if their number is declared."""
         fewer = "" if self.levels_open or self.levels <= LEVELS_LEAST else "fewer levels, "
         return f"{fewer}a smaller period, smaller errors, a stronger SC"
 
     @property
     def lead_ns(self) -> int:
-        """How much longer than H, in ns, a command must be harmless if others are moved toward it.
+        """How much longer than H, in ns, a command must be harmless that others are moved toward.
 
-        So it can be replaced in time: until AC's next step, for as long as it may act after that,
-        and on a state that is newer by the age of an estimate. No claim depends on it.
+        Until AC's next step it is not replaced, it may act for some time after that, and the
+        estimate that it answers has an age. No claim depends on this time.
         """
         period: int = self.system.components[self.module.ac].period_ns
         return period + (0 if self.kind == "map" else self.times.acted + self.times.age_dm)
 
-    def in_horizon(self, ns: int) -> int:
-        """A time in ns as proofs take it: for a map a whole number of its periods."""
+    def whole_periods(self, ns: int) -> int:
+        """Rounds a time in ns up to whole periods of a map; a flow keeps it as it is."""
         if self.kind == "map":
             return -(-ns // self.plant_period_ns) * self.plant_period_ns
         return ns
@@ -397,7 +398,7 @@ def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
     ]
 
 
-def remaining(
+def assumptions_left(
     before: Iterable[Assumption], *, added: Iterable[Assumption], shown: Collection[str]
 ) -> tuple[Assumption, ...]:
     """The assumptions of a problem without those whose keys were `shown`, and the `added` ones.
@@ -412,19 +413,19 @@ def remaining(
     return tuple(dict.fromkeys((*(a for a in before if a.key not in shown), *added)))
 
 
-def texts(assumptions: Iterable[Assumption]) -> list[str]:
+def assumption_texts(assumptions: Iterable[Assumption]) -> list[str]:
     """The texts of assumptions, each once."""
     return list(dict.fromkeys(a.text for a in assumptions))
 
 
 @dataclass(frozen=True)
 class ScopeGuarantee:
-    """What a module relies on that another part of the system or the world has to keep.
+    """A fact that a module relies on and that another part of the system or the world has to keep.
 
-    `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
-    printed as an assumption), "guaranteed" (a part of the `safe` of the module `by`, if that is
-    proved), "published" (the proof of the module `by` is about the plant that drives it, if that is
-    proved) or "assumed".
+    `how` says who sees to it: "enforced" (the language lets no other value arrive), "declared" (a
+    range of the world, printed as an assumption), "guaranteed" (a part of the `safe` of the module
+    `by`, if that is proved), "published" (the proof of the module `by` is about the plant that
+    drives the topic, if that is proved) or "assumed".
     """
 
     module: str
@@ -482,6 +483,6 @@ NO_MODES = Modes()
 
 
 def subjects_in_words(names: tuple[str, ...]) -> str:
-    """The words `A is`, or `A and B are`."""
+    """The subject of a sentence with its verb: `A is`, or `A, B and C are`."""
     *most, last = names
     return f"{', '.join(most)} and {last} are" if most else f"{last} is"

@@ -1,9 +1,9 @@
 """The times of a problem (docs/verification.md, Times), and whether the trusted thread keeps them.
 
 Purpose: `times_of` derives the `Times` of a module in its verification system. Where a system
-declares execution times, `check_deployed` compares the latest start and the longest step of every
-component with the lateness J and the response R that the proof counts with (R033, R034), so that
-P1c also holds of what is deployed.
+declares execution times, `check_deployed_times` compares the latest start and the longest step of
+every component with the lateness J and the response R that the proof counts with (R033, R034), so
+that P1c also holds of what is deployed.
 Non-goals: measuring anything: lateness and response times are declared, and assumed; the analysis
 of the thread (`soter.timing`).
 
@@ -27,7 +27,7 @@ from soter.verify.problem.cause_effect_chains import (
     CauseEffectChains,
     UnfollowedError,
     actuation_paths,
-    chains_of,
+    cause_effect_chains_of,
 )
 from soter.verify.problem.one_instant import check_one_instant
 from soter.verify.problem.problem import Times
@@ -87,8 +87,8 @@ class DeployedTimes:
 def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
     """The times that a proof has to count with by the declared execution times of a system.
 
-    None where the thread declares none. J of SC leaves out its waiting for the DM, whose verdict
-    may be as late as `assumed` says, or as it is.
+    None where the thread declares none. J of SC leaves out how long SC waits for the DM's verdict,
+    which is there by the later of two times: that of `assumed`, and that of the calendar.
     """
     if not flat.timed:
         return None
@@ -114,27 +114,28 @@ def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> Deplo
 
 
 def _wait_for_dm(step: ScheduledStep, dm: Component, sc: Component) -> int:
-    """The time from the first DM release after SC's step before to the start of this step."""
+    """The time from the first DM release after SC's previous step to the start of this step."""
     after = step.release - sc.period_ns
     first = after + 1 + (dm.phase_ns - after - 1) % dm.period_ns
     return step.start - first if first <= step.release else 0
 
 
 def _times_in_thread(timing: Timing, c: Component) -> Pair:
+    """How late a component of the thread starts at worst, and its `wcet`."""
     row = timing.row(c)
     assert row is not None
     return (0 if row.worst is None else row.worst.start), row.task.wcet
 
 
 def _latest_release(timing: Timing, c: Component) -> int:
-    """The release of a component that starts latest."""
+    """The release after which a component starts latest."""
     row = timing.row(c)
     assert row is not None
     return 0 if row.worst is None else row.worst.at
 
 
 def _other_lateness(step: ScheduledStep, dm: Component, ready: int) -> int:
-    """How late SC starts for other reasons than that it waits for the DM."""
+    """How late SC starts in a step that does not wait for the DM; 0 for a step that waits."""
     due = step.release - (step.release - dm.phase_ns) % dm.period_ns
     waits = due >= dm.phase_ns and step.start <= due + ready
     return 0 if waits else step.start - step.release
@@ -143,8 +144,8 @@ def _other_lateness(step: ScheduledStep, dm: Component, ready: int) -> int:
 def _delay_behind(flat: System, sc: Component, node: Component) -> int:
     """The longest time from SC's start to the end of a node that is released with it and follows.
 
-    What may be released in that instant between them counts; what is left from before does not, as
-    that is over when SC starts.
+    Components between the two that may be released in the same instant count; steps of earlier
+    releases do not, as they are over when SC starts.
     """
     between = [
         c
@@ -160,12 +161,12 @@ def _delay_behind(flat: System, sc: Component, node: Component) -> int:
     return longest
 
 
-def check_deployed(
+def check_deployed_times(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> list[str]:
     """The assumptions behind the times of a proof; empty without declared execution times.
 
-    R034 where the calendar cannot be kept, R033 where it does not keep the times of the proof.
+    R034 where the thread's steps do not fit, R033 where it does not keep the times of the proof.
     """
     _check_other_processes(flat, module, assumed, diagnostics)
     deployment = deployed_times(flat, module, assumed)
@@ -185,7 +186,7 @@ def check_deployed(
             "R033",
             f"the thread of system `{flat.name}` does not keep the times of the proof of "
             f"`{module.name}`",
-            _declared_at(module),
+            _span_of_times(module),
             notes=(*exceeded, *([] if timing.exact else ["these are bounds: docs/timing.md"])),
             helps=(f"write `{' '.join(_time_lines(flat, module, pairs))}`",),
         )
@@ -197,7 +198,7 @@ def check_deployed(
     return [f"{assumption}; {others} (docs/timing.md)"]
 
 
-def _declared_at(module: Module) -> Span:
+def _span_of_times(module: Module) -> Span:
     """The place in the program where the times of a module, for all of its views, are declared."""
     symbol = module.whole or module.symbol
     return symbol.verify.span or symbol.span
@@ -208,7 +209,7 @@ def _refuse_unknown_calendar(flat: System, module: Module, diagnostics: Diagnost
         "R033",
         f"whether the thread of system `{flat.name}` keeps the times of the proof of "
         f"`{module.name}` is not known",
-        _declared_at(module),
+        _span_of_times(module),
         notes=("its calendar has too many steps before it comes again, and is too full",),
         helps=("periods that are multiples of one another",),
     )
@@ -218,21 +219,21 @@ def _refuse_unknown_calendar(flat: System, module: Module, diagnostics: Diagnost
 def _check_other_processes(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> None:
-    """R033 where a node in another process declares longer times than the proof counts with."""
+    """Reports R033 where a node elsewhere declares longer times than the proof counts with."""
     parts = {n: flat.component(n) for n in assumed.elsewhere}
     pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in parts.items()}
     if wrong := list(_exceeded_times(pairs, {})):
         diagnostics.error(
             "R033",
             f"nodes of system `{flat.name}` do not keep the times of the proof of `{module.name}`",
-            _declared_at(module),
+            _span_of_times(module),
             notes=(*wrong, "they run in processes of their own, and say these times themselves"),
             helps=(f"write `{' '.join(_time_lines(flat, module, pairs))}`",),
         )
 
 
 def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
-    """Words for each time that is longer than the proof counts with, with its release if known."""
+    """A sentence for each time that is longer than the proof's, with its release if known."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
         if needed[0] > assumed[0]:
@@ -249,7 +250,7 @@ def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]
 
 
 def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
-    """The lines `late` and `response` of a `verify` block with which the proof counts enough."""
+    """The lines `late` and `response` of a `verify` block that are long enough."""
     home = holder_of(module)
     lines = []
     for k, word in enumerate(("late", "response")):
@@ -269,7 +270,7 @@ DELAYS = ("late_dm", "late_sc", "response_dm", "response_sc", "acts")
 def times_of(
     place: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[Times, CauseEffectChains]:
-    """Every time in ns, and the paths behind them; a diagnostic where an age has no bound."""
+    """Every time of a proof in ns, and the paths behind them; R011 where an age has no bound."""
     module, verify = place.module, place.module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
@@ -281,12 +282,12 @@ def times_of(
     for topic in {**dm, **sc}:
         _check_max_age(place, topic, diagnostics)
     try:
-        chains = chains_of(place, list(dm), list(sc), ns)
+        chains = cause_effect_chains_of(place, list(dm), list(sc), ns)
     except UnfollowedError as error:
         _refuse_unfollowed(place, error, diagnostics)
         chains = CauseEffectChains()
     if verify.age is not None:
-        chains = _read_younger(chains, ns(verify.age))
+        chains = _with_age_of_sc(chains, ns(verify.age))
     outputs = actuation_paths(chains, ns(verify.acts_least), delays["acts"])
     dm_component = place.system.components[module.dm]
     schedule = Schedule(
@@ -300,7 +301,7 @@ def times_of(
     rests: list[str] = []
     if not diagnostics.has_errors:
         assumed = assumed_of(schedule, chains)
-        rests = check_deployed(place.flat, place.home, assumed, diagnostics)
+        rests = check_deployed_times(place.flat, place.home, assumed, diagnostics)
     declared = [name for name in DELAYS if getattr(verify, name) is not None]
     declared += [] if nodes_without_times(place, chains) else ["nodes"]
     horizon = None if verify.horizon is None else ns(verify.horizon)
@@ -350,8 +351,8 @@ def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnosti
         )
 
 
-def _read_younger(chains: CauseEffectChains, most_ns: int) -> CauseEffectChains:
-    """The chains, where `age` says how old SC reads a topic at most."""
+def _with_age_of_sc(chains: CauseEffectChains, most_ns: int) -> CauseEffectChains:
+    """The chains, those of SC with `most_ns` as the largest age that SC reads."""
     younger = [
         replace(c, path=replace(c.path, max_age=min(c.path.max_age or most_ns, most_ns)))
         for c in chains.by_sc
@@ -372,12 +373,12 @@ def _refuse_unfollowed(
 
 
 def summands_of_h_star(times: Times) -> dict[str, int]:
-    """The summands of H*, in ns."""
+    """The summands of H* by their names, in ns."""
     schedule = times.schedule
     summands = {
         "the age of what the DM reads": times.age_dm,
         "the period of the DM": times.delta_dm,
-        "handing over to SC": max(schedule.dm.latest, schedule.farthest + times.late_sc),
+        "handing over to SC": max(schedule.dm.latest, schedule.longest_to_sc + times.late_sc),
         "SC's response": times.response_sc,
         "until a command acts": times.acts,
     }
@@ -399,7 +400,7 @@ def horizon_in_words(times: Times) -> str:
 
 
 def look_ahead_advice(times: Times, predicate: str) -> str:
-    """What a `ttf` or `safer` that is too bold has to see coming, as advice."""
+    """Advice to make a `ttf` or `safer` look ahead by H, with the parts of H."""
     parts = ", ".join(
         f"{name} {show_ns(ns)}" for name, ns in summands_of_h_star(times).items() if ns
     )

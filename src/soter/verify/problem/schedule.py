@@ -21,10 +21,10 @@ from math import gcd
 
 @dataclass(frozen=True)
 class Releases:
-    """A sensor, a node, a DM or an SC: released at phase + k period; all in ns.
+    """A sensor, a node, a DM or an SC, released at phase + k period for all k >= 0; times in ns.
 
-    It starts at most `late` after its release and publishes at most `response` after its start.
-    A sensor is never late and shows its own instant.
+    It starts at most `late` after its release and publishes at most `response` after its start. A
+    sensor is never late and shows the state at the instant of its release.
     """
 
     period: int
@@ -37,8 +37,8 @@ class Releases:
         """The longest time from a release to its publication."""
         return self.late + self.response
 
-    def first_from(self, time: int, *, after: bool = False) -> int:
-        """The first release at `time` or later; `after`: later."""
+    def first_release_from(self, time: int, *, after: bool = False) -> int:
+        """The first release at or after `time`; with `after` the first one later than `time`."""
         ahead = time + 1 - self.phase if after else time - self.phase
         return self.phase + self.period * max(0, -(-ahead // self.period))
 
@@ -57,81 +57,87 @@ class SensorPath:
     publisher: str = ""
 
     @property
-    def last(self) -> Releases:
+    def last_station(self) -> Releases:
         """The node or sensor that publishes the topic."""
         return self.nodes[-1] if self.nodes else self.sensor
 
     def state_age(self, reader: Releases, late: int) -> int:
         """How old the state is that a reader sees which starts up to `late` after its release.
 
-        Hop by hop. What a node publishes at p it read at its start s <= p; if the reader starts at
-        t, then t - state = (t - r) + (r - state), r the release of that node. Had it started right
-        at r, what it read would have been no newer, so r - state is bounded by the age at a start
-        without lateness, and `_hop` bounds t - r.
+        The bound is summed hop by hop. A node publishes at p what it read at its start s <= p. If
+        the reader starts at t, and the node's release is r, then t - state = (t - r) + (r - state).
+        Had the node started right at r, it would have read no newer state, so r - state is bounded
+        by the age at a start without lateness, and `_longest_hop` bounds t - r.
         """
         stations = (*self.nodes, reader)
-        age = _sampled(self.sensor, stations[0], late if not self.nodes else 0) + self.dropout
+        age = (
+            _longest_age_of_sample(self.sensor, stations[0], late if not self.nodes else 0)
+            + self.dropout
+        )
         for here, there in pairwise(stations):
-            age += _hop(here, there, late if there is reader else 0)
+            age += _longest_hop(here, there, late if there is reader else 0)
         return age
 
     @property
     def published_age(self) -> int:
-        """P: how old the state is that is published: age at the start of the last node, and more.
+        """P: the age of the published state: that at the last node's start, and the response.
 
-        A drop-out of a sensor that is read directly shows in the stamp, behind a node it does not.
+        Silence of a sensor that is read directly shows in the stamp, silence behind a node does
+        not.
         """
         if not self.nodes:
             return 0
         before = SensorPath(self.sensor, self.nodes[:-1], dropout=self.dropout)
-        return before.state_age(self.last, self.last.late) + self.last.response
+        return (
+            before.state_age(self.last_station, self.last_station.late) + self.last_station.response
+        )
 
     def stamp_age(self, reader: Releases, late: int) -> int:
-        """How old the last publication is when the reader starts; no drop-outs.
+        """How old the last publication is when the reader starts, if no sensor falls silent.
 
-        Behind a sensor this is the state's age. Behind a node: the publication that is read, of
-        release r, is at r or later; the next one is not yet seen. So t - r bounds it.
+        Behind a sensor this is the state's age. A publication of a node with the release r comes at
+        r or later; at the start t the next one is not yet seen. So t - r bounds the age.
         """
         if not self.nodes:
-            return _sampled(self.sensor, reader, late)
-        return _hop(self.last, reader, late)
+            return _longest_age_of_sample(self.sensor, reader, late)
+        return _longest_hop(self.last_station, reader, late)
 
     @cached_property
-    def available(self) -> int:
-        """F: from then on the topic shows a state.
+    def available_from(self) -> int:
+        """F: the time from which on the topic shows a state.
 
-        A node that starts right at a release before that may read the default; at the first
-        release from then on it does not.
+        A node that starts right at a release before F may read the default; at its first release
+        from F on it does not.
         """
         instant = self.sensor.phase + self.dropout
         for k, node in enumerate(self.nodes):
-            instant = node.first_from(instant, after=k > 0) + node.latest
+            instant = node.first_release_from(instant, after=k > 0) + node.latest
         return instant
 
     @property
-    def speaks_early(self) -> int | None:
-        """The first node that may publish before it has read a state; None: none does."""
+    def early_node(self) -> int | None:
+        """The number of the first node that may publish before it reads a state, or None."""
         whole = SensorPath(self.sensor)
         for k, node in enumerate(self.nodes):
-            seen = whole.available
+            seen = whole.available_from
             if node.phase < seen or (k > 0 and node.phase == seen):
                 return k
             whole = SensorPath(self.sensor, self.nodes[: k + 1])
         return None
 
 
-def _sampled(sensor: Releases, reader: Releases, late: int) -> int:
-    """Age of a sensor's last publication at a start: sensors come first in an instant.
+def _longest_age_of_sample(sensor: Releases, reader: Releases, late: int) -> int:
+    """The greatest age of a sensor's last publication at a start; sensors come first in an instant.
 
-    A release of the reader is o, o + g, ..., T - g + o after the last of the sensor, and a start up
-    to `late` more; T after it the next has come.
+    The release of the reader is o, o + g, ..., T - g + o after the sensor's last, where o is the
+    difference of phases and T the sensor's period; the start is up to `late` later.
     """
     g = gcd(sensor.period, reader.period)
     behind = sensor.period - g + (reader.phase - sensor.phase) % g
     return min(behind + late, sensor.period)
 
 
-def _hop(node: Releases, reader: Releases, late: int) -> int:
+def _longest_hop(node: Releases, reader: Releases, late: int) -> int:
     """The longest time from the release of the node that published to the start that reads.
 
     Let t be the start. Release r of the node may still be unseen at t iff its publication may be at
@@ -152,14 +158,14 @@ class ActuationPath:
     most: int = 0
     nodes: tuple[Releases, ...] = ()
 
-    def acts(self, sc: Releases, published: int) -> int:
-        """The longest time from SC's release to the effect, if published up to `published` later.
+    def time_to_effect(self, sc: Releases, published: int) -> int:
+        """The longest time from SC's release to the effect; SC publishes up to `published` later.
 
         A node that is released at r <= p may start then, and in one instant either may come first,
-        so what is published at p may be read as late as the next release's start. Let the release
-        of who publishes be at 0, p = l in [0, W], the last release of the node at or before p at
-        p - v: then v = (o + l) mod g at least, o the difference of phases, and the next release
-        is at p - v + T; l - (o + l) mod g = g floor((o + l) / g) - o grows with l.
+        so a publication at p may be read as late as the next release's start. Let the publisher's
+        release be at 0, p = l in [0, W], and the node's last release at or before p at p - v. Then
+        v >= (o + l) mod g, where o is the difference of phases, and the next release is at p - v +
+        T; l - (o + l) mod g = g floor((o + l) / g) - o grows with l.
         """
         before, within, delay = sc, published, 0
         for node in self.nodes:
@@ -169,16 +175,16 @@ class ActuationPath:
             before, within = node, node.latest
         return delay + within + self.most
 
-    def acts_after(self, late: int) -> int:
-        """The longest time from any instant of publication to its effect, whatever the phases."""
+    def time_from_output(self, late: int) -> int:
+        """The longest time from an instant of publication, plus `late`, to its effect."""
         waits = sum(n.period + n.latest for n in self.nodes)
         return late + waits + self.most
 
-    def earliest(self, sc: Releases) -> int:
+    def least_time_to_effect(self, sc: Releases) -> int:
         """The shortest time from a release of SC to its output's effect.
 
-        Published at the release itself; a node starts there or later: at 0 if some window
-        [r, r + J] of its holds it, else at the next release, (phase difference) mod g later.
+        SC may publish at the release itself, and the node start then: if that instant lies in one
+        of the node's windows [r, r + J]; if not, the node starts at its next release.
         """
         if not self.nodes:
             return self.least
@@ -187,15 +193,15 @@ class ActuationPath:
         ahead = (node.phase - sc.phase) % g
         return self.least + (0 if (-ahead) % g <= node.late else ahead)
 
-    def loses(self, sc: Releases, published: int) -> int | None:
-        """The first node that may skip an output of SC; None: each output acts.
+    def skipping_node(self, sc: Releases, published: int) -> int | None:
+        """The number of the first node that may skip an output of SC; None: each output acts.
 
-        Publications of two outputs are at least delta - w apart, w how much they vary; starts of
-        a node at most T + J. No output is overwritten before it is read if T + J <= delta - w.
+        Two outputs are published at least delta - w apart, w how much that varies; starts of a node
+        at most T + J. If T + J <= delta - w, each output is read before the next comes.
         """
         for k, node in enumerate(self.nodes):
             part = ActuationPath(nodes=self.nodes[:k])
-            varies = part.acts(sc, published) - part.earliest(sc)
+            varies = part.time_to_effect(sc, published) - part.least_time_to_effect(sc)
             if node.period + node.late > sc.period - varies:
                 return k
         return None
@@ -213,14 +219,12 @@ class Schedule:
     dropout: int = 0
     """How many ns longer than its period a sensor that SC reads may be silent."""
 
-    # ------------------------------------------------------------ ages
-
     @cached_property
     def age_dm(self) -> int:
         """A: the greatest age of the state that the DM sees when it says "AC".
 
-        A stamp older than `max_age` is stale: that much between publication and start is enforced,
-        and P may have gone by before. Without a `max_age`, what the periods make of it.
+        With a `max_age` that much between publication and start is enforced, as an older stamp is
+        stale, and P may have gone by before. Without a `max_age` the periods bound the age.
         """
         ages = []
         for path in self._with_dropout(self.read_by_dm):
@@ -232,10 +236,10 @@ class Schedule:
 
     @cached_property
     def age_sc(self) -> int:
-        """A_sc: the greatest age of the state that SC sees; `max_age` must hold by itself."""
+        """A_sc: the greatest age of the state that SC sees. For SC nothing enforces `max_age`."""
         ages = []
         for path in self._with_dropout(self.read_by_sc):
-            by_periods = path.state_age(self.sc, self.start_of_sc)
+            by_periods = path.state_age(self.sc, self.latest_start_of_sc)
             stamped = 0
             if path.max_age is not None:
                 silent = path.dropout if not path.nodes else 0
@@ -247,49 +251,43 @@ class Schedule:
         return tuple(replace(p, dropout=p.dropout or self.dropout) for p in paths)
 
     def stamp_age_sc(self, path: SensorPath) -> int:
-        """R011: how old the stamp of a topic may be at a start of SC, no drop-outs."""
-        return path.stamp_age(self.sc, self.start_of_sc)
-
-    # ------------------------------------------------------------ waiting
+        """How old the stamp of a topic may be at a start of SC if no sensor is silent (R011)."""
+        return path.stamp_age(self.sc, self.latest_start_of_sc)
 
     @cached_property
-    def nearest(self) -> int:
-        """r: from a release of the DM to one of SC at or after it, at least."""
+    def shortest_to_sc(self) -> int:
+        """r: the shortest time from a release of the DM to a release of SC at or after it."""
         return (self.sc.phase - self.dm.phase) % gcd(self.dm.period, self.sc.period)
 
     @cached_property
-    def farthest(self) -> int:
-        """G: from a release of the DM to the next of SC at or after it, at most."""
-        return self.sc.period - gcd(self.dm.period, self.sc.period) + self.nearest
+    def longest_to_sc(self) -> int:
+        """G: the longest time from a release of the DM to the next release of SC at or after it."""
+        return self.sc.period - gcd(self.dm.period, self.sc.period) + self.shortest_to_sc
 
     @cached_property
-    def start_of_sc(self) -> int:
-        """The longest time from SC's release to its start: it is late, or waits for the DM.
+    def latest_start_of_sc(self) -> int:
+        """The longest time from SC's release to its start: SC is late, or waits for the DM.
 
-        The verdict of the DM released r before or more is there J_dm + R_dm after that release.
+        The DM's verdict is there J_dm + R_dm after a release that is at least r before SC's.
         """
-        return max(self.sc.late, self.dm.latest - self.nearest)
+        return max(self.sc.late, self.dm.latest - self.shortest_to_sc)
 
     @cached_property
-    def published(self) -> int:
+    def latest_output(self) -> int:
         """The longest time from a release of SC to its publication."""
-        return self.start_of_sc + self.sc.response
-
-    # ------------------------------------------------------------ what may still act
+        return self.latest_start_of_sc + self.sc.response
 
     @cached_property
     def acted(self) -> int:
-        """W: a command that was replaced longer before a release acts on no state read there.
+        """W: a command replaced more than W before a release acts on no state read there.
 
-        The state is A old at most, and a command acts up to L after the next one was published.
-        When that was is known by its release alone: it may have been published later, but before
-        the next step of SC began, as one thread runs instants in order. A node behind the module
-        that runs in SC's instant may pass it on only when that step of SC has published.
+        The state is A old at most, and a command acts up to L after the next one was published. Of
+        the next one only the release is known: it was published at some time before SC's next step
+        began, as one thread runs instants in order. A node behind the module that runs in SC's
+        instant may pass it on only when that step of SC has published.
         """
-        untold = self.sc.period + self.start_of_sc + self.sc.response
+        untold = self.sc.period + self.latest_start_of_sc + self.sc.response
         return self.age_dm + max(o.most for o in self.outputs) + untold
-
-    # ------------------------------------------------------------ from verdict to actuator
 
     @cached_property
     def h_star(self) -> int:
@@ -300,54 +298,54 @@ class Schedule:
         t_1 on is at t_1 + o, o <= G; it starts when it is due, o + J_sc, and when the verdict is
         there. R_sc later it has published, and what was published before the verdict is dropped.
         """
-        ready = self.farthest + self.sc.late + self.sc.response
+        ready = self.longest_to_sc + self.sc.late + self.sc.response
         waited = self.dm.latest + self.sc.response
         if not any(o.nodes for o in self.outputs):
             acts = max(ready, waited) + max(o.most for o in self.outputs)
         else:
             from_start = self.sc.late + self.sc.response
-            in_time = self.farthest + max(o.acts(self.sc, from_start) for o in self.outputs)
-            acts = max(in_time, *(o.acts_after(waited) for o in self.outputs))
+            in_time = self.longest_to_sc + max(
+                o.time_to_effect(self.sc, from_start) for o in self.outputs
+            )
+            acts = max(in_time, *(o.time_from_output(waited) for o in self.outputs))
         return self.age_dm + self.dm.period + acts
 
     @cached_property
     def delay(self) -> int:
         """d: how old the state is that a command answers when the command begins to act.
 
-        A_sc at the start, then to the effect: at most the way from a publication at any instant.
+        SC read it with the age A_sc at its start; then the command takes its way to the plant.
         """
         if not any(o.nodes for o in self.outputs):
             return self.age_sc + self.sc.response + max(o.most for o in self.outputs)
-        return self.age_sc + max(o.acts_after(self.sc.response) for o in self.outputs)
+        return self.age_sc + max(o.time_from_output(self.sc.response) for o in self.outputs)
 
     @cached_property
     def jitter(self) -> int:
-        """j: the effects of SC's k-th output lie in a window of this length, every delta."""
-        latest = max(o.acts(self.sc, self.published) for o in self.outputs)
-        return latest - min(o.earliest(self.sc) for o in self.outputs)
+        """j: the length of the window in which the effects of SC's k-th output lie, for any k."""
+        latest = max(o.time_to_effect(self.sc, self.latest_output) for o in self.outputs)
+        return latest - min(o.least_time_to_effect(self.sc) for o in self.outputs)
 
     @cached_property
-    def ordered(self) -> bool:
-        """Whether the windows of two outputs of SC do not touch each other's middle."""
+    def are_windows_apart(self) -> bool:
+        """Whether no window of an output reaches the middle of the next one's."""
         return 2 * self.jitter <= self.sc.period
 
     @cached_property
     def read_age(self) -> int:
-        """D: how old the read may be that is answered by what acts, at any instant.
+        """D: the greatest age of the state that SC read for the command that acts at an instant.
 
-        Output k was read at its release - A_sc or later. It acts until k + 1 does, as outputs act
-        in order: at most delta and the latest effect after that release.
+        Output k was read at its release - A_sc or later. It acts until output k + 1 does, as
+        outputs act in order: at most delta and the latest effect after that release.
         """
-        latest = max(o.acts(self.sc, self.published) for o in self.outputs)
+        latest = max(o.time_to_effect(self.sc, self.latest_output) for o in self.outputs)
         return self.age_sc + self.sc.period + latest
 
-    # ------------------------------------------------------------ leases
-
-    def due(self, release: int) -> int:
-        """The instant by which the output of SC's release at `release` is published.
+    def due_by(self, release: int) -> int:
+        """The instant by which SC has published its output of the release at `release`.
 
         It starts J_sc late at most, or with the verdict of the last DM released until then; R_sc
-        later it has published. A lease that the step before gave ends here (docs/proof.md, "When
+        later it has published. Then a lease ends that the step before gave (docs/proof.md, "When
         the trusted part stops").
         """
         starts = release + self.sc.late
@@ -361,68 +359,64 @@ class Schedule:
         """The longest time from a release of SC to the end of the lease that its step gives.
 
         That is when the next output is due: delta later it is released, and Lambda + R_sc after
-        that it is out, as `due` is at most r = `nearest` short of a verdict's worst case.
+        that it is out, as `due_by` falls at most r short of a verdict's worst case.
         """
-        return self.sc.period + self.published
-
-    # ------------------------------------------------------------ first reads
+        return self.sc.period + self.latest_output
 
     @cached_property
     def start(self) -> int:
-        """h_0: by then an output of SC has acted all of whose reads show a state.
+        """h_0: the time by which an output of SC has acted all of whose reads show a state.
 
-        The first release of SC at which everything is available; it starts J_sc late or when the
-        DM that is due at or before it has spoken.
+        It is an output of the first release of SC at which all topics show one; SC then starts J_sc
+        late, or when the last DM released at or before it has spoken.
         """
         first = self.sc.phase
         for path in self._with_dropout(self.read_by_sc):
             behind = bool(path.nodes)
-            first = max(first, self.sc.first_from(path.available, after=behind))
+            first = max(first, self.sc.first_release_from(path.available_from, after=behind))
         starts = self.sc.late
         if self.dm.phase <= first:
             last = first - (first - self.dm.phase) % self.dm.period
             starts = max(starts, last + self.dm.latest - first)
         published = starts + self.sc.response
-        return first + max(o.acts(self.sc, published) for o in self.outputs)
+        return first + max(o.time_to_effect(self.sc, published) for o in self.outputs)
 
     @cached_property
-    def defaults_read(self) -> int:
-        """How many steps of SC may read a default."""
+    def steps_that_read_defaults(self) -> int:
+        """The largest number of SC's steps that may read a default."""
         steps = 0
         for path in self._with_dropout(self.read_by_sc):
-            first = self.sc.first_from(path.available, after=bool(path.nodes))
+            first = self.sc.first_release_from(path.available_from, after=bool(path.nodes))
             steps = max(steps, (first - self.sc.phase) // self.sc.period)
         return steps
 
     @cached_property
-    def needed(self) -> int:
-        """The least H: H*, and at least h_0 where SC reads what the DM does not.
+    def least_horizon(self) -> int:
+        """The least H: H*; also h_0 where SC reads topics that the DM does not.
 
-        An "AC" verdict shows that what the DM reads is there. SC's other topics are by h_0.
+        An "AC" verdict shows that the DM's topics have a state. SC's other topics have one by h_0.
         """
-        return max(self.h_star, self.start) if self.reads_more else self.h_star
+        return max(self.h_star, self.start) if self.sc_reads_more else self.h_star
 
     @property
-    def reads_more(self) -> bool:
-        """Whether SC reads what the DM does not."""
+    def sc_reads_more(self) -> bool:
+        """Whether SC reads a topic, or one by a path, that the DM does not."""
         known = {(p.topic, p.sensor, p.nodes) for p in self.read_by_dm}
         return any((p.topic, p.sensor, p.nodes) not in known for p in self.read_by_sc)
 
-    # ------------------------------------------------------------ decisions
-
     @cached_property
-    def look(self) -> int:
-        """The longest time from the state behind one verdict to the one behind the next.
+    def longest_between_states(self) -> int:
+        """The longest time from the state behind one verdict to the state behind the next.
 
-        The first is at most A older than a start at t_0 or later, the second at most as new as the
-        start of the next, t_0 + Delta + J_dm.
+        The first is at most A older than the DM's start at t_0 or later, the second at most as new
+        as the DM's next start, by t_0 + Delta + J_dm.
         """
         return self.age_dm + self.dm.period + self.dm.late
 
     @cached_property
-    def decision(self) -> int:
-        """From an instant to the first verdict in force on a state that is at least as new.
+    def longest_to_decision(self) -> int:
+        """The longest time from an instant to a verdict in force on a state as new.
 
         The verdict before is on an older state, so it was released less than A after the instant.
         """
-        return self.look + self.dm.response
+        return self.longest_between_states + self.dm.response

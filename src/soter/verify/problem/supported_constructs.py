@@ -1,8 +1,8 @@
 """Checks that a proof can follow a program's constructs, before anything is computed.
 
 Purpose: `check_supported` reports controllers, plants and predicates that `verify/` cannot handle.
-`ttf_of_states` drops the parts of `ttf` that read an age. `map_topics`, `check_maps` and
-`assumed_of_maps` are about maps: `static` topics that `safe` of a module with `rest` reads and no
+`ttf_of_states` drops the parts of `ttf` that read an age. `topics_of_maps`, `check_maps` and
+`map_assumptions` are about maps: `static` topics that `safe` of a module with `rest` reads and no
 plant drives; their contract is an assumption (docs/proof-flight.md, "Decisions by tubes", 7).
 `identified_assumptions` is about numbers that were fitted to logs.
 Non-goals: numbers; what the DM does, which is compiled and compared with all of `ttf`; the check
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.verification_system import VerificationSystem
 
 
-def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
+def topics_of_maps(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
     """The maps of a module, in the order in which `safe` reads them; none without `rest`."""
     if module.symbol.rest is None:
         return {}
@@ -42,10 +42,10 @@ def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
     return {t: at[t] for t in read if t.static and at[t] not in other}
 
 
-def maps_of(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
+def topics_of_proved_maps(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
     """The maps of a verification system, without topics of plants that only fly."""
     flying = _driven_topics(place.flat)
-    found = map_topics(place.system, place.module)
+    found = topics_of_maps(place.system, place.module)
     return {t: index for t, index in found.items() if place.flying(t) not in flying}
 
 
@@ -56,11 +56,11 @@ def _driven_topics(system: System) -> set[int]:
 
 
 def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """Reports topics that are read as maps and cannot be maps."""
+    """Reports R007, R011, R014 for topics that are read as maps and cannot be maps."""
     rest, node = place.module.symbol.rest, place.flat.components[place.home.sc].node
     by_sc = {} if node is None else topic_reads(*node.step)
     at_rest = {} if rest is None else topic_reads(rest.condition)
-    for symbol, index in maps_of(place).items():
+    for symbol, index in topics_of_proved_maps(place).items():
         topic = place.system.topics[index]
         for who, reads in (("SC", by_sc), ("`rest`", at_rest)):
             if symbol in reads:
@@ -93,9 +93,9 @@ def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
             )
 
 
-def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
+def map_assumptions(place: VerificationSystem) -> list[Assumption]:
     """The assumption about each map: what it calls free stays free."""
-    names = [place.system.topics[index].name for index in maps_of(place).values()]
+    names = [place.system.topics[index].name for index in topics_of_proved_maps(place).values()]
     return [
         Assumption(
             f"map {name}",
@@ -131,7 +131,7 @@ def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
 
 
 def note_on_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
-    """A note about the disjuncts that `ttf_of_states` leaves out, if it leaves out some."""
+    """A note about the parts of `ttf` that `ttf_of_states` leaves out, if there are some."""
     left = ttf_of_states(ttf)
     if ttf is None or left is None or left is ttf:
         return ()
@@ -160,7 +160,7 @@ LOCAL_VALUES_MAX = 2**31
 def check_supported(
     place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
 ) -> ProblemKind:
-    """Reports constructs that cannot be followed; returns how the plants move (flow or map)."""
+    """Reports constructs that proofs cannot follow; gives how the plants move: flow or map."""
     _check_controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:
@@ -198,9 +198,6 @@ def check_supported(
         )
     _check_predicates(place, diagnostics)
     return "map" if "map" in kinds else "flow"
-
-
-# ---------------------------------------------------------------- the safe controller
 
 
 def _check_controller(
@@ -248,11 +245,8 @@ def _is_bounded(t: Type) -> bool:
     return isinstance(t, (BoolType, EnumType))
 
 
-# ---------------------------------------------------------------- plants
-
-
 def _refuse_choices(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """R007 for plants that choose (`choose`), whether they fly or stand for those that do."""
+    """Reports R007 for plants that `choose`, whether they fly or stand for those that do."""
     seen: set[typed.PlantSymbol] = set()
     for c in (*place.plants, *place.flat.components):
         if c.plant is None or c.plant in seen:
@@ -313,12 +307,10 @@ def _check_plant(
             )
 
 
-# ---------------------------------------------------------------- predicates
-
-
 def _check_predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
+    """Reports predicates that a proof cannot follow."""
     symbol = place.module.symbol
-    maps = set(maps_of(place).values())
+    maps = set(topics_of_proved_maps(place).values())
     check_maps(place, diagnostics)
     for name, e in (("safe", symbol.safe), ("core", symbol.verify.core)):
         if e is None:
@@ -346,7 +338,7 @@ def _check_predicates(place: VerificationSystem, diagnostics: Diagnostics) -> No
 
 
 def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
-    """R007 for expressions that read clocks, ages or modes, or call externs."""
+    """Reports R007 for expressions that read clocks, ages or modes; R003 for calls of externs."""
     assert isinstance(roots, (list, tuple))
     for node in nodes(roots):
         word = UNKNOWN_FACTS.get(type(node))
@@ -357,10 +349,7 @@ def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -
             if isinstance(node, typed.ModeRead):
                 notes = (OF_MODES,)
             diagnostics.error(
-                "R007",
-                f"{where} reads {word}, which a proof cannot follow",
-                node.span,
-                notes=notes,
+                "R007", f"{where} reads {word}, which a proof cannot follow", node.span, notes=notes
             )
     _refuse_externs(roots, where, roots, set(), diagnostics)
 
@@ -368,6 +357,7 @@ def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -
 def _refuse_externs(
     top: object, where: str, roots: object, seen: set[object], diagnostics: Diagnostics
 ) -> None:
+    """Reports R003 for calls of extern functions, direct or through others."""
     assert isinstance(roots, (list, tuple))
     for call in calls_in(*roots):
         if call.fun in seen:

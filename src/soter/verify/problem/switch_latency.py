@@ -1,7 +1,7 @@
 """P1c of a module as it is deployed: how long a switch takes with the declared execution times.
 
-Purpose: `switch_of` computes H* from the latest starts and ends of the thread, and compares it with
-the H of the proof.
+Purpose: `switch_latency_of` computes H* from the latest starts and ends of the thread, and compares
+it with the H of the proof.
 Non-goals: whether the proof's own times hold (`problem_times.py`), any set.
 """
 
@@ -24,7 +24,7 @@ from soter.verify.problem.problem_times import (
 )
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.time_checks import map_times
-from soter.verify.problem.verification_system import modes_as_topics, verification_system_of
+from soter.verify.problem.verification_system import verification_system_of, with_modes_as_topics
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -58,7 +58,7 @@ class SwitchLatency:
 
     @property
     def slack(self) -> int | None:
-        """H minus what is needed, in ns; negative where P1c does not hold."""
+        """H minus the least H that is needed, in ns; None: not known. Negative: P1c fails."""
         return None if self.horizon is None or self.needed is None else self.horizon - self.needed
 
     def in_words(self) -> str:
@@ -74,7 +74,7 @@ class SwitchLatency:
         )
 
 
-def switch_of(flat: System, module: Module) -> SwitchLatency:
+def switch_latency_of(flat: System, module: Module) -> SwitchLatency:
     """P1c of a module of a flat system whose thread declares execution times."""
     verify = module.symbol.verify
     if verify.span is None:
@@ -104,7 +104,7 @@ def _latency_of_induction(flat: System, module: Module) -> SwitchLatency:
     from soter.verify.induction.problem import extract_induction  # noqa: PLC0415 - only then
 
     try:
-        extract_induction(*modes_as_topics(flat, module))
+        extract_induction(*with_modes_as_topics(flat, module))
     except SoterError as error:
         return _latency_unknown(module, error.diagnostics)
     why = "every order of steps that the times allow is part of its proof"
@@ -166,19 +166,19 @@ def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
     """The least H, in ns.
 
     If it is known when SC starts after each release of the DM that may be the first not to say
-    "AC", and no node is behind SC, that replaces the sum in H*.
+    "AC", and no node is behind SC, that time replaces the sum in H*.
     """
     if handed_over is None or any(o.nodes for o in schedule.outputs):
-        return schedule.needed
+        return schedule.least_horizon
     acts = schedule.sc.response + max(o.most for o in schedule.outputs)
     star = schedule.age_dm + schedule.dm.period + handed_over + acts
-    return max(star, schedule.start) if schedule.reads_more else star
+    return max(star, schedule.start) if schedule.sc_reads_more else star
 
 
 def _with_thread_times(
     schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes
 ) -> Schedule:
-    """The schedule with the thread's times for each component that the thread has."""
+    """The schedule with the thread's own times for each component that runs in the thread."""
 
     def chain(r: CauseEffectChain) -> CauseEffectChain:
         stations = zip(r.stations, r.path.nodes, strict=True)

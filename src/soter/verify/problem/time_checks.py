@@ -32,7 +32,7 @@ def check_times(
     chains: CauseEffectChains,
     diagnostics: Diagnostics,
 ) -> None:
-    """Reports times that the theorem does not cover."""
+    """Reports each time that the theorem does not cover."""
     if kind == "map":
         _check_map_times(place, times, chains, diagnostics)
         if diagnostics.has_errors:
@@ -51,16 +51,17 @@ def check_times(
 
 
 def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
-    """R015 where SC is not done before its next step, or acts later than proofs cover."""
+    """Reports R015 where SC is not done before its next step, or acts later than proofs cover."""
     schedule, sc = times.schedule, place.sc
     span = place.module.symbol.verify.span or place.module.symbol.span
     symbol = place.module.symbol
     why = why_late_commands_uncovered(symbol, schedule)
-    enough = _period_in_time(schedule, in_order=bool(why))
-    if schedule.published > schedule.sc.period:
+    enough = _advise_period(schedule, in_order=bool(why))
+    if schedule.latest_output > schedule.sc.period:
         diagnostics.error(
             "R015",
-            f"SC may take {show_ns(schedule.published)} from its release, longer than its period",
+            f"SC may take {show_ns(schedule.latest_output)} from its release, longer than "
+            "its period",
             span,
             also=((sc.span, f"steps every {show_ns(sc.period_ns)}"),),
             notes=(
@@ -70,23 +71,20 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
             helps=(f"shorter times{enough}",),
         )
         return
-    if why and not schedule.ordered:
+    if why and not schedule.are_windows_apart:
         excess = show_ns(times.jitter_sc - times.delta_sc // 2)
         diagnostics.error(
             "R015",
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
             span,
             also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=(_parts_of_delay(times), f"commands that act so late are not proved {why}"),
-            helps=(
-                *_advise_least_delay(times),
-                f"these times together {excess} shorter{enough}",
-            ),
+            notes=(_jitter_in_words(times), f"commands that act so late are not proved {why}"),
+            helps=(*_advise_least_delay(times), f"these times together {excess} shorter{enough}"),
         )
 
 
 def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str:
-    """Why no proof covers commands later than half a period in this module; "": one does."""
+    """Why no proof covers commands of this module that are half a period late; "": one does."""
     verify = symbol.verify
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
@@ -98,8 +96,8 @@ def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str
     return next((why for why, is_so in wrong.items() if is_so), "")
 
 
-def _parts_of_delay(times: Times) -> str:
-    """Words for the parts of j, whose sum a message tells (docs/proof.md, The model of time)."""
+def _jitter_in_words(times: Times) -> str:
+    """A sum in words: the parts of j (docs/proof.md, The model of time)."""
     parts = [*_parts_before_output(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     parts_in_words = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
@@ -112,13 +110,13 @@ def _parts_of_delay(times: Times) -> str:
 
 def _parts_before_output(times: Times) -> list[tuple[int, str]]:
     """The parts of the time from a release of SC to its publication, with words."""
-    sc, waits = times.schedule.sc, times.schedule.start_of_sc
+    sc, waits = times.schedule.sc, times.schedule.latest_start_of_sc
     late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
     return [(waits, late), (sc.response, "`response sc`")]
 
 
 def _advise_least_delay(times: Times) -> tuple[str, ...]:
-    """The remedy for a dead time: to declare its least part, as only what varies is lateness."""
+    """Advice to declare the least part of a dead time, if that is enough."""
     without = times.jitter_sc - (times.acts - times.acts_least)
     if 2 * without > times.delta_sc:
         return ()
@@ -127,15 +125,15 @@ def _advise_least_delay(times: Times) -> tuple[str, ...]:
     return (f"{enough}: only what is more than A is late",)
 
 
-def _period_in_time(schedule: Schedule, *, in_order: bool) -> str:
-    """Words for a period with which SC is in time; it is tried, as SC's waiting depends on it.
+def _advise_period(schedule: Schedule, *, in_order: bool) -> str:
+    """Words for a period with which SC is in time; "" where none is found.
 
-    The module's period is added where P1a needs it. "" where none is found, or SC would then read
-    what is older than its `max_age`.
+    Periods are tried, as SC's waiting depends on them; the module's own is added where P1a needs
+    it. With the period found SC must not read what is older than its `max_age`.
     """
     slower = schedule
     for _ in range(PERIODS_TRIED):
-        period = max(slower.published, 2 * slower.jitter * in_order)
+        period = max(slower.latest_output, 2 * slower.jitter * in_order)
         if period <= slower.sc.period:
             break
         dm = replace(schedule.dm, period=max(schedule.dm.period, period))
@@ -153,7 +151,7 @@ def _period_in_time(schedule: Schedule, *, in_order: bool) -> str:
 def _check_known_nodes(
     place: VerificationSystem, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """R017 where a time is declared for a node that is on no path, where it has no effect."""
+    """Reports R017 where a time is declared for a node that is on no path."""
     verify = place.module.symbol.verify
     inner = [n for w in chains.ways for n in (*w.inner, *w.in_step)]
     stations = [n.name.removeprefix(place.around) for n in (*chains.nodes, *chains.behind)]
@@ -177,7 +175,7 @@ def _check_known_nodes(
 
 
 def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
-    """R011 where, by the periods alone, SC may read what is older than its `max_age` or `age`."""
+    """Reports R011 where SC may read a topic that is older than its `max_age` or `age`."""
     topics_told = set()
     for chain in chains.by_sc:
         oldest = times.schedule.stamp_age_sc(chain.path)
@@ -202,8 +200,8 @@ def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagn
 
 
 def _check_first_results(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
-    """R017 where a node may publish a result of a default, whose stamp would look fresh."""
-    early = chain.path.speaks_early
+    """Reports R017 where a node may publish a result of a default, whose stamp would look fresh."""
+    early = chain.path.early_node
     if early is None:
         return
     node = chain.stations[early]
@@ -243,7 +241,7 @@ def _check_node_fits(
 
 
 def _own_time_in_words(at: Releases) -> str:
-    """Words for the parts of the time that a node, or the DM, may take."""
+    """A sum in words: the time that a node, or the DM, may take."""
     parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
     return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
 
@@ -264,13 +262,15 @@ def _check_dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnos
 def _check_skipped_outputs(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """R018 where a node behind SC may skip an output: a command would act a period longer."""
+    """Reports R018 where a node behind SC may skip an output: a command would act too long."""
     schedule = times.schedule
     skips: list[Component] = []
     outputs = {o.nodes: o for o in schedule.outputs}
     stations = dict(_releases_of_nodes(chains))
     for way in chains.ways:
-        at = outputs[tuple(stations[n] for n in way.counted)].loses(schedule.sc, schedule.published)
+        at = outputs[tuple(stations[n] for n in way.counted)].skipping_node(
+            schedule.sc, schedule.latest_output
+        )
         skips += [] if at is None else [way.counted[at]]
         skips += [n for n in way.inner if max(n.period_ns, _execution_time(n)) > schedule.sc.period]
     for node in dict.fromkeys(skips):
@@ -290,19 +290,16 @@ def _execution_time(node: Component) -> int:
     return 0 if node.takes_ns is None else node.takes_ns[1]
 
 
-# ---------------------------------------------------------------- maps
-
-
 def _check_map_times(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """Reports times of a map that are no whole steps: it is defined at multiples of its period."""
+    """Reports times that do not fit a map, which is defined at multiples of its period."""
     step = place.plants[0].period_ns
     symbol = place.module.symbol
     _check_whole_steps(place, times, step, diagnostics)
     for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc] if place.abstract else []):
         _check_every_step(place, chain, step, diagnostics)
-    acts = times.schedule.published + times.acts
+    acts = times.schedule.latest_output + times.acts
     paths = (*times.schedule.read_by_dm, *times.schedule.read_by_sc)
     often = min([step, *(p.sensor.period for p in paths)])
     stamps = [p.max_age or 0 for p in paths]
@@ -333,7 +330,7 @@ def _check_map_times(
 def _check_whole_steps(
     place: VerificationSystem, times: Times, step: int, diagnostics: Diagnostics
 ) -> None:
-    """R012 for periods and phases that are no multiples of the map's own period."""
+    """Reports R012 for periods and phases that are no multiples of the map's own period."""
     symbol = place.module.symbol
     wrong = {
         "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
@@ -356,7 +353,7 @@ def _check_whole_steps(
 def _check_every_step(
     place: VerificationSystem, chain: CauseEffectChain, step: int, diagnostics: Diagnostics
 ) -> None:
-    """R012 where what an abstraction stands for does not publish whenever the abstraction steps."""
+    """Reports R012 where a sensor does not publish whenever the abstraction steps."""
     at = chain.path.sensor
     if not (at.phase or step % at.period):
         return
@@ -372,7 +369,7 @@ def _check_every_step(
 
 
 def map_times(times: Times) -> Times:
-    """The times of a map: reads and effects are of one instant, so only periods remain."""
+    """The times of a map: only periods and phases, as reads and effects are of one instant."""
     schedule = times.schedule
     return replace(
         times,

@@ -2,11 +2,12 @@
 
 Purpose: `verification_system_of` makes, from a flat system and one of its modules, a system of that
 module and its verification plants, and nothing else (docs/verification.md, section 1).
-`modes_as_topics` replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf` and
-`safer` by a topic that nobody publishes, so that it may have any value at any read; it also says
-for which modules P2b waits, and whether these wait in turn (docs/proof-modules.md, "Coordinated
-switching"). `under_law` puts the fail-safe law, a constant for each output, in the place of SC: of
-that system the core K_fs is computed (docs/proof.md, "When the trusted part stops").
+`with_modes_as_topics` replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf`
+and `safer` by a topic that nobody publishes, so that it may have any value at any read; it also
+says for which modules P2b waits, and whether these wait in turn (docs/proof-modules.md,
+"Coordinated switching"). `system_under_law` puts the fail-safe law, a constant for each output, in
+the place of SC: of that system the core K_fs is computed (docs/proof.md, "When the trusted part
+stops").
 Non-goals: quantities and ranges (`extract.py`); one's own mode; the sets
 (`verify/claims/product_sets.py`); the re-checker, which reads `mode` by itself.
 """
@@ -68,7 +69,7 @@ class VerificationSystem:
         return driver_by_topic
 
     def flying(self, topic: typed.TopicSymbol) -> int:
-        """The index in the flying system of a topic that the module reads; -1: it has none."""
+        """The flying system's index of a topic that the module reads; -1: it has none."""
         home = self.home
         for scope in (home.scope, *(self.flat.components[i].scope for i in (home.sc, home.ac))):
             if topic in scope.topics:
@@ -76,7 +77,7 @@ class VerificationSystem:
         return -1
 
     def declared(self, c: Component, kind: str) -> typed.TypedExpr | None:
-        """The declared `late` or `response` of a node of the flying system; None: not declared.
+        """The declared `late` or `response` of a flying node; None: not declared.
 
         The module names nodes as its own system does, without that system's name. A node that
         declares how long its steps take has that as its response.
@@ -87,7 +88,7 @@ class VerificationSystem:
         return times.get(c.name.removeprefix(self.around))
 
     def shown_by(self, index: int) -> str:
-        """The name of the flying plant that a driven topic has to show."""
+        """The name of the flying plant whose state a topic has to show, by its index."""
         plant = self.driven[index]
         if not self.abstract:
             return plant.name
@@ -96,7 +97,7 @@ class VerificationSystem:
 
     @property
     def around(self) -> str:
-        """The name of the sub-system that holds the module, with a dot, or nothing."""
+        """The name of the sub-system that holds the module and a dot, or ""."""
         outer = holder_of(self.home)
         return outer + "." if outer else ""
 
@@ -121,22 +122,24 @@ def verification_system_of(flat: System, module: Module) -> VerificationSystem:
     )
 
 
-def sc_reads(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
-    """The topics that the step of a controller reads; all it subscribes to where it is unknown."""
+def topics_read_in_step(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
+    """The topics that the step of a controller reads; for an extern all that it subscribes to."""
     if node.extern:
         return [s.topic for s in node.subscribes]
     return list(topic_reads(*node.step))
 
 
-def read_by_module(module: typed.ModuleSymbol, sc: typed.NodeSymbol) -> list[typed.TopicSymbol]:
+def topics_read_by_module(
+    module: typed.ModuleSymbol, sc: typed.NodeSymbol
+) -> list[typed.TopicSymbol]:
     """Every topic that SC, a predicate or an axis of the module reads."""
     axes = [a.topic for g in module.verify.groups for a in g.axes if a.topic is not None]
-    reads = [*sc_reads(sc), *topic_reads(*module.predicates), *axes]
+    reads = [*topics_read_in_step(sc), *topic_reads(*module.predicates), *axes]
     return list(dict.fromkeys(reads))
 
 
 def read_by_dm(place: VerificationSystem) -> dict[int, None]:
-    """The driven topics that a verdict of the DM depends on: of its predicates, or of the axes."""
+    """The driven topics that the DM's predicates read, or if these are computed, the axes."""
     symbol, module = place.module.symbol, place.module
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
     topics = list(topic_reads(*predicates))
@@ -148,9 +151,9 @@ def read_by_dm(place: VerificationSystem) -> dict[int, None]:
 
 
 def read_by_sc(place: VerificationSystem) -> dict[int, None]:
-    """Driven topics that SC reads."""
+    """The driven topics that SC reads."""
     assert place.sc.node is not None
-    topics = [place.sc.scope.topics[t] for t in sc_reads(place.sc.node)]
+    topics = [place.sc.scope.topics[t] for t in topics_read_in_step(place.sc.node)]
     return {t: None for t in topics if t in place.driven}
 
 
@@ -170,7 +173,7 @@ def _with_abstractions(flat: System, module: Module) -> System:
 
 
 def _with_own_plants(flat: System, module: Module) -> System:
-    """The module's own system without the parts that the proof does not look at."""
+    """The module's own system without the plants that the proof does not look at."""
     scope = {
         **flat.components[module.sc].scope.topics,
         **flat.components[module.ac].scope.topics,
@@ -178,7 +181,7 @@ def _with_own_plants(flat: System, module: Module) -> System:
     }
     sc = flat.components[module.sc].node
     assert sc is not None
-    topics_wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
+    topics_wanted = {scope[t] for t in topics_read_by_module(module.symbol, sc) if t in scope}
     home = holder_of(module)
     named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
     named = {f"{home}.{n}" if home else n for n in named}
@@ -191,8 +194,8 @@ def _with_own_plants(flat: System, module: Module) -> System:
     return derived_systems.module_alone(flat, module, plants)
 
 
-def under_law(flat: System, module: Module) -> tuple[System, Module]:
-    """The flying system with the law in the place of SC, and the module there; it has no law.
+def system_under_law(flat: System, module: Module) -> tuple[System, Module]:
+    """The flying system with the law in the place of SC, and its module there, without a law.
 
     Periods, phases, lateness and latencies stay those of SC.
     """
@@ -209,8 +212,8 @@ def under_law(flat: System, module: Module) -> tuple[System, Module]:
 def why_law_not_held(flat: System, module: Module) -> str:
     """Why actuators do not hold the law that the module publishes; "": they do.
 
-    A node that reads the module's outputs stops with the trusted part, so nobody holds what it
-    would have made of the law.
+    A node that reads the module's outputs stops with the trusted part, so nobody holds the command
+    that it would have made of the law.
     """
     outputs = set(module.outputs)
     for c in flat.components:
@@ -239,18 +242,18 @@ READS: dict[type, str] = {typed.ModeRead: "mode", typed.MarginRead: "margin"}
 SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
 
 
-def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
+def with_modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
     """The system with a topic for every other mode, and every margin, that a module reads.
 
-    SC, `ttf` and `safer` read these topics instead; nobody publishes them. Without such reads the
-    system stays as it is.
+    SC, `ttf` and `safer` read these topics instead, which nobody publishes. A module without such
+    reads keeps its system.
     """
     sc = flat.components[module.sc]
     modules_read = _modules_by_read(flat, module, sc)
     if not modules_read:
         return flat, module, NO_MODES
     names: Names = tuple(
-        (read, _topic_symbol(read[0], m.name, m.symbol)) for read, m in modules_read.items()
+        (read, _cached_topic_symbol(read[0], m.name, m.symbol)) for read, m in modules_read.items()
     )
     kinds = {topic: (read[0], modules_read[read]) for read, topic in names}
     index_by_topic = {t: len(flat.topics) + k for k, t in enumerate(kinds)}
@@ -319,17 +322,17 @@ def with_other_modes_in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
 
 
 def _modules_by_read(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
-    """For each read of a mode or margin the module that it is of; one's own mode is left out."""
+    """The module behind each read of a mode or margin; reads of one's own mode are left out."""
     own = {**sc.scope.modules, **module.scope.modules}
     return {
         (kind, s): flat.modules[own[s]]
-        for kind, s in _other_modules_read(module, sc)
+        for kind, s in _reads_of_modules(module, sc)
         if s in own and (kind == "margin" or own[s] != module.index)
     }
 
 
-def _other_modules_read(module: Module, sc: Component) -> list[Read]:
-    """What SC, `ttf` and `safer` read of modules: ("mode" or "margin", the module)."""
+def _reads_of_modules(module: Module, sc: Component) -> list[Read]:
+    """The reads of modules in SC, `ttf` and `safer`: ("mode" or "margin", the module)."""
     symbol, node = module.symbol, sc.node
     assert node is not None
     code = () if node.extern else (*node.step, *(node.takeover or ()))
@@ -351,10 +354,10 @@ def _modes_read_in(module: Module, *predicates: str) -> list[int]:
 
 
 def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
-    """Why the modules that a module waits for may never be in AC together, in words; else "".
+    """Why the modules that a module waits for may never be in AC together; "": no reason is known.
 
-    One is forced to SC; or the decision of one depends, through any modes, on this module, which is
-    in SC while it waits.
+    Either one of them is forced to SC, or its decision depends, through any modes, on this module,
+    which is in SC while it waits.
     """
     for i in waits:
         awaited = flat.modules[i]
@@ -375,8 +378,8 @@ def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
 
 
 @lru_cache(maxsize=256)
-def _topic_symbol(kind: str, name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
-    """A cached symbol, as symbols are compared by identity: the same for the same module."""
+def _cached_topic_symbol(kind: str, name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
+    """A symbol for a mode or margin, cached: symbols are compared by identity."""
     if kind == "mode":
         return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
     return typed.TopicSymbol(f"{name}.any_margin", module.span, FLOAT, False, {}, None, None)

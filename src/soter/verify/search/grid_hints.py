@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.search.hint_text import Hints
-from soter.verify.search.written_numbers import rounded
+from soter.verify.search.written_numbers import rounded_outward
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -32,10 +32,10 @@ WIDE_TO = 2
 """Up to so many axes of a group wide ones are tried, too: there a cell more costs little."""
 
 
-def groups_of(found: ModelStates, named: Collection[int] = ()) -> list[list[int]]:
-    """The states that need an axis, those together that move each other or that `safe` compares.
+def groups_to_try(found: ModelStates, named: Collection[int] = ()) -> list[list[int]]:
+    """The states that need an axis, in groups: those that move each other or that `safe` compares.
 
-    Without those that are `named` by a line of the program.
+    States that are `named` by a line of the program are left out.
     """
     joined = found.reads | found.reads.T | found.compared
     groups: list[list[int]] = []
@@ -57,26 +57,28 @@ def grid_hints(
 ) -> tuple[list[tuple[int, Hints]], int]:
     """Grids to try with their numbers of cells, those with fewer first; none for large groups.
 
-    `named`: the states of which lines of the program have an axis. And how many of the first are
-    quick, as no more than two axes are in a group.
+    `named`: the states of which lines of the program have an axis. The second result is how many of
+    the first grids are quick, as no more than two axes are in a group.
     """
-    groups = groups_of(found, named)
+    groups = groups_to_try(found, named)
     most = max(map(len, groups), default=0)
     hints: dict[Hints, int] = {}
     for cells in CELLS.get(most, ()):
         for reached in BEYOND if most <= WIDE_TO else ("near", "far"):
-            lines = [_line(found, group, cells, reached) for group in groups]
+            lines = [_grid_line(found, group, cells, reached) for group in groups]
             made = Hints(items=tuple(x for _, x in lines), added=bool(named))
             hints.setdefault(made, sum(n for n, _ in lines))
     tries = sorted(((n, h) for h, n in hints.items()), key=lambda each: each[0])
     return tries, len(BEYOND) if most <= WIDE_TO else 0
 
 
-def _line(found: ModelStates, group: Sequence[int], cells: int, reached: str) -> tuple[int, str]:
+def _grid_line(
+    found: ModelStates, group: Sequence[int], cells: int, reached: str
+) -> tuple[int, str]:
     """The number of cells and the `grid` line of a group."""
-    ends = [_ends(found, state, reached) for state in group]
+    ends = [_ends_of_axis(found, state, reached) for state in group]
     sizes = np.array([high - low for low, high in ends]) / np.maximum(found.steps[group], 1e-12)
-    counts = _counts(np.sqrt(np.maximum(sizes, 1.0)), min(cells, CELLS[len(group)][-1]))
+    counts = _counts_of_cells(np.sqrt(np.maximum(sizes, 1.0)), min(cells, CELLS[len(group)][-1]))
     axes = [
         f"{found.names[s]} in [{low!r}, {high!r}] / {n}"
         for s, (low, high), n in zip(group, ends, counts, strict=True)
@@ -84,18 +86,18 @@ def _line(found: ModelStates, group: Sequence[int], cells: int, reached: str) ->
     return prod(counts), f"grid {', '.join(axes)};"
 
 
-def _counts(weights: Floats, cells: int) -> list[int]:
+def _counts_of_cells(weights: Floats, cells: int) -> list[int]:
     """Numbers of cells along axes in proportion to their weights, no more than `cells` in all."""
     weights = np.minimum(weights, LEAST * weights.min())
     scale = (cells / weights.prod()) ** (1.0 / len(weights))
     return [max(LEAST, int(scale * w)) for w in weights]
 
 
-def _ends(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
+def _ends_of_axis(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
     low, high = (found.near if reached == "near" else found.far)[:, state]
     more = BEYOND[reached] * (high - low) or float(found.steps[state])
     safe = found.ends[state]
     return (
-        float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded(low - more, up=False),
-        float(f"{safe[1]:.9g}") if isfinite(safe[1]) else rounded(high + more, up=True),
+        float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded_outward(low - more, up=False),
+        float(f"{safe[1]:.9g}") if isfinite(safe[1]) else rounded_outward(high + more, up=True),
     )

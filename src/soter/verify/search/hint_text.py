@@ -51,20 +51,20 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
     edits: list[tuple[int, int, str]] = []
     of_grids = BESIDE_GRIDS if module.rest is None else (*BESIDE_GRIDS, "shield")
     replaced = () if hints.added else BESIDE_REST if hints.clauses else of_grids
-    opened, block = _body_of(tokens, module.span.start), None
-    for first, last in _items(tokens, opened):
+    opened, block = _opening_brace(tokens, module.span.start), None
+    for first, last in _items_of_body(tokens, opened):
         word = tokens.texts[first]
         if word == "verify":
             block = first + 1
-            gone = [i for i in _items(tokens, block) if tokens.texts[i[0]] in replaced]
-            emptied = not hints.items and len(gone) == sum(1 for _ in _items(tokens, block))
+            gone = [i for i in _items_of_body(tokens, block) if tokens.texts[i[0]] in replaced]
+            emptied = not hints.items and len(gone) == sum(1 for _ in _items_of_body(tokens, block))
             gone = [(first, last)] if emptied else gone
         elif word in replaced:
             gone = [(first, last)]
         else:
             continue
         edits += [_removal(text, tokens.starts[a], tokens.ends[b]) for a, b in gone]
-    closed = tokens.starts[_end_of(tokens, opened)]
+    closed = tokens.starts[_closing_brace(tokens, opened)]
     lines = [f"  {hint}{comment}\n" for hint in hints.clauses]
     if hints.items and block is not None:
         at, inner = tokens.ends[block], "".join(f"\n    {hint}" for hint in hints.items)
@@ -80,13 +80,13 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
     return text
 
 
-def _body_of(tokens: Tokens, start: int) -> int:
-    """The number of the brace that opens the body of the declaration whose name begins there."""
+def _opening_brace(tokens: Tokens, start: int) -> int:
+    """The number of the token that opens the body of the declaration named at `start`."""
     return tokens.kinds.index("{", tokens.starts.index(start))
 
 
-def _end_of(tokens: Tokens, opened: int) -> int:
-    """The number of the brace that closes the body that is opened by token `opened`."""
+def _closing_brace(tokens: Tokens, opened: int) -> int:
+    """The number of the token that closes the body opened by token `opened`."""
     depth = 0
     for k in range(opened, len(tokens.kinds)):
         depth += {"{": 1, "}": -1}.get(tokens.kinds[k], 0)
@@ -95,11 +95,11 @@ def _end_of(tokens: Tokens, opened: int) -> int:
     raise AssertionError  # the program was checked
 
 
-def _items(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
+def _items_of_body(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
     """The first and the last token of each item of the body that token `opened` opens."""
     first = k = opened + 1
     while tokens.kinds[k] != "}":
-        k = _end_of(tokens, k) if tokens.kinds[k] == "{" else k
+        k = _closing_brace(tokens, k) if tokens.kinds[k] == "{" else k
         following = tokens.kinds[k + 1]
         if tokens.kinds[k] == ";" or (tokens.kinds[k] == "}" and following not in (";", ",")):
             yield first, k

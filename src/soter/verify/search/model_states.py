@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.types import leaf_name, leaves
-from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns, run_of_sc
+from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns_to_try, run_of_sc
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid.case import Case
-from soter.verify.problem.extract import cases
+from soter.verify.problem.extract import parameter_cases
 from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class ModelStates:
     def of(cls, problem: Problem, going: Callable[[], bool]) -> ModelStates:
         """Simulates; `problem` is on any grid that holds the start, as one cell an axis."""
         library, _ = library_of(problem)
-        parameter = next(iter(cases(problem)))
+        parameter = next(iter(parameter_cases(problem)))
         model = PointModel(
             Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
         )
@@ -97,8 +97,6 @@ class ModelStates:
         )
         return [trace for trace in made if np.isfinite(trace.states[-1]).all()]
 
-    # ------------------------------------------------------------ `safe`
-
     def _ends_of_safe(self) -> Floats:
         start, ends = self.model.start, []
         for state in range(len(start)):
@@ -118,8 +116,6 @@ class ModelStates:
         x = self.model.start
         x[state] += by
         return self.model.safe(x) == FALSE
-
-    # ------------------------------------------------------------ ranges
 
     def _explore(self, going: Callable[[], bool]) -> None:
         start = self.model.start
@@ -175,7 +171,7 @@ class ModelStates:
 
     def _pushed(self, start: Floats, u: Floats, w: Floats) -> list[Floats]:
         """The states after 0, 1, ... horizons of a command, while `safe` may hold."""
-        horizon = self.problem.in_horizon(self.problem.times.horizon_ns)
+        horizon = self.problem.whole_periods(self.problem.times.horizon_ns)
         steps = max(1, round(horizon / self.problem.plant_period_ns))
         x, states = start, [start]
         if not self.model.is_map:
@@ -183,7 +179,7 @@ class ModelStates:
             steps = min(steps, max(50, ceil(horizon * NS / most)))
         for _ in range(PUSHES):
             for _ in range(steps):
-                x = self.model.rate(x, u, w) if self.model.is_map else self.model.step(
+                x = self.model.rate(x, u, w) if self.model.is_map else self.model.step_rk4(
                     x, u, w, horizon * NS / steps
                 )  # fmt: skip
             if not np.isfinite(x).all() or self.model.safe(x) == FALSE:
@@ -211,8 +207,6 @@ class ModelStates:
                 return None
             traces.append(trace)
         return traces
-
-    # ------------------------------------------------------------ who moves with whom
 
     @cached_property
     def reads(self) -> Bools:
@@ -326,7 +320,7 @@ def _range_of(states: Sequence[Floats]) -> Floats:
 
 def _some_patterns(model: PointModel) -> list[Pattern]:
     """A few patterns: nothing disturbs, all is high or low, and some that were drawn."""
-    quiet, *worse = patterns(model)
+    quiet, *worse = patterns_to_try(model)
     drawn = np.random.default_rng(0).integers(0, len(worse), 2) if worse else ()
     chosen = {0, len(worse) - 1, *map(int, drawn)} if worse else set()
     return [quiet, *(worse[k] for k in sorted(chosen))]

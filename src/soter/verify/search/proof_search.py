@@ -96,7 +96,7 @@ def find_hints(
     search = _Search(checked, choose, module, budget_s, for_rests_s, own=own, surely=surely)
     phase(f"{module.name}: which states its plants reach")
     try:
-        found = search.simulated(flat)
+        found = search.reached_states(flat)
         named = set[int]() if own else _named(found, module)
         for cells, hints in _in_order(found, named, module, rests_alone=rests_alone):
             if search.made.proved or not search.going():
@@ -176,19 +176,19 @@ class _Search:
             return [f"{name}: no hint was tried yet, no claim settled"]
         return [f"{name}: tried `{t.hints}`: {t.gave}" for t in tries]
 
-    def simulated(self, flat: System) -> ModelStates:
-        """What runs of the module's model reach."""
+    def reached_states(self, flat: System) -> ModelStates:
+        """The states that runs of the module's model reach."""
         at = verification_system_of(flat, self._module)
         diagnostics = Diagnostics()
         inputs = inputs_of(at, diagnostics)
         diagnostics.raise_errors()
         names = [x.name.removeprefix(at.prefix) for x in inputs.states]
         lines = tuple(f"grid {name} in [{-WIDE!r}, {WIDE!r}] / 1;" for name in names)
-        checked = check_file(self._source.name, self._text(Hints(items=lines)))
+        checked = check_file(self._source.name, self._text_with(Hints(items=lines)))
         _, _, problem = self._choose(checked)
         return ModelStates.of(problem, self.going)
 
-    def _text(self, hints: Hints, comment: str = "") -> str:
+    def _text_with(self, hints: Hints, comment: str = "") -> str:
         return with_hints(self._source, self._module.symbol, hints, comment)
 
     def attempt(self, hints: Hints, cells: int, share: float = 1.0) -> None:
@@ -206,7 +206,7 @@ class _Search:
             return
         phase(f"{self.made.module}: trying {hints}")
         until = began + share * (self._until - began)
-        gave, result, checked = self._proved(hints, until)
+        gave, result, checked = self._prove_with(hints, until)
         if gave == CUT_SHORT and share < 1.0:
             self.cut_short.append((cells, hints))
         shown = ENDED if gave == CUT_SHORT and share == 1.0 else gave
@@ -228,7 +228,7 @@ class _Search:
             self._attempt_more(hints, result)
 
     def _attempt_more(self, hints: Hints, result: ModuleResult) -> None:
-        """Tries a `rest` that keeps its box for longer, or with single commands judged."""
+        """Tries a `rest` with a larger time or larger moves, or with single commands judged."""
         open_ = [n for n, f in result.findings.items() if not f.holds]
         why = result.findings["P2a"].text
         if hints.farther is not None and HOW_FAR in why:
@@ -238,10 +238,10 @@ class _Search:
         elif not open_ and "shield;" not in hints.clauses:
             self.attempt(Hints(clauses=(*hints.clauses, "shield;"), longer=hints.longer), 0)
 
-    def _proved(
+    def _prove_with(
         self, hints: Hints, until: float
     ) -> tuple[str, ModuleResult | None, CheckResult | None]:
-        """What hints gave in words, and the result and the program if there is one."""
+        """What the hints gave in words; the result and the program, or None where there is none."""
         try:
             checked = _checked(self._source.name, self._laid_out(hints))
             _, _, problem = self._choose(checked)
@@ -257,11 +257,11 @@ class _Search:
             return str(error), None, None
         except CancelledError:
             return CUT_SHORT, None, None
-        return _in_words(result), result, checked
+        return _result_in_words(result), result, checked
 
     def _laid_out(self, hints: Hints) -> str:
-        """The text with the hints; laid out anew if the program was."""
-        text, source = self._text(hints, COMMENT), self._source
+        """The text with the hints; laid out again where the program was laid out."""
+        text, source = self._text_with(hints, COMMENT), self._source
         if format_source(source, Diagnostics()) != source.text:
             return text
         return format_source(Source(source.name, text), Diagnostics()) or text
@@ -284,7 +284,7 @@ def _rank(result: ModuleResult) -> float:
     return float(sum(WEIGHTS.get(n, 0) for n in shown))
 
 
-def _in_words(result: ModuleResult) -> str:
+def _result_in_words(result: ModuleResult) -> str:
     """What a try gave."""
     if result.verdict in (PROVED, ASSUMED):
         but = f", but {result.vacuity.text}" if result.vacuity is not None else ""

@@ -15,7 +15,7 @@ import numpy as np
 from soter.verify.diagnosis.model_runs import NS, TRUE
 from soter.verify.search.hint_text import Hints
 from soter.verify.search.model_states import SETTLED
-from soter.verify.search.written_numbers import duration, rounded
+from soter.verify.search.written_numbers import duration_text, rounded_outward
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,10 +67,10 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
         middle = (low + high) / 2 if middle is None else middle
         reach = np.maximum(high - middle, middle - low)
         half = AROUND * (reach + least)
-        if end_s == ends_s[0] and not _lies_in_safe(found, runs, _ends(middle, half, held)):
+        if end_s == ends_s[0] and not _lies_in_safe(found, runs, _ends_of_box(middle, half, held)):
             half = AROUND * (reach + found.errors / 2)
         if (half > AROUND * before)[held].any():
-            yield from _hints(found, runs, middle, half, held, moving)
+            yield from _hints_of_box(found, runs, middle, half, held, moving)
         before = half
 
 
@@ -79,8 +79,8 @@ def _held_and_moving(
 ) -> tuple[list[int], list[int]]:
     """The states that stand in the condition, and those in `moves`; adds runs that began elsewhere.
 
-    A state that goes on for ever on a way on which a bound would be said stands in neither, nor
-    does one that rates or SC read and no set bounds: a bound of it is not followed.
+    A state stands in neither that goes on for ever on a way with a bound, or that rates or SC read
+    though no set bounds it: a bound of it is not followed.
     """
     quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
     hangs = np.ptp(quiet, axis=0) > HANGS * width
@@ -105,7 +105,7 @@ def _may_move(found: ModelStates, s: int) -> bool:
 
 
 def _moved_starts(found: ModelStates, width: Floats) -> dict[int, list[ModelTrace]]:
-    """By each state that ends farther along if it began farther along: the runs that began so."""
+    """For each state that ends farther along if it began farther along, the runs that began so."""
     middle, moved = found.points[0], {}
     at = found.runs([middle], LONG)
     for s, (low, high) in enumerate(found.ends):
@@ -118,7 +118,7 @@ def _moved_starts(found: ModelStates, width: Floats) -> dict[int, list[ModelTrac
     return moved
 
 
-def _hints(
+def _hints_of_box(
     found: ModelStates,
     runs: list[ModelTrace],
     middle: Floats,
@@ -126,8 +126,8 @@ def _hints(
     held: list[int],
     moving: list[int],
 ) -> Iterator[Hints]:
-    """A box around `middle`; nothing where `safe` does not hold in it, or a run stays out."""
-    ends = _ends(middle, half, held)
+    """Clauses with a box around `middle`; none if `safe` fails in it, or a run stays out."""
+    ends = _ends_of_box(middle, half, held)
     inside = [
         np.all([(e[0] <= x[:, s]) & (x[:, s] <= e[1]) for s, e in ends.items()], axis=0)
         for x in (np.array(t.states) for t in runs)
@@ -138,40 +138,44 @@ def _hints(
     conditions = " && ".join(_condition(found.names[s], *e) for s, e in ends.items())
     farther: Hints | None = None
     for factor in reversed(FARTHER):
-        moves = ", ".join(_moved(found, entered, s, factor) for s in moving)
+        moves = ", ".join(_moves_in_words(found, entered, s, factor) for s in moving)
         clause = f"rest {conditions}{' moves ' * bool(moves)}{moves} within"
-        first, longer = (f"{clause} {duration(x)};" for x in _times(found, entered))
+        first, longer = (f"{clause} {duration_text(x)};" for x in _times_in_box(found, entered))
         farther = Hints(clauses=(first,), longer=longer, farther=farther if moves else None)
     if farther is not None:
         yield farther
 
 
-def _times(found: ModelStates, entered: list[tuple[ModelTrace, int]]) -> list[float]:
+def _times_in_box(found: ModelStates, entered: list[tuple[ModelTrace, int]]) -> list[float]:
     """Times in s within which runs are in the box, the shorter one first."""
     latest, least_s = max(t.times[k] for t, k in entered), 4 * found.period_s
     return [max(x * latest, least_s) + found.problem.times.jitter_sc * NS for x in LATER]
 
 
-def _moved(found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, factor: float) -> str:
-    """How far a state moves, times a factor, after each run entered the box."""
+def _moves_in_words(
+    found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, factor: float
+) -> str:
+    """How far a state moves, times a factor, after runs entered the box: an item of `moves`."""
     after = [np.array(t.states)[k:, s] - t.states[k][s] for t, k in entered]
     ways = [-min(x.min() for x in after), max(x.max() for x in after)]
     width = found.far[1][s] - found.far[0][s]
-    down, up = (rounded(factor * float(w) + max(width, LEAST) / 1000, up=True) for w in ways)
+    down, up = (
+        rounded_outward(factor * float(w) + max(width, LEAST) / 1000, up=True) for w in ways
+    )
     name, (below, above) = found.names[s], found.limited[s]
     if below == above:
         return f"{name} by {max(down, up)!r}"
     return f"{name} by {up!r} up" if above else f"{name} by {down!r} down"
 
 
-def _ends(middle: Floats, half: Floats, held: list[int]) -> dict[int, tuple[float, float]]:
+def _ends_of_box(middle: Floats, half: Floats, held: list[int]) -> dict[int, tuple[float, float]]:
     """The ends of a box in the states that are held, as they are written."""
     return {s: _symmetric(middle[s] - half[s], middle[s] + half[s]) for s in held}
 
 
 def _symmetric(low: float, high: float) -> tuple[float, float]:
-    """The ends, rounded; the same on both sides of 0 if they nearly are."""
-    low, high = rounded(float(low), up=False), rounded(float(high), up=True)
+    """The ends, rounded; equal but for the sign if they nearly are."""
+    low, high = rounded_outward(float(low), up=False), rounded_outward(float(high), up=True)
     if abs(low + high) < 0.35 * max(-low, high):
         return -max(-low, high), max(-low, high)
     return low, high
@@ -184,7 +188,7 @@ def _condition(name: str, low: float, high: float) -> str:
 def _lies_in_safe(
     found: ModelStates, runs: list[ModelTrace], ends: dict[int, tuple[float, float]]
 ) -> bool:
-    """Whether `safe` holds at all corners of the box that were tried, of ends of runs."""
+    """Whether `safe` holds at corners of the box that were drawn, around ends of runs."""
     draw = np.random.default_rng(5)
     for trace in runs[:STARTS]:
         for _ in range(8):

@@ -1,7 +1,8 @@
 """The program of a module of which hints were found, in the place of one that says none, or others.
 
-Purpose: `with_found_hints` looks for hints of modules whose states nothing bounds; `searched_anew`
-of those that their own hints leave undecided; `rests_of` looks for clauses `rest` alone.
+Purpose: `with_found_hints` looks for hints of modules whose states nothing bounds;
+`with_better_hints` of those that their own hints leave undecided; `searches_for_rest` looks for
+clauses `rest` alone.
 Non-goals: the search for one module (`proof_search.py`).
 """
 
@@ -12,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.verify.chosen_modules import (
-    in_every_view,
     module_named,
+    modules_in_every_view,
     modules_of,
     problems_of,
     without_faults,
@@ -47,24 +48,25 @@ def with_found_hints(
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
     """The program with hints that were found where it bounds no states.
 
-    `pick`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them.
-    Where nothing that was tried of one could be asked, that of it and of those after it is raised.
+    `pick`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them. It
+    is raised for a module for which no hint could be tried, and for the modules after it.
     """
     searches: list[ProofSearch] = []
     places = {
-        name: _place_of(module_named(checked, name, pick)[1]) for name in _names(checked, pick)
+        name: _place_of(module_named(checked, name, pick)[1])
+        for name in _module_names(checked, pick)
     }
     for name, place in places.items():
         if not _is_refused(*module_named(checked, name, pick)):
             continue
-        made = _searched(checked, name, pick, budget_s, own=False)
+        made = _search_hints(checked, name, pick, budget_s, own=False)
         if made is None or made.checked is None:
             found = {places[s.module] for s in searches}
             raise SoterError(
                 tuple(
-                    _told_tries(d, made) if _begins(d) == place else d
+                    _with_tries(d, made) if _place_of_error(d) == place else d
                     for d in refused.diagnostics
-                    if _begins(d) not in found
+                    if _place_of_error(d) not in found
                 )
             )
         searches.append(made)
@@ -72,35 +74,35 @@ def with_found_hints(
     return checked, tuple(searches)
 
 
-def searched_anew(
+def with_better_hints(
     checked: CheckResult, pick: Mapping[str, Any], results: Sequence[ModuleResult], budget_s: float
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with other hints of modules that its own leave undecided, where these prove."""
+    """The program with other hints of modules that its own leave undecided, if these prove them."""
     searches = []
     for result in results:
         symbol = result.problem.module.symbol
         if result.verdict != UNDECIDED or symbol.ttf or result.problem.kind == "nodes":
             continue
         surely = result.findings["P2a"].holds
-        made = _searched(checked, result.name, pick, budget_s, own=True, surely=surely)
+        made = _search_hints(checked, result.name, pick, budget_s, own=True, surely=surely)
         if made is not None:
             searches.append(made)
             checked = made.checked if made.proved and made.checked is not None else checked
     return checked, tuple(searches)
 
 
-def rests_of(
+def searches_for_rest(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[ProofSearch, ...]:
-    """What was tried to find a clause `rest` of each module of which hints are looked for."""
+    """The searches for a clause `rest` of each module for which hints are looked for."""
     made = (
-        _searched(checked, n, pick, budget_s, own=False, rests_alone=True)
-        for n in _names(checked, pick)
+        _search_hints(checked, n, pick, budget_s, own=False, rests_alone=True)
+        for n in _module_names(checked, pick)
     )
     return tuple(m for m in made if m is not None)
 
 
-def _searched(
+def _search_hints(
     checked: CheckResult,
     name: str,
     pick: Mapping[str, Any],
@@ -110,7 +112,7 @@ def _searched(
     surely: bool = False,
     rests_alone: bool = False,
 ) -> ProofSearch | None:
-    """What a search for hints of a module gave; None where hints of it are not looked for."""
+    """The search for hints of a module; None where hints of it are not looked for."""
 
     def choose(other: CheckResult) -> tuple[System, Module, Problem]:
         assert other.program is not None
@@ -128,13 +130,13 @@ def _searched(
 def _is_refused(flat: System, module: Module) -> bool:
     """Whether nothing bounds a state of the module."""
     try:
-        problems_of(in_every_view([(flat, module)]))
+        problems_of(modules_in_every_view([(flat, module)]))
     except SoterError:
         return True
     return False
 
 
-def _names(checked: CheckResult, pick: Mapping[str, Any]) -> list[str]:
+def _module_names(checked: CheckResult, pick: Mapping[str, Any]) -> list[str]:
     return [m.name for _, m in modules_of(checked, **pick)]
 
 
@@ -144,13 +146,13 @@ def _place_of(module: Module) -> tuple[str, int]:
     return span.source.name, span.start
 
 
-def _begins(refused: Diagnostic) -> tuple[str, int]:
+def _place_of_error(refused: Diagnostic) -> tuple[str, int]:
     assert refused.primary is not None  # R008 stands at a module
     return refused.primary.span.source.name, refused.primary.span.start
 
 
-def _told_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
-    """The diagnostic that nothing bounds states, with what was tried in vain; None: nothing was."""
+def _with_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
+    """The error R008 with notes on what was tried in vain; `search` None: nothing was tried."""
     helps = tuple(h for h in refused.helps if h != FINDS)
     if search is None:
         return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)

@@ -1,6 +1,6 @@
 """Numbers and times as a hint writes them: rounded outward to few digits.
 
-Purpose: `rounded` for ends and bounds, `duration` for a time that is long enough.
+Purpose: `rounded_outward` for ends and bounds, `duration_text` for a time that is long enough.
 Non-goals: numbers for people (`report/`).
 """
 
@@ -11,8 +11,8 @@ from math import ceil, floor, isfinite, log10
 from soter.language.model.types import write_ns
 
 
-def rounded(value: float, *, up: bool, digits: int = 2) -> float:
-    """A number rounded up or down to so many digits."""
+def rounded_outward(value: float, *, up: bool, digits: int = 2) -> float:
+    """A number rounded up or down to `digits` digits."""
     if value == 0.0 or not isfinite(value):
         return float(value)
     unit = 10.0 ** (floor(log10(abs(value))) - digits + 1)
@@ -20,7 +20,7 @@ def rounded(value: float, *, up: bool, digits: int = 2) -> float:
     return float(f"{(ceil(count - 1e-9) if up else floor(count + 1e-9)) * unit:.12g}")
 
 
-def duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """A time of at least so long, in whole seconds, or in whole parts of one if it is short."""
     part_ns = 10**9 if seconds >= 10.0 else 10**6 if seconds >= 0.01 else 10**3
     return write_ns(ceil(seconds * 1e9 / part_ns) * part_ns)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order
-from soter.verify.tubes.generated_functions import Caller, function, numbers_text, shared_text
+from soter.verify.tubes.generated_functions import Caller, fun_text, numbers_text, shared_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     Ranges = Mapping[tuple[str, int], Interval]
 
 
-def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
-    """A range that holds each expression, over `ranges`; endless where nothing is known."""
+def enclosed_ranges(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
+    """A range around each expression, over `ranges`; (-inf, inf) where nothing is known."""
     return Enclosures([nodes]).of(0, ranges)
 
 
 class Enclosures:
     """Lists of expressions, written out once and enclosed over several ranges.
 
-    `shared`: of each input it is known that it is one number wherever it stands; else no two forms
-    share a symbol.
+    `shared`: an input is the same number wherever it stands in a list; otherwise each place may
+    have another number.
     """
 
     def __init__(self, lists: Sequence[Sequence[Node]], *, shared: bool = False) -> None:
@@ -43,12 +43,12 @@ class Enclosures:
         for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
             over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
             many = f"Form[{max(1, len(used))}]"
-            text.append(function(f"asked_{k}", f"a: {many}", nodes, over, f"Form[{len(nodes)}]"))
+            text.append(fun_text(f"asked_{k}", f"a: {many}", nodes, over, f"Form[{len(nodes)}]"))
         self._caller = Caller("\n".join(text))
 
     def of(self, k: int, ranges: Ranges) -> list[Interval]:
-        """Ranges of the expressions of list `k`, over `ranges`; endless where nothing is known."""
-        value = self._caller.value
+        """A range around each expression of list `k` over `ranges`; endless if nothing is known."""
+        value = self._caller.result
         inputs: list[Any] = [self._form(i, ranges[e.of]) for i, e in enumerate(self._used[k])]
         inputs = inputs or [value("f_number", 0.0)]
         found = value(f"asked_{k}", inputs)
@@ -57,5 +57,5 @@ class Enclosures:
         return [Interval(f[2], f[3]) for f in found]
 
     def _form(self, i: int, r: Interval) -> Any:  # noqa: ANN401 - a value of the program
-        c, off, *ends, g = self._caller.value("f_range", r.low, r.high)
+        c, off, *ends, g = self._caller.result("f_range", r.low, r.high)
         return (c, 0.0, *ends, (*g[:i], off, *g[i + 1 :])) if self._shared else (c, off, *ends, g)

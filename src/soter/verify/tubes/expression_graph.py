@@ -70,7 +70,9 @@ class Expressions:
     def _node(self, op: str, *of: object) -> Node:
         e = self._nodes.setdefault((op, *of), Node(op, of))
         if e not in self._most:
-            self._most[e] = _most(e, [self._most[x] for x in of if isinstance(x, Node)])
+            self._most[e] = _bound_by_operands(
+                e, [self._most[x] for x in of if isinstance(x, Node)]
+            )
         return e
 
     def number(self, value: float) -> Node:
@@ -80,7 +82,7 @@ class Expressions:
         return self._node("number", float(value))
 
     def _folded(self, op: Callable[[Any, Any], Any], a: Node, b: Node) -> Node | None:
-        """The constant that an operation gives; None where it would be rounded."""
+        """The constant that an operation on constants gives; None where it is rounded."""
         if a.op != "number" or b.op != "number":
             return None
         exact = op(Fraction(a.of[0]), Fraction(b.of[0]))
@@ -88,7 +90,7 @@ class Expressions:
         return self.number(value) if abs(value) < LARGEST and exact == Fraction(value) else None
 
     def _stands_for(self, constant: Node, *operands: Node) -> Node:
-        """`constant`; where an operand may be NaN or endless, so that it is none, noted as such."""
+        """Gives `constant`; `hidden` notes operands that may be NaN or infinite instead."""
         for x in operands:
             if not self._most[x] < LARGEST:
                 self.hidden[self.inside(x, -LARGEST, LARGEST)] = None
@@ -147,7 +149,7 @@ class Expressions:
         return self.mul(a, self._node("inverse", b))
 
     def factor(self, e: Node, x: Node) -> Node | None:
-        """The p with e = x p for all values of the inputs; None where it finds none."""
+        """A p with e = x p for all values of the inputs; None where no such p is found."""
         if e is x:
             return self.number(1.0)
         if e is self.number(0.0):
@@ -175,21 +177,21 @@ class Expressions:
         p = self.factor(b, x)
         return None if p is None else self.mul(a, p)
 
-    def split(self, e: Node, x: Node) -> tuple[Node, Node]:
-        """The pair (p, rest) with e = x p + rest."""
+    def split_off_factor(self, e: Node, x: Node) -> tuple[Node, Node]:
+        """A pair (p, rest) with e = x p + rest."""
         if (p := self.factor(e, x)) is not None:
             return p, self.number(0.0)
         if e.op in ("add", "sub"):
-            a, b = (self.split(y, x) for y in e.of)
+            a, b = (self.split_off_factor(y, x) for y in e.of)
             join = getattr(self, e.op)
             return join(a[0], b[0]), join(a[1], b[1])
         if e.op == "neg":
-            p, rest = self.split(e.of[0], x)
+            p, rest = self.split_off_factor(e.of[0], x)
             return self.neg(p), self.neg(rest)
         return self.number(0.0), e
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
-        """`min` or `max` of two; the outer constant where the inner one leaves it no choice."""
+        """`min` or `max` of two; a constant where an inner constant leaves no choice."""
         if a.op == "number" and b.op == "number":
             return self.number((min if op == "min" else max)(a.of[0], b.of[0]))
         if a.op == "number":
@@ -213,15 +215,13 @@ class Expressions:
         return self._node(name, *of)
 
     def power(self, a: Node, by: Node) -> Node:
-        """The power a^by: of a small whole number products, else of an a above 0 alone."""
+        """a^by: products for a small whole number, otherwise exp(by log a), for a > 0 alone."""
         if by.op == "number" and by.of[0].is_integer() and 2 <= abs(by.of[0]) <= POWER_MAX:
             made = self.number(1.0)
             for bit in f"{int(abs(by.of[0])):b}":
                 made = self.mul(self.mul(made, made), a if bit == "1" else self.number(1.0))
             return made if by.of[0] > 0.0 else self.function("inverse", made)
         return self.function("exp", self.mul(by, self.function("log", a)))
-
-    # ------------------------------------------------------------ conditions
 
     def compare(self, op: str, a: Node, b: Node) -> Node:
         """The condition `a op b`, as the sign of a difference: "positive" or "not negative"."""
@@ -238,7 +238,7 @@ class Expressions:
         return self._node("positive" if op in ("<", ">") else "not negative", ahead)
 
     def sign(self, a: Node) -> Node:
-        """`a > 0`, which holds, or does not, only beside 0."""
+        """The condition `a > 0`, of which nothing is known at 0."""
         return self._node("sign", a)
 
     def inside(self, a: Node, low: float, high: float) -> Node:
@@ -246,7 +246,7 @@ class Expressions:
         return self._node("inside", a, low, high)
 
     def not_(self, a: Node) -> Node:
-        """The negation: that of a > 0 is -a >= 0. Each is made once, however often it is asked."""
+        """The negation: that of a > 0 is -a >= 0. Each is made once."""
         if a not in self._negated:
             self._negated[a] = self._not(a)
         return self._negated[a]
@@ -277,7 +277,7 @@ class Expressions:
         return a if a is b else self._node("select", condition, a, b)
 
     def replaced(self, e: Node, known: dict[Node, Node]) -> Node:
-        """`e` with each node of `known` replaced; `known` also remembers every node on the way."""
+        """`e` with each node of `known` replaced; `known` also remembers the results on the way."""
         if e not in known:
             known[e] = self._replaced(e, known)
         return known[e]
@@ -298,12 +298,12 @@ class Expressions:
             return self.compare(">" if e.op == "positive" else ">=", below[0], self.number(0.0))
         return self._node(e.op, *below)
 
-    def branches(self, rates: Sequence[Node]) -> tuple[list[Node], list[Node], list[Node]]:
-        """The same rates, their conditions true or false only beside where these change; those.
+    def rates_by_branch(self, rates: Sequence[Node]) -> tuple[list[Node], list[Node], list[Node]]:
+        """The rates over signs, the rates over numbered branches, and the conditions.
 
-        Where a rate jumps a plant may go on with anything between both sides: nothing is decided
-        there. The second list: the rates with each condition as a `branch`, by its place.
-        `NoExpressionError` for a condition that is none of signs.
+        Where a rate jumps a plant may go on with anything between both sides, so a sign decides
+        nothing at 0. The second list has a `branch` with its number in the place of each condition.
+        `NoExpressionError` for a condition that is not one of signs.
         """
         signs = {
             c: self.sign(c.of[0]) for c in in_order(rates) if c.op in ("positive", "not negative")
@@ -315,20 +315,20 @@ class Expressions:
         places = {c: self._node("branch", k) for k, c in enumerate(conditions)}
         return rates, [self.replaced(e, places) for e in rates], conditions
 
-    # ------------------------------------------------------------ derivatives
-
     def along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
         """The derivative of `e` when its inputs move as `direction` says; all others stand still.
 
         For `min` and `max` it is that of the operand taken; where both are equal, anything between.
-        That of a `select` is the one of what is taken: what a jump adds is its user's to see to.
-        `NoExpressionError` for what jumps otherwise. `known` remembers results.
+        For a `select` it is that of the operand taken; the caller has to add what a jump does.
+        `NoExpressionError` for any other jump. `known` remembers results.
         """
         if e not in known:
-            known[e] = self._along(e, direction, known)
+            known[e] = self._new_derivative(e, direction, known)
         return known[e]
 
-    def _along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
+    def _new_derivative(
+        self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]
+    ) -> Node:
         zero = self.number(0.0)
         if e.op in ("number", "input"):
             return direction.get(e, zero)
@@ -358,7 +358,7 @@ class Expressions:
         return self.mul(self._slope(e, a), d)
 
     def _slope(self, e: Node, a: Node) -> Node:
-        """The derivative of a function of one number."""
+        """The derivative of a function of one number, with respect to that number."""
         one, two = self.number(1.0), self.number(2.0)
         if e.op == "square":
             return self.mul(two, a)
@@ -396,11 +396,8 @@ def _is_power_of_two(x: float) -> bool:
     return x.hex().lstrip("-").startswith(("0x1.0p", "0x1.0000000000000p"))
 
 
-def _most(e: Node, of: Sequence[float]) -> float:
-    """How large `e` is at most, where its operands are up to `of`, and each input to `FARTHEST`.
-
-    Endless, too, where it may be no number.
-    """
+def _bound_by_operands(e: Node, of: Sequence[float]) -> float:
+    """A bound of |e| for operands up to `of` and inputs up to `FARTHEST`; inf: it may be NaN."""
     if e.op in CONDITIONS:
         return 0.0
     if e.op in PARTIAL or e.op == "exp" or inf in of:
@@ -415,7 +412,7 @@ def _most(e: Node, of: Sequence[float]) -> float:
 
 
 def is_positive(e: Node) -> bool:
-    """Whether it is above 0 as it is written, for a machine, too (exp(x) may be 0): 1 + x^2."""
+    """Whether `e` is above 0 as it is written, rounded or not: 1 + x^2 is, exp(x) is not."""
     if e.op == "number":
         return bool(e.of[0] > 0.0)
     if e.op in ("min", "max"):
@@ -426,7 +423,7 @@ def is_positive(e: Node) -> bool:
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:
-    """All nodes that the roots are made of, and the roots; each comes after its operands."""
+    """The roots and all nodes that they are made of; each comes after its operands."""
     seen: dict[Node, None] = {}
     todo = [(root, False) for root in reversed(roots)]
     while todo:
@@ -445,28 +442,28 @@ def middle(r: Interval) -> float:
 
 
 def half_width(r: Interval) -> float:
-    """How far a range goes from its middle, rounded up."""
+    """The largest distance of a number in the range from its middle, rounded up."""
     m = Fraction(middle(r))
     return rounded_up(max(Fraction(r.high) - m, m - Fraction(r.low)))
 
 
-def below(e: Node, kind: str) -> bool:
+def reads_kind(e: Node, kind: str) -> bool:
     """Whether an input of this kind occurs in `e`."""
     return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))
 
 
-def deciding(roots: Iterable[Node]) -> set[Node]:
-    """The nodes on which it hangs which branch is taken somewhere in some expressions."""
+def deciding_nodes(roots: Iterable[Node]) -> set[Node]:
+    """The nodes in conditions of expressions: they decide which branch is taken."""
     return {*in_order([e.of[0] for e in in_order(list(roots)) if e.op == "select"])}
 
 
 def states_read(roots: Iterable[Node]) -> set[int]:
-    """The numbers of the states that some expressions read, as they are (x) or as SC reads (y)."""
+    """The numbers of the states that expressions read: as they are (x) or as SC reads them (y)."""
     return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
 
 
 def states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
-    """The states that `asked` reads, those that their rates read, and so on, in order."""
+    """The states that `asked` reads, those that the rates of these read, and so on, sorted."""
     asked, found = [*asked], set[int]()
     while (new := states_read([*asked, *(rates[s] for s in found)])) - found:
         found |= new

@@ -1,9 +1,9 @@
 """Writes functions of Soter source that enclose expressions, and calls them.
 
-Purpose: `function` writes a function over forms (or ranges) that encloses some expressions;
-`certain` writes one that is true only where a condition holds of everything that the forms enclose.
-`functions_of` checks such a text like any program; `Caller` evaluates its functions as the
-interpreter does.
+Purpose: `fun_text` writes a function over forms (or ranges) that encloses some
+expressions; `sure_text` writes one that is true only where a condition holds of everything
+that the forms enclose. `functions_of` checks such a text like any program; `Caller` evaluates its
+functions as the interpreter does.
 Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter`), what a whole
 text holds (`tube_check.py`).
 """
@@ -61,11 +61,11 @@ class Caller:
         """How many operations one call of function `name` takes, at worst."""
         return cost_of(self._functions[name]).operations
 
-    def holds(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
+    def returns_true(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
         """Whether function `name` returns true; one that faults does not."""
-        return bool(self.value(name, *arguments))
+        return bool(self.result(name, *arguments))
 
-    def value(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
+    def result(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
         """What function `name` returns; None where it faults."""
         self.fault = ""
         try:
@@ -83,7 +83,7 @@ MAP = "map"
 """The parameter that holds the numbers of maps: each is a double, without an error of its own."""
 
 
-def function(
+def fun_text(
     name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str, of: str = FORMS
 ) -> str:
     """The text of `fun name(parameters): result`, which returns one form (or range) for each root.
@@ -95,7 +95,7 @@ def function(
     return f"fun {name}({parameters}): {result} {{\n{body}  return [{results}];\n}}\n"
 
 
-def certain(
+def sure_text(
     name: str,
     parameters: str,
     condition: Node,
@@ -106,7 +106,7 @@ def certain(
 ) -> str:
     """The text of `fun name(parameters): bool`: whether the condition certainly is `truth`.
 
-    `first`: statements that the function begins with.
+    `first`: statements with which the function begins.
     """
     body, names = _statements_for_nodes([condition], inputs, FORMS)
     text_of = _surely_true if truth else _surely_false
@@ -118,8 +118,8 @@ def certain(
     return f"fun {name}({parameters}): bool {{\n{first}{body}{lines}  return true;\n}}\n"
 
 
-def decided(name: str, parameters: str, conditions: Sequence[Node], inputs: Inputs) -> str:
-    """The text of a function of ranges: whether each condition certainly holds, or does not."""
+def decided_text(name: str, parameters: str, conditions: Sequence[Node], inputs: Inputs) -> str:
+    """The text of a function of ranges: whether each condition certainly holds, certainly not."""
     body, names = _statements_for_nodes(conditions, inputs, RANGES)
     bits = [of(c, names) for c in conditions for of in (_surely_true, _surely_false)]
     return (
@@ -135,7 +135,7 @@ def _shared_conditions(condition: Node) -> dict[Node, str]:
 
 
 def _joined_parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
-    """The conditions that `op` joins, through nested joins; one that has a name stays whole."""
+    """The conditions that `op` joins, through nested joins; a named one is not taken apart."""
     found, todo = [], [condition]
     while todo:
         c = todo.pop()
@@ -161,12 +161,12 @@ def _statements_for_nodes(
             names[e] = inputs[e.of]
             continue
         names[e] = f"t{len(lines)}"
-        lines.append(f"  let {names[e]} = {_operation(e, names, of)};\n")
+        lines.append(f"  let {names[e]} = {_operation_text(e, names, of)};\n")
     return "".join(lines), names
 
 
 def _operands(e: Node) -> list[Node]:
-    """The nodes that an operation names: not the ends of a clamp, and no plain numbers."""
+    """The nodes that an operation names: neither the ends of a clamp nor plain numbers."""
     if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
         return [e.of[0].of[0]]
     if e.op in WITH_NUMBER and _exact_text(e.of[-1]):
@@ -174,19 +174,19 @@ def _operands(e: Node) -> list[Node]:
     return [x for x in e.of if isinstance(x, Node)]
 
 
-def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
+def _operation_text(e: Node, names: Mapping[Node, str], of: str) -> str:
     if value := _exact_text(e):
         return f"{of}_number({value})"
     if e.op in ("over", "friction"):
-        return f"{of}_{e.op}({names[e.of[0]]}, {number(e.of[1].of[0])})"
+        return f"{of}_{e.op}({names[e.of[0]]}, {number_text(e.of[1].of[0])})"
     last = e.of[-1]
     if e.op in ("add", "sub", "mul") and (value := _exact_text(last)):
         if e.op == "sub":
-            value = number(-last.of[0]) if last.op == "number" else f"-{value}"
+            value = number_text(-last.of[0]) if last.op == "number" else f"-{value}"
         return f"{of}_{'times' if e.op == 'mul' else 'plus'}({names[e.of[0]]}, {value})"
     if e.op == "min" and last.op == "number" and _is_floor(e.of[0]):
         inner = e.of[0]
-        ends = number(inner.of[1].of[0]), number(last.of[0])
+        ends = number_text(inner.of[1].of[0]), number_text(last.of[0])
         return f"{of}_clamp({names[inner.of[0]]}, {', '.join(ends)})"
     if e.op == "select":
         yes, no = _surely_true(e.of[0], names), _surely_false(e.of[0], names)
@@ -200,7 +200,7 @@ def _exact_text(e: object) -> str:
     if not isinstance(e, Node):
         return ""
     if e.op == "number":
-        return number(e.of[0])
+        return number_text(e.of[0])
     return f"{MAP}[{e.of[1]}]" if e.op == "input" and e.of[0] == "m" else ""
 
 
@@ -218,7 +218,7 @@ def _surely_true(c: Node, names: Mapping[Node, str]) -> str:
         a, b = (_surely_true(x, names) for x in c.of)
         return f"({a} {'&&' if c.op == 'and' else '||'} {b})"
     if c.op == "inside":
-        a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
+        a, low, high = names[c.of[0]], number_text(c.of[1]), number_text(c.of[2])
         return f"({a}.lo >= {low} && {a}.hi <= {high})"
     if c.op == "branch":
         return f"on[{2 * c.of[0]}]"
@@ -235,15 +235,15 @@ def _surely_false(c: Node, names: Mapping[Node, str]) -> str:
         a, b = (_surely_false(x, names) for x in c.of)
         return f"({a} {'||' if c.op == 'and' else '&&'} {b})"
     if c.op == "inside":
-        a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
+        a, low, high = names[c.of[0]], number_text(c.of[1]), number_text(c.of[2])
         return f"({a}.hi < {low} || {a}.lo > {high})"
     if c.op == "branch":
         return f"on[{2 * c.of[0] + 1}]"
     return f"{names[c.of[0]]}.hi {'<=' if c.op == 'positive' else '<'} 0.0"
 
 
-def number(x: float) -> str:
-    """A literal of the language, or a constant, that is read as this double."""
+def number_text(x: float) -> str:
+    """A literal of the language, or the name of a constant, that is read as this double."""
     if isinf(x):
         return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)
@@ -251,19 +251,19 @@ def number(x: float) -> str:
 
 
 def exact_form_text(value: float) -> str:
-    """The text of a form that is one number without error."""
+    """The text of a form that encloses this number alone."""
     return form_text(value, 0.0, value, value)
 
 
 def form_text(c: float, r: float, low: float, high: float) -> str:
     """The text of a form without symbols."""
-    ends = f"lo: {number(low)}, hi: {number(high)}"
-    return f"{{ c: {number(c)}, r: {number(r)}, {ends}, g: NONE }}"
+    ends = f"lo: {number_text(low)}, hi: {number_text(high)}"
+    return f"{{ c: {number_text(c)}, r: {number_text(r)}, {ends}, g: NONE }}"
 
 
 def numbers_text(values: Iterable[float]) -> str:
     """The text of an array of numbers."""
-    return array_text([number(float(v)) for v in values])
+    return array_text([number_text(float(v)) for v in values])
 
 
 def array_text(items: Sequence[str]) -> str:
@@ -272,5 +272,5 @@ def array_text(items: Sequence[str]) -> str:
 
 
 def shared_text(name: str) -> str:
-    """The file `name` of this package, a text that is the same for all modules."""
+    """The text of the file `name` of this package, which is the same for all modules."""
     return (files(__package__) / name).read_text(encoding="utf-8")

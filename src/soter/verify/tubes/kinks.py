@@ -1,8 +1,8 @@
 """Kinks of SC behind which the check in flight collects runs ("A set on the way", proof-flight.md).
 
 Purpose: `kinks_of` finds clamps in the law of SC whose argument reads one state, and where their
-ends are, in that state. `following` writes the functions that follow SC, with `collect.soter` or
-without.
+ends are, in that state. `following_text` writes the functions that follow SC, with
+`collect.soter` or without.
 Non-goals: which kink is taken (`rest_claims.py`). Any number would be sound in the place of an end.
 """
 
@@ -14,9 +14,9 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.enclosures import enclosed
+from soter.verify.tubes.enclosures import enclosed_ranges
 from soter.verify.tubes.expression_graph import in_order, states_read
-from soter.verify.tubes.generated_functions import number, shared_text
+from soter.verify.tubes.generated_functions import number_text, shared_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ LINES = re.compile(r".*  // collects\n")
 
 @dataclass(frozen=True)
 class Kink:
-    """Ends of a clamp, low < high, in units of `state`, which its argument reads alone."""
+    """The ends of a clamp, low < high, in units of `state`: only that state its argument reads."""
 
     state: int
     low: float
@@ -37,7 +37,7 @@ class Kink:
 
 
 def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
-    """The kinks of a law that no other ones stand in, from those that are computed first."""
+    """The kinks of a law whose argument reads one input alone; those computed first come first."""
     for e in in_order(law):
         if e.op == "min" and e.of[0].op == "max" and e.of[1].op == e.of[0].of[1].op == "number":
             argument, low, high = e.of[0].of[0], e.of[0].of[1].of[0], e.of[1].of[0]
@@ -45,27 +45,27 @@ def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
             if len(states) == 1 and sum(x.op == "input" for x in in_order([argument])) == 1:
                 (state,) = states
                 at = ({("y", state): Interval(x, x)} for x in (0.0, 1.0))
-                first, second = (enclosed([argument], x)[0].low for x in at)
+                first, second = (enclosed_ranges([argument], x)[0].low for x in at)
                 if first != second and isfinite(second - first):
                     ends = ((end - first) / (second - first) for end in (low, high))
                     yield Kink(state, *sorted(ends))
 
 
 def collects_entry(kink: Kink | None, names: Sequence[str]) -> dict[str, object]:
-    """What an entry of a certificate has of a kink; `names` of all states."""
+    """The part about a kink of a certificate's entry; `names` are those of all states."""
     if kink is None:
         return {}
     return {"collects": {"state": names[kink.state], "at": [kink.low.hex(), kink.high.hex()]}}
 
 
-def following(states: Sequence[int], kink: Kink | None) -> str:
-    """The functions that follow SC: with `kink` they collect the runs that are beyond it."""
+def following_text(states: Sequence[int], kink: Kink | None) -> str:
+    """The functions that follow SC: with `kink` they also collect the runs that are beyond it."""
     text = shared_text("answer.soter")
     if kink is None:
         return LINES.sub("", text).replace("n - began", "n").replace(" && !heap.some", "")
     lines = [
         f"const KINKED: int = {states.index(kink.state)};",
-        f"const KINK_LOW: float = {number(kink.low)};",
-        f"const KINK_HIGH: float = {number(kink.high)};",
+        f"const KINK_LOW: float = {number_text(kink.low)};",
+        f"const KINK_HIGH: float = {number_text(kink.high)};",
     ]
     return "\n".join([*lines, shared_text("collect.soter"), text])

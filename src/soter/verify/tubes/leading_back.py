@@ -379,15 +379,15 @@ class _LeadBackSearch:
         check = self._check
         check.cut = cut
         if cut != PLAIN:
-            check.cost()
-        self._caller = Caller(check.offline({}))
+            check.decision_cost()
+        self._caller = Caller(check.offline_text({}))
         return self._way(part, self._box)
 
     def _way(self, part: Box, box: Box) -> Box | None:
         """The range of each state on the way from `part` back into `box`; None: it is not shown."""
         moving = {s: Interval(-inf, inf) for s in self._check.states if s not in self._own}
         way, end = ({**moving, **{s: of[s] for s in self._own}} for of in (self._rooms, box))
-        led = self._caller.value("keeps", *(region_of(self._check, b) for b in (part, way, end)))
+        led = self._caller.result("keeps", *(region_of(self._check, b) for b in (part, way, end)))
         if led is None:
             self._span = {}
             return None
@@ -460,7 +460,7 @@ class _LeadBackSearch:
 
 def _is_start_shown(check: TubeCheck, ways: Box) -> bool:
     initial = {s: check.problem.initial[s] for s in check.states}
-    return Caller(check.offline(ways)).holds("starts", region_of(check, initial))
+    return Caller(check.offline_text(ways)).returns_true("starts", region_of(check, initial))
 
 
 def is_start_collected(check: TubeCheck, ways: Box) -> bool:

@@ -37,11 +37,11 @@ from soter.verify.tubes.expression_graph import (
     Node,
     NoExpressionError,
     Value,
-    below,
     in_order,
     middle,
+    reads_kind,
 )
-from soter.verify.tubes.moved_rates import moved
+from soter.verify.tubes.moved_rates import take_rates_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -164,7 +164,7 @@ class ExpressionReading(Execution["Value"]):
         return e
 
     def call(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
-        """The result of a function; `NoExpressionError` where it is extern, or has no form."""
+        """The result of a function; `NoExpressionError` for an extern."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
             real = "real_" if self.real and f.source_name in ("sin", "cos") else ""
             return self._note_computed(self.make.function(real + f.source_name, *arguments))
@@ -178,8 +178,6 @@ class ExpressionReading(Execution["Value"]):
         if f.result is None:
             raise NoExpressionError(f"`{f.source_name}` is extern")
         return super().call(f, arguments)
-
-    # ------------------------------------------------------------ expressions
 
     def _operation(self, e: core.Expr, *operands: Value) -> Value:
         make = self.make
@@ -207,7 +205,7 @@ class ExpressionReading(Execution["Value"]):
         return self._binary(e.op, *operands)
 
     def constant(self, t: Type, value: object) -> Value:
-        """A constant of any type, its floats as nodes."""
+        """The value of a constant of any type; its floats become nodes."""
         if isinstance(value, bool):
             return self.make.true if value else self.make.false
         if isinstance(t, FloatType):
@@ -282,8 +280,6 @@ class ModuleExpressions:
         self.rooms = dict(enumerate(problem.states))
         """The range of each state within C, by the sets of the topics that equal it."""
 
-    # ------------------------------------------------------------ flows
-
     def rates(self) -> list[Node]:
         """The derivative of every state, in the order of states, over x, u and w."""
         rates: dict[Any, Node] = {}
@@ -300,18 +296,20 @@ class ModuleExpressions:
             x = tuple(self._cell_value(cells[n].cell, t) for n, t in record.fields)
             result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
             self._guards += [*body.guards, *self.make.hidden]
-            for path, _, v in leaf_values(record, result):
+            for path, _, v in leaves_of_value(record, result):
                 rates[component.index, path[0], path[1:]] = v
         zero = self.make.number(0.0)
         return [rates.get(leaf_key(s), zero) for s in self.problem.quantities.states]
 
-    def moved(self, rates: list[Node]) -> Moved:
-        """What moves these rates."""
+    def moved_rates(self, rates: list[Node]) -> Moved:
+        """These rates, taken apart by what moves them."""
         q, make = self.problem.quantities, self.make
         winds = {make.input("w", k): middle(d) for k, d in enumerate(self.problem.disturbances)}
-        return moved(make, rates, winds, [make.input("u", k) for k, _ in enumerate(q.controls)])
+        return take_rates_apart(
+            make, rates, winds, [make.input("u", k) for k, _ in enumerate(q.controls)]
+        )
 
-    def bends(self, rates: list[Node]) -> list[Node]:
+    def derivatives_of_rates(self, rates: list[Node]) -> list[Node]:
         """The derivatives of these rates along a direction "v" of states."""
         make = self.make
         count = len(self.problem.quantities.states)
@@ -319,10 +317,8 @@ class ModuleExpressions:
         known: dict[Node, Node] = {}
         return [make.along(e, direction, known) for e in rates]
 
-    # ------------------------------------------------------------ predicates
-
-    def predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
-        """The condition that `e` is true of the states x, and that its evaluation does not fault.
+    def condition_of_predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
+        """The condition that `e` is true of the states x and that its evaluation does not fault.
 
         `maps`: the input for each number of the maps, by topic and leaf.
         """
@@ -342,7 +338,7 @@ class ModuleExpressions:
         return held
 
     def _refuse_maps_without_place(self, safe: Node) -> None:
-        """`NoExpressionError` for a map that no part of `safe` compares with a state.
+        """Raises `NoExpressionError` for a map that no part of `safe` compares with a state.
 
         Such a part is the same all along a tube: it speaks of the robot, not of a place.
         """
@@ -360,12 +356,12 @@ class ModuleExpressions:
     def constraint(self) -> Node:
         """C: `safe` holds, and plants neither fault nor publish, with errors, outside their sets.
 
-        To be called after `rates`, whose faults count, too. `NoExpressionError` for a set that no
-        region bounds, and where a command or disturbance may make a plant fault.
+        To be called after `rates`, whose faults count, too. `NoExpressionError` for a set of which
+        only some values are allowed, and where a command or disturbance may make a plant fault.
         """
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
-        held = self.predicate(self.problem.module.symbol.safe, maps)
+        held = self.condition_of_predicate(self.problem.module.symbol.safe, maps)
         self._refuse_maps_without_place(held)
         for component, step in self._plants():
             body = self._plant_reading(component, step)
@@ -374,7 +370,7 @@ class ModuleExpressions:
                 topic = system.topics[output.topic]
                 bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
                 errors = {m.leaf: m.bound for m in component.measured if m.topic == output.topic}
-                published = leaf_values(topic.type, body.frame.outputs[number][1])
+                published = leaves_of_value(topic.type, body.frame.outputs[number][1])
                 for k, (path, t, v) in enumerate(published):
                     bound = bounds.get(path)
                     if bound is None:
@@ -387,12 +383,10 @@ class ModuleExpressions:
                         self.rooms[v.of[1]] = Interval(max(low, room.low), min(high, room.high))
             self._guards += body.guards
         for guard in self._guards:
-            if below(guard, "u") or below(guard, "w"):
+            if reads_kind(guard, "u") or reads_kind(guard, "w"):
                 raise NoExpressionError(MAY_FAULT)
             held = make.join("and", held, guard)
         return held
-
-    # ------------------------------------------------------------ cells
 
     def _plants(self) -> Iterator[tuple[Component, core.PlantStep]]:
         for i, step in sorted(self.problem.core.plants.items()):
@@ -436,8 +430,8 @@ class ModuleExpressions:
 
         return value_of_leaves(t, map(at, range(len(list(leaves(t))))))
 
-    def seen_value(self, cell: core.Cell, t: Type) -> Value:
-        """The value that SC reads of a topic; NoExpressionError for two reads of one state."""
+    def value_read_by_sc(self, cell: core.Cell, t: Type) -> Value:
+        """The value that SC reads of a topic; `NoExpressionError` for two reads of one state."""
         for leaf, state in self.problem.state_of_leaf.items():
             if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
                 name = self.problem.quantities.states[state].name
@@ -446,8 +440,8 @@ class ModuleExpressions:
 
 
 def _refuse_set(name: str, t: Type, published: Value) -> None:
-    """`NoExpressionError` for a topic with a set whose value no region of states can bound."""
-    if not isinstance(t, FloatType) or below(published, "u") or below(published, "w"):
+    """Raises `NoExpressionError` for a topic with a set that bounds no region of states."""
+    if not isinstance(t, FloatType) or reads_kind(published, "u") or reads_kind(published, "w"):
         why = "is no float, or hangs on a command or a disturbance"
         raise NoExpressionError(f"`{name}` has a set, and {why}")
 
@@ -459,10 +453,10 @@ def value_of_leaves(t: Type, parts: Iterator[Value]) -> Value:
     return next(parts)
 
 
-def leaf_values(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
+def leaves_of_value(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
     """The path, type and value of each leaf of a value."""
     if isinstance(t, (RecordType, ArrayType)):
         for n, f, x in zip(part_names(t), element_types(t), v, strict=True):
-            yield from leaf_values(f, x, (*path, n))
+            yield from leaves_of_value(f, x, (*path, n))
     else:
         yield path, t, v

@@ -1,7 +1,8 @@
 """What moves the states in a step: rates as sums of what commands and disturbances do.
 
-Purpose: `moved` takes rates apart into what is left with disturbances in the middle of their ranges
-and the effect of each command and disturbance; `domain` says where that is defined.
+Purpose: `take_rates_apart` takes rates apart into what is left with disturbances in the middle of
+their ranges and the effect of each command and disturbance; `domain_conditions` says where that is
+defined.
 Non-goals: expressions (`expression_graph.py`), steps (`tube.soter`).
 """
 
@@ -15,10 +16,10 @@ from soter.verify.tubes.expression_graph import (
     MAY_FAULT,
     PARTIAL,
     NoExpressionError,
-    below,
-    deciding,
+    deciding_nodes,
     in_order,
     is_positive,
+    reads_kind,
     states_read,
 )
 
@@ -28,27 +29,30 @@ if TYPE_CHECKING:
     from soter.verify.tubes.expression_graph import Expressions, Node
 
 
-def domain(make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]) -> list[Node]:
+def domain_conditions(
+    make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]
+) -> list[Node]:
     """Conditions of states under which rates are defined whose parts do not say so.
 
-    Something of a rate may cancel in its `parts`, or be 0 with a disturbance in its middle, that is
-    no number, or so steep there that a flow has several solutions. `slopes`: derivatives of the
-    effects along directions "v" of states. `NoExpressionError` where one hangs on what moves.
+    A term of a rate may cancel in its `parts`, or be 0 with a disturbance in its middle, where it
+    is NaN, or so steep that a flow has several solutions. `slopes`: derivatives of the effects
+    along directions "v" of states. `NoExpressionError` where such a term reads commands or
+    disturbances.
     """
     known = {*in_order(parts)}
     partial = [x for x in in_order([*slopes, *make.hidden]) if x.op in PARTIAL and x not in known]
     asked = [x for x in partial if not (x.op == "inverse" and is_positive(x.of[0]))]
-    if any(below(x, kind) for x in asked for kind in "uw"):
+    if any(reads_kind(x, kind) for x in asked for kind in "uw"):
         raise NoExpressionError(MAY_FAULT)
-    return [make.inside(x, -LARGEST, LARGEST) for x in asked if not below(x, "y")]
+    return [make.inside(x, -LARGEST, LARGEST) for x in asked if not reads_kind(x, "y")]
 
 
 @dataclass(frozen=True)
 class Moved:
-    """Rates f(x, u, w) as a sum of what moves them.
+    """Rates f(x, u, w) as a sum of the effects of commands u and disturbances w.
 
     `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
-    for each disturbance, then each control, its factor in every rate, 0 of those in `ranged`. A
+    for each disturbance, then each control, its factor in every rate, 0 for those in `ranged`. A
     factor may read x and `ranged`, and that of a disturbance all controls (a brake that grips more
     or less). `ranged`: the others, which stand in `still`, and are ranges there.
     """
@@ -58,18 +62,19 @@ class Moved:
     ranged: list[Node]
 
 
-def moved(
+def take_rates_apart(
     make: Expressions,
     rates: Sequence[Node],
     middles: Mapping[Node, float],
     controls: Sequence[Node],
 ) -> Moved:
-    """How controls, and disturbances, each with the middle of its range, move these rates.
+    """These rates, taken apart by controls and by disturbances, whose `middles` are passed.
 
-    What a condition reads is ranged. `NoExpressionError` where a rate jumps without a condition.
+    Inputs that a condition reads are ranged. `NoExpressionError` where a rate jumps without a
+    condition.
     """
     zero, one = make.number(0.0), make.number(1.0)
-    of_branches = deciding(rates)
+    of_branches = deciding_nodes(rates)
     ranged = {x: None for x in (*middles, *controls) if x in of_branches}
     while True:
         known = {w: make.number(m) for w, m in middles.items() if w not in ranged}
@@ -87,8 +92,10 @@ def moved(
         ranged = more
 
 
-def may_end(make: Expressions, rates: Sequence[Node], followed: Sequence[int]) -> int | None:
-    """A state that is not followed and may grow without end in finite time; None: there is none.
+def state_that_may_end(
+    make: Expressions, rates: Sequence[Node], followed: Sequence[int]
+) -> int | None:
+    """A state that is not followed and may grow without end in finite time; or None.
 
     It cannot where its rate is defined everywhere and affine in the states that are left out.
     """

@@ -18,7 +18,7 @@ from soter.language.evaluate.topic_ranges import truth_by_parts
 from soter.language.model.typed import TypedBinary
 from soter.language.model.types import BOOL, leaf_name, leaves, numbers_in
 from soter.verify.problem.problem import TUBES, Interval, Problem
-from soter.verify.problem.supported_constructs import map_topics
+from soter.verify.problem.supported_constructs import topics_of_maps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,8 +47,8 @@ class TubeProblem(Problem):
     """A module that declares `rest e moves ... within T;`.
 
     `drifts`: what `moves` says of a state, by its number. `map_leaves`: each number of the maps
-    that `safe` reads, as (topic, leaf). `plans`: of a module with several plans the problem of
-    each, as if it alone were SC; this one is that of the first. Else empty.
+    that `safe` reads, as (topic, leaf). `plans`: the problem of each plan, as if it alone were SC,
+    where there are several; this problem is then that of the first. Otherwise empty.
     """
 
     rest: TypedExpr
@@ -68,8 +68,8 @@ class TubeProblem(Problem):
         topics = [self.system.topics[t] for t in dict.fromkeys(t for t, _ in self.map_leaves)]
         return [x for t in topics for x in numbers_in(t.default)]
 
-    def leaf(self, state: int) -> str:
-        """What the DM reads of a state, as `topic.field`."""
+    def leaf_of_state(self, state: int) -> str:
+        """The leaf in which the DM reads a state, as `topic.field`."""
         topic, k = self.topic_leaf_of_state[state]
         declared = self.system.topics[topic]
         return leaf_name(declared.name, list(leaves(declared.type))[k][0])
@@ -101,8 +101,8 @@ class TubeTimes:
         """How many commands may act while a read gets old: periods of SC in d + 2 j, at least 1."""
         return max(1, -(-(self.delay + 2 * self.jitter) // self.period))
 
-    def earlier(self, p: int) -> int:
-        """How long the command p outputs before the last may have acted since a read was taken."""
+    def earlier_command_ns(self, p: int) -> int:
+        """How many ns the p-th command before the last may have acted since a read."""
         since = self.delay + 2 * self.jitter - p * self.period
         return max(0, min(self.period + 2 * self.jitter, since))
 
@@ -119,12 +119,12 @@ class TubeTimes:
 
 
 def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
-    """The problem of a module with `rest`; `SoterError` R007 for what no tube follows."""
+    """The problem of a module with `rest`; R009 or R007 where it cannot be followed by tubes."""
     diagnostics = Diagnostics()
-    _refuse(problem, rest, diagnostics)
+    _refuse_uncovered(problem, rest, diagnostics)
     drifts = {}
     for move in rest.moves:
-        state = _state(problem, move)
+        state = _moved_state(problem, move)
         if state is None:
             diagnostics.error(
                 "R009",
@@ -137,23 +137,19 @@ def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) 
         drifts[state] = Drift(inf if move.way == "up" else by, inf if move.way == "down" else by)
     within = int(calculator.value(rest.within, "the time of `rest`") or 0)
     diagnostics.raise_errors()
-    read, by_sc = read_by(problem), read_by_sc(problem)
+    read, by_sc = topics_read(problem), topics_read_by_sc(problem)
     leaves_of = sorted(problem.state_of_leaf, key=lambda at: (at[0] in read) + (at[0] in by_sc))
     shown = {problem.state_of_leaf[at]: at for at in leaves_of}  # the last one counts: SC's
     fields = vars(problem) | {"kind": TUBES, "topic_leaf_of_state": shown}
-    maps = map_topics(problem.system, problem.module).values()
+    maps = topics_of_maps(problem.system, problem.module).values()
     numbers = [(t, k) for t in maps for k, _ in enumerate(leaves(problem.system.topics[t].type))]
     return TubeProblem(
-        **fields,
-        rest=rest.condition,
-        within_ns=within,
-        drifts=drifts,
-        map_leaves=tuple(numbers),
+        **fields, rest=rest.condition, within_ns=within, drifts=drifts, map_leaves=tuple(numbers)
     )
 
 
 def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
-    """The problem of a module with several plans, given that of each; `SoterError` R007."""
+    """The problem of a module with several plans, made of those of each; `SoterError` R007."""
     first, *_ = every = [p for p in plans if isinstance(p, TubeProblem)]
     if module.symbol.shield is not None:
         why = (
@@ -161,7 +157,7 @@ def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
             "look, and the last command may be good for another one"
         )
         helps = ("leave `shield` out, or all plans but one",)
-        raise refused(first, why, helps)
+        raise refusal(first, why, helps)
     of_all = copy(first)
     of_all.plans = tuple(every)
     return of_all
@@ -184,27 +180,27 @@ def cut_to_farthest(r: Interval) -> Interval:
 
 
 def is_far(r: Interval) -> bool:
-    """Whether the set `r` goes beyond ±`FARTHEST`."""
+    """Whether the set `r` goes beyond -`FARTHEST` or `FARTHEST`."""
     return cut_to_farthest(r) != r
 
 
-def read_by(problem: Problem) -> set[int]:
-    """The topics that SC or a condition of the module reads: the DM of a proof reads them."""
-    return {*problem.module.scope.topics.values(), *read_by_sc(problem)}
+def topics_read(problem: Problem) -> set[int]:
+    """The topics that SC or a condition of the module reads; here the DM reads all of them."""
+    return {*problem.module.scope.topics.values(), *topics_read_by_sc(problem)}
 
 
-def read_by_sc(problem: Problem) -> set[int]:
+def topics_read_by_sc(problem: Problem) -> set[int]:
     """The topics that SC reads."""
     return set(problem.system.components[problem.module.sc].scope.topics.values())
 
 
-def _state(problem: Problem, move: RestMove) -> int | None:
+def _moved_state(problem: Problem, move: RestMove) -> int | None:
     topic = problem.module.scope.topics[move.topic]
     paths = [p for p, _ in leaves(move.topic.type)]
     return problem.state_of_leaf.get((topic, paths.index(move.path)))
 
 
-def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> None:
+def _refuse_uncovered(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> None:
     seen = set(problem.topic_leaf_of_state)
     unseen = [leaf.name for s, leaf in enumerate(problem.quantities.states) if s not in seen]
     wrong = {
@@ -239,8 +235,8 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
         )
 
 
-def refused(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> SoterError:
-    """The error R007 with `why`; a note on expressions where there are no `helps` to give."""
+def refusal(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> SoterError:
+    """The error R007 with `why`; without `helps` it has a note on expressions."""
     diagnostics = Diagnostics()
     diagnostics.error(
         "R007",

@@ -24,12 +24,12 @@ from soter.diagnostics.current_phase import phase
 from soter.language.model.tree_walk import MAX_OPERATIONS
 from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.enclosures import enclosed
-from soter.verify.tubes.expression_graph import deciding, in_order
+from soter.verify.tubes.enclosures import enclosed_ranges
+from soter.verify.tubes.expression_graph import deciding_nodes, in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.kinks import Kink, collects_entry
 from soter.verify.tubes.leading_back import box_in_words, is_start_collected, leads_back, region_of
-from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused, rounded_up
+from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refusal, rounded_up
 from soter.verify.tubes.sc_step import variables_entry
 from soter.verify.tubes.tube_check import PLAIN
 
@@ -53,7 +53,7 @@ def drift_not_shown(
     `at`: the range of each state once `rest` holds, Y or its topic's set; `box`: where it holds.
     """
     ends = [[at[s].low for s in check.states], [at[s].high for s in check.states]]
-    answer = caller.value("answers_at_rest", ends)
+    answer = caller.result("answers_at_rest", ends)
     if answer is None:
         return "what SC answers at rest is not bounded"
     ranges = _input_ranges(check, at, [Interval(u[2], u[3]) for u in answer])
@@ -108,7 +108,7 @@ def _why_it_may_drift(
     (e,) = _decide_extremes(check, [_at_worst_disturbance(make, e, ranges)], ranges)
     for state, where in box.items():
         x = make.input("x", state)
-        p, rest = make.split(e, x)
+        p, rest = make.split_off_factor(e, x)
         (own,) = _decide_extremes(check, [check.rates[state]], ranges)
         q = make.factor(own, x)
         if p is make.number(0.0):
@@ -119,13 +119,13 @@ def _why_it_may_drift(
                 most += least
                 e = rest
             continue
-        of_p, of_q = enclosed([p, q], ranges)
+        of_p, of_q = enclosed_ranges([p, q], ranges)
         if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
             size = max(abs(Fraction(where.low)), abs(Fraction(where.high)))
             worst = max(Fraction(of_p.high), -Fraction(of_p.low))
             most += size * worst / -Fraction(of_q.high)
             e = rest
-    (more,) = enclosed([e], ranges)
+    (more,) = enclosed_ranges([e], ranges)
     if not more.high <= 0.0:
         fast = f"at up to {more.high:.4g} a second" if more.high < inf else "at no bounded rate"
         return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_moves_in_words(check, z)}"
@@ -140,7 +140,7 @@ def _one_sided(make: Expressions, own: Node, x: Node, p: Node, ranges: Ranges) -
     V = c max(x, 0), or its mirror image: where x > 0 and x' <= -m < 0, of x p no more than
     c m = (the largest x) (the largest p) is lost. None: it is not so.
     """
-    (of_p,) = enclosed([p], ranges)
+    (of_p,) = enclosed_ranges([p], ranges)
     for side in (1.0, -1.0):
         if side * (of_p.low if side > 0.0 else of_p.high) < 0.0:
             continue
@@ -148,7 +148,7 @@ def _one_sided(make: Expressions, own: Node, x: Node, p: Node, ranges: Ranges) -
         beside = {make.sign(x if side > 0.0 else make.neg(x)): make.true}
         beside[make.sign(make.neg(x) if side > 0.0 else x)] = make.false
         known = {**ranges, x.of: Interval(0.0, far) if side > 0.0 else Interval(-far, 0.0)}
-        (rate,) = enclosed([make.replaced(make.mul(own, make.number(side)), beside)], known)
+        (rate,) = enclosed_ranges([make.replaced(make.mul(own, make.number(side)), beside)], known)
         if far > 0.0 and rate.high < 0.0 and isfinite(of_p.high - of_p.low):
             size = max(abs(Fraction(of_p.low)), abs(Fraction(of_p.high)))
             return Fraction(far) ** 2 * size / -Fraction(rate.high)
@@ -161,7 +161,7 @@ def _at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> Node:
     One on which a branch hangs does more than add.
     """
     winds = {x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"}
-    for w in winds - deciding([e]):
+    for w in winds - deciding_nodes([e]):
         slope = make.along(e, {w: make.number(1.0)}, {})
         if slope.op == "number":
             ends = ranges["w", w.of[1]]
@@ -181,7 +181,7 @@ def _decide_extremes(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) ->
         if e.op not in ("min", "max"):
             continue
         a, b = (make.replaced(x, known) for x in e.of)
-        of_a, of_b = enclosed([a, b], ranges)
+        of_a, of_b = enclosed_ranges([a, b], ranges)
         smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
         if smaller is not None:
             larger = b if smaller is a else a
@@ -241,7 +241,8 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
         "alpha_ns": times.earliest,
         "switches": times.switches,
         "reads": {
-            problem.leaf(s): {"state": names[s], "within": errors[s].hex()} for s in check.states
+            problem.leaf_of_state(s): {"state": names[s], "within": errors[s].hex()}
+            for s in check.states
         },
         "moves": {
             names[s]: [x.hex() if isfinite(x) else None for x in (d.below, d.above)]
@@ -281,7 +282,7 @@ def _show_in_order(check: TubeCheck) -> RestClaims:
     if check.times.switches < 1:
         claims.kept = claims.start = "`within` of `rest` is shorter than a period of SC"
         return claims
-    caller = Caller(check.offline({}))
+    caller = Caller(check.offline_text({}))
     claims.answers = _why_sc_may_fault(check, caller)
     claims.kept = claims.answers or _why_not_kept(check, caller, claims)
     claims.cut = check.cut
@@ -295,15 +296,15 @@ def _show_in_order(check: TubeCheck) -> RestClaims:
     if claims.kept:
         claims.start = claims.kept
         return claims
-    caller = Caller(check.offline(claims.ways))
+    caller = Caller(check.offline_text(claims.ways))
     claims.start = _why_start_not_at_rest(check, caller)
     if claims.start and is_start_collected(check, claims.ways):
-        caller = Caller(check.offline(claims.ways))
+        caller = Caller(check.offline_text(claims.ways))
         claims.start = _why_start_not_at_rest(check, caller)
     claims.kink = check.kink
     starts, first_map = (check.problem.initial[s] for s in check.states), check.problem.first_map
     estimate = [r.low / 2 + r.high / 2 for r in starts]
-    claims.given = caller.holds("good", estimate, *[first_map] * bool(first_map))
+    claims.given = caller.returns_true("good", estimate, *[first_map] * bool(first_map))
     return claims
 
 
@@ -316,7 +317,7 @@ def too_long(check: TubeCheck) -> SoterError:
     times = check.times
     needs, fits = "", 0
     with contextlib.suppress(TooLongError):
-        two, three = (check.operations(n) for n in (2, 3))
+        two, three = (check.offline_operations(n) for n in (2, 3))
         needs = f" takes {two + (times.switches - 2) * (three - two):.2g} operations, which"
         fits = max((MAX_OPERATIONS - two) // (three - two) + 2, 0)
         while fits > 3 and not _fits(check, fits):
@@ -331,12 +332,12 @@ def too_long(check: TubeCheck) -> SoterError:
         fewer = (
             f"younger reads (`age`, `max_age`, `dropout`): SC answers {times.depth} periods late"
         )
-    return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
+    return refusal(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 
 def _fits(check: TubeCheck, switches: int) -> bool:
     with contextlib.suppress(TooLongError):
-        return check.operations(switches) <= MAX_OPERATIONS
+        return check.offline_operations(switches) <= MAX_OPERATIONS
     return False
 
 
@@ -355,7 +356,7 @@ def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
 def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
     """Why SC may fault, or publish what its topics may not hold, on some read; "": it does not."""
     sets = {s: cut_to_farthest(check.read_sets[s]) for s in check.read_by_law}
-    if caller.holds("answers", region_of(check, sets)):
+    if caller.returns_true("answers", region_of(check, sets)):
         return ""
     fault = f": {caller.fault}" if caller.fault else ""
     return (
@@ -411,7 +412,9 @@ def _why_never_safe(
 ) -> str:
     """Why no rest is safe whatever the states `free` may be; "": one is."""
     names = ", ".join(_state_name(check, s) for s in free if s in check.read_by_safe)
-    if not names or _holds_somewhere(check, Caller(check.offline(claims.ways)), box, "stays_safe"):
+    if not names or _holds_somewhere(
+        check, Caller(check.offline_text(claims.ways)), box, "stays_safe"
+    ):
         return ""
     return f"nowhere at rest does `safe` hold whatever {names} may be, and nothing bounds that"
 
@@ -421,13 +424,13 @@ def _around_rest(
 ) -> dict[int, Interval] | None:
     """A box outside of which `rest` certainly does not hold; None where it holds nowhere."""
     box = dict(sets)
-    if caller.holds("never_rests", region_of(check, box)):
+    if caller.returns_true("never_rests", region_of(check, box)):
         return None
     for s in own:
         box[s] = _narrow_by_powers(check, caller, box, s)
         for upper in (False, True):
             box[s] = _narrow_by_halving(check, caller, box, s, upper=upper)
-    return None if caller.holds("never_rests", region_of(check, box)) else box
+    return None if caller.returns_true("never_rests", region_of(check, box)) else box
 
 
 def _holds_somewhere(
@@ -439,7 +442,7 @@ def _holds_somewhere(
     states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
     every = (dict(zip(box, x, strict=True)) for x in ([u[0] for u in usual], *states))
     tried = ({s: Interval(v, v) for s, v in x.items()} for x in every)
-    return any(caller.holds(predicate, region_of(check, at)) for at in tried)
+    return any(caller.returns_true(predicate, region_of(check, at)) for at in tried)
 
 
 def _narrow_by_powers(
@@ -451,7 +454,9 @@ def _narrow_by_powers(
         return box[s]
     for end in (10.0**k for k in range(99, -10, -1)):
         beyond = (Interval(low, -end), Interval(end, high))
-        if not all(caller.holds("never_rests", region_of(check, {**box, s: r})) for r in beyond):
+        if not all(
+            caller.returns_true("never_rests", region_of(check, {**box, s: r})) for r in beyond
+        ):
             break
         low, high = -end, end
     return Interval(low, high)
@@ -466,7 +471,7 @@ def _narrow_by_halving(
     for _ in range(HALVINGS):
         middle = 0.5 * (outer + inner)
         off = Interval(middle, high) if upper else Interval(low, middle)
-        if caller.holds("never_rests", region_of(check, {**box, s: off})):
+        if caller.returns_true("never_rests", region_of(check, {**box, s: off})):
             outer = middle
         else:
             inner = middle
@@ -478,6 +483,6 @@ def _why_start_not_at_rest(check: TubeCheck, caller: Caller) -> str:
     initial = {s: check.problem.initial[s] for s in check.states}
     if any(map(is_far, initial.values())):
         return f"it is beyond {FARTHEST:g}"
-    if caller.holds("starts", region_of(check, initial)):
+    if caller.returns_true("starts", region_of(check, initial)):
         return ""
     return f"from {box_in_words(check, initial)} SC is not certainly led to rest"

@@ -4,8 +4,8 @@ Purpose: `ScStep` executes SC's step and its `on takeover` block over what SC re
 its variables: a float, or a truth, is an input "l", which is any number of its range, at each step
 anew (condition 3 of "Decisions by tubes", proof-flight.md); a whole number is each of its values.
 `find_ranges` looks for ranges of floats that no step leaves, with the initial values in them.
-Non-goals: that no step leaves them (`defined`, asked by `rest_claims.py`); what a variable has to
-do with the states.
+Non-goals: that no step leaves them (`step_is_defined`, asked by `rest_claims.py`); what a variable
+has to do with the states.
 """
 
 from __future__ import annotations
@@ -20,7 +20,11 @@ from soter.language.model.types import leaf_name
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.enclosures import Enclosures
 from soter.verify.tubes.expression_graph import LARGEST, NoExpressionError, in_order
-from soter.verify.tubes.module_expressions import ExpressionReading, leaf_values, value_of_leaves
+from soter.verify.tubes.module_expressions import (
+    ExpressionReading,
+    leaves_of_value,
+    value_of_leaves,
+)
 from soter.verify.tubes.problem import cut_to_farthest
 
 if TYPE_CHECKING:
@@ -39,7 +43,7 @@ SLACK = 1e-9
 
 
 class ScStep:
-    """SC's step; `NoExpressionError` where it may stay silent, or keeps what has no expression.
+    """SC's step; `NoExpressionError` where SC may stay silent, or keeps values without expression.
 
     `commands`: what it publishes, in the order of controls. `ranges`: that of each input "l";
     `floats`: the number of that input for each float of a variable, by its name.
@@ -56,43 +60,47 @@ class ScStep:
         choices = [
             self._choices(leaf_name(x.cell.name, path), t, first)
             for x, value in zip(step.locals, initial, strict=True)
-            for path, t, first in leaf_values(x.type, value)
+            for path, t, first in leaves_of_value(x.type, value)
         ]
         if prod(map(len, choices)) > COMBINATIONS_MAX:
             raise NoExpressionError(f"SC keeps whole numbers{FEWER}")
-        first, *others = dict.fromkeys(self._answer(step, values) for values in product(*choices))
+        first, *others = dict.fromkeys(
+            self._commands_of_step(step, values) for values in product(*choices)
+        )
         for other in others:
-            which = self._truth()
+            which = self._new_truth()
             first = tuple(map(self._make.select, [which] * len(first), first, other))
         self.commands = list(first)
 
-    def _input(self, low: float, high: float) -> Node:
+    def _new_input(self, low: float, high: float) -> Node:
         self.ranges.append(Interval(low, high))
         return self._make.input("l", len(self.ranges) - 1)
 
-    def _truth(self) -> Node:
-        """A condition that holds or does not, at each step anew."""
-        return self._make.compare(">", self._input(-1.0, 1.0), self._make.number(0.0))
+    def _new_truth(self) -> Node:
+        """A condition that may hold or not, at each step anew."""
+        return self._make.compare(">", self._new_input(-1.0, 1.0), self._make.number(0.0))
 
     def _choices(self, name: str, t: types.Type, first: Any) -> Sequence[Value]:  # noqa: ANN401
         """The values that a leaf of a variable may have."""
         if isinstance(t, types.FloatType):
             self.floats[name] = len(self.ranges)
-            return [self._input(first, first)]
+            return [self._new_input(first, first)]
         if isinstance(t, types.BoolType):
-            return [self._truth()]
+            return [self._new_truth()]
         if isinstance(t, types.EnumType):
             return range(len(t.members))
         if isinstance(t, types.IntType) and t.high - t.low < COMBINATIONS_MAX:
             return range(t.low, t.high + 1)
         raise NoExpressionError(f"SC keeps `{name}`, a `{t}`{FEWER}")
 
-    def _answer(self, step: core.NodeStep, parts: Sequence[Value]) -> tuple[Node, ...]:
-        """What a step publishes where leaves of variables are `parts`; notes what has to hold."""
+    def _commands_of_step(self, step: core.NodeStep, parts: Sequence[Value]) -> tuple[Node, ...]:
+        """The commands of a step that begins with `parts` in SC's variables; notes conditions."""
         left = iter(parts)
         before = [value_of_leaves(x.type, left) for x in step.locals]
         for code in (step.takeover, step.body):
-            body = ExpressionReading(self._make, self._module.functions, self._module.seen_value)
+            body = ExpressionReading(
+                self._make, self._module.functions, self._module.value_read_by_sc
+            )
             for x, value in zip(step.locals, before, strict=True):
                 body.bind(x.name, x.type, value)
             body.run(code)
@@ -100,10 +108,10 @@ class ScStep:
             self._conditions += body.guards
             self._conditions += [self._make.inside(e, -LARGEST, LARGEST) for e in numbers]
             for x in step.locals:
-                for path, t, v in leaf_values(x.type, body.frame.variables[x.name]):
+                for path, t, v in leaves_of_value(x.type, body.frame.variables[x.name]):
                     if isinstance(t, types.FloatType):
                         k = self.floats[leaf_name(x.cell.name, path)]
-                        self._assigned += [(k, e) for e in _branches(v) if e.of != ("l", k)]
+                        self._assigned += [(k, e) for e in _possible_values(v) if e.of != ("l", k)]
         return self._published(step, body)
 
     def _published(self, step: core.NodeStep, body: ExpressionReading) -> tuple[Node, ...]:
@@ -112,12 +120,12 @@ class ScStep:
             published, value, t = body.frame.outputs[number]
             if published is not self._make.true:
                 raise NoExpressionError("SC may publish nothing")
-            for path, _, v in leaf_values(t, value):
+            for path, _, v in leaves_of_value(t, value):
                 found[output.topic, path] = v
         leaves = self._module.problem.quantities.controls
         return tuple(found[leaf.owner, leaf.path] for leaf in leaves)
 
-    def defined(self) -> Node:
+    def step_is_defined(self) -> Node:
         """The condition that a step on reads y neither faults nor leaves any set or range.
 
         It also says that every number on the way is finite, so that none becomes NaN.
@@ -130,9 +138,9 @@ class ScStep:
         return held
 
     def find_ranges(self, reads: Mapping[int, Interval]) -> str:
-        """Makes `ranges` those that no step leaves; the name of a float without one, "": none.
+        """Sets `ranges` to ranges that no step leaves; returns a float that has none, or "".
 
-        `reads`: the set of what SC reads of each state.
+        `reads`: for each state the set of SC's reads of it.
         """
         roots, first = [v for _, v in self._assigned], list(self.ranges)
         if not roots:
@@ -155,19 +163,19 @@ class ScStep:
         return next(far, "")
 
 
-def _branches(e: Node) -> list[Node]:
-    """What an expression may be, whatever the conditions of its branches are."""
-    return [x for side in e.of[1:] for x in _branches(side)] if e.op == "select" else [e]
+def _possible_values(e: Node) -> list[Node]:
+    """The expressions that `e` may be, whatever the conditions of its branches are."""
+    return [x for side in e.of[1:] for x in _possible_values(side)] if e.op == "select" else [e]
 
 
 def _narrowed(a: Interval, b: Interval) -> Interval:
-    """The range `b` within `a`, with the ends of `a` where they are hardly farther."""
+    """The range `b` cut to `a`, but with the ends of `a` where those of `b` are hardly nearer."""
     off = SLACK * (a.high - a.low)
     low, high = a.low + off, a.high - off
     return Interval(b.low if b.low > low else a.low, b.high if b.high < high else a.high)
 
 
 def variables_entry(ranges: Mapping[str, Interval]) -> dict[str, object]:
-    """What an entry of a certificate has of the floats that SC keeps, by name."""
+    """The part about floats that SC keeps, by name, of an entry of a certificate."""
     ends = {n: [r.low.hex(), r.high.hex()] for n, r in ranges.items()}
     return {"keeps": ends} if ends else {}

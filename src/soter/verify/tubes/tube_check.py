@@ -2,8 +2,8 @@
 
 Purpose: `TubeCheck` reads a module's rates, law and predicates as expressions. Of them and of the
 parts that all modules share (`forms.soter`, `tube.soter`, `check.soter`) it writes two programs:
-`in_flight`, with `fun good(estimate: float[n]): bool`, and `offline`, with the functions of
-`rest.soter`, which are asked before anything flies.
+`text_in_flight`, with `fun good(estimate: float[n]): bool`, and `offline_text`, with the functions
+of `rest.soter`, which are asked before anything flies.
 Non-goals: asking it (`rest_claims.py`), the DM's predicates (`tube_levels.py`).
 """
 
@@ -23,10 +23,10 @@ from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     NoExpressionError,
-    below,
     half_width,
     in_order,
     middle,
+    reads_kind,
     states_read,
     states_read_through,
 )
@@ -35,35 +35,30 @@ from soter.verify.tubes.generated_functions import (
     MAP,
     RANGES,
     array_text,
-    certain,
-    decided,
+    decided_text,
     exact_form_text,
     form_text,
-    function,
+    fun_text,
     functions_of,
-    number,
+    number_text,
     numbers_text,
     shared_text,
+    sure_text,
 )
-from soter.verify.tubes.kinks import following
+from soter.verify.tubes.kinks import following_text
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.moved_rates import domain, may_end
+from soter.verify.tubes.moved_rates import domain_conditions, state_that_may_end
 from soter.verify.tubes.problem import (
     FARTHEST,
     TubeProblem,
     TubeTimes,
     nearest_seconds,
-    read_by,
-    refused,
+    refusal,
     rounded_up,
+    topics_read,
 )
 from soter.verify.tubes.sc_step import ScStep
-from soter.verify.tubes.turns import (
-    A_TURN,
-    FARTHEST_TURN,
-    many_turns_on,
-    turning_states,
-)
+from soter.verify.tubes.turns import A_TURN, FARTHEST_TURN, turning_states, with_rounding_of_turns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -99,12 +94,13 @@ ENDINGS = 2
 
 
 class TubeCheck:
-    """The expressions of one problem; `SoterError` R007 where something is none of reals.
+    """The expressions of one problem; `SoterError` R007 where one of them is not of reals.
 
-    `states`: those that the law or a condition depends on, in the order of estimates; no rate of
-    theirs reads another one. `read_sets`: the set of what SC reads of a state; `rooms`: its range
-    within C, by the sets of what plants publish; `turning`: angles that need not come back, whose
-    range is a turn; `cut`: that of `CUTS` in use (`leading_back.py`); `kink`: where they collect.
+    `states`: those that the law or a condition depends on, in the order of estimates; their rates
+    read no others. `read_sets`: the set of SC's reads of a state; `rooms`: its range within C, by
+    the sets of what plants publish; `turning`: angles that need not come back, with a turn as
+    range; `cut`: the number in `CUTS` in use (`leading_back.py`); `kink`: runs are collected behind
+    it.
     """
 
     law: Sequence[Node]
@@ -114,39 +110,39 @@ class TubeCheck:
         self.kink: Kink | None = None
         self.times = TubeTimes.of(problem)
         try:
-            self._read()
+            self._read_module()
         except NoExpressionError as error:
-            raise refused(problem, str(error)) from None
+            raise refusal(problem, str(error)) from None
         except (TooManyStatementsError, RecursionError):
             why = f"an expression is too large ({STATEMENTS_MAX:,} statements are read at most)"
-            raise refused(problem, why) from None
+            raise refusal(problem, why) from None
 
-    def _read(self) -> None:
+    def _read_module(self) -> None:
         module = ModuleExpressions(self.problem)
         self.make = module.make
-        self.rates = every = self.make.branches(module.rates())[0]
+        self.rates = every = self.make.rates_by_branch(module.rates())[0]
         self._read_sc(module)
         self._safe = module.constraint()
         self.rooms = module.rooms
-        self._rest = module.predicate(self.problem.rest)
+        self._rest = module.condition_of_predicate(self.problem.rest)
         asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = states_read_through(asked, every)
         rates, zero = [every[s] for s in self.states], self.make.number(0.0)
-        moved = module.moved(rates)
+        moved = module.moved_rates(rates)
         self._still, self._ranged, of_movers = moved.still, moved.ranged, enumerate(moved.effects)
         found = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
         self._effects = found or [(0, 0, zero)]  # no array is empty
-        _, self._decided, self._branches = self.make.branches(self._still)
-        self._bends = module.bends(self._decided)
+        _, self._decided, self._branches = self.make.rates_by_branch(self._still)
+        self._bends = module.derivatives_of_rates(self._decided)
         effects = [e for row in moved.effects for e in row]
-        parts, slopes = [*self._still, *effects], module.bends(effects)
-        for condition in domain(self.make, parts, slopes):  # SC's are asked of its step
+        parts, slopes = [*self._still, *effects], module.derivatives_of_rates(effects)
+        for condition in domain_conditions(self.make, parts, slopes):  # SC's are asked of its step
             self._safe = self.make.join("and", self._safe, condition)
         asked = [*self.law, self._safe, self._rest]
         self.turning = turning_states(asked, rates, self.problem.drifts)
         self.rooms |= dict.fromkeys(self.turning, A_TURN)
         asked = [self._safe, self._rest, *self.law]
-        near = many_turns_on(self.make, asked, self.turning)
+        near = with_rounding_of_turns(self.make, asked, self.turning)
         self._safe, self._rest, self.law = near[0], near[1], near[2:]
         self._faced = [k for k, s in enumerate(self.states) if s in states_read([self._still[k]])]
         self.read_by_law = states_read([*self.law, self._defined])
@@ -158,17 +154,17 @@ class TubeCheck:
         self.read_by_rates = states_read(rates)
         self.read_by_rest, self.read_by_safe = map(states_read, ([self._rest], [self._safe]))
         moving = states_read_through([self._rest], every)
-        self.commands_move_rest = any(below(every[s], "u") for s in moving)
+        self.commands_move_rest = any(reads_kind(every[s], "u") for s in moving)
         inputs = [e for e in in_order([self._defined, *asked, *rates]) if e.op == "input"]
         if any(e.of[0] not in "lxyuwm" for e in inputs):
             raise NoExpressionError("something reads a time, an age or a mode")
-        endless = may_end(self.make, self.rates, self.states)
+        endless = state_that_may_end(self.make, self.rates, self.states)
         if endless is not None:
             name = self.problem.quantities.states[endless].name
             raise NoExpressionError(
                 f"nothing bounds `{name}`, which may end (a set of its topic would)"
             )
-        self._refuse_other_views(module.seen)
+        self._refuse_other_topics(module.seen)
         driven = {o.topic for step in self.problem.core.plants.values() for o in step.outputs}
         self._sample = {s: (t, -1 if t in driven else s) for s, (t, _) in module.seen.items()}
 
@@ -178,12 +174,12 @@ class TubeCheck:
         endless = Interval(-inf, inf)
         self.read_sets = {s: Interval(b.low, b.high) if b else endless for s, b in bounds.items()}
         if name := step.find_ranges(self.read_sets):
-            raise refused(self.problem, UNBOUNDED.format(name), (BOUND, BOUND_READ))
+            raise refusal(self.problem, UNBOUNDED.format(name), (BOUND, BOUND_READ))
         self.variables = {name: step.ranges[k] for name, k in step.floats.items()}
-        self.law, self.kept, self._defined = step.commands, step.ranges, step.defined()
+        self.law, self.kept, self._defined = step.commands, step.ranges, step.step_is_defined()
 
-    def _refuse_other_views(self, seen: Mapping[int, tuple[int, int]]) -> None:
-        """Refuses an SC that sees plants by a topic the DM does not read: it may be older (2.)."""
+    def _refuse_other_topics(self, seen: Mapping[int, tuple[int, int]]) -> None:
+        """Refuses an SC that sees a plant by a topic that its DM does not read: it may be older."""
         problem, topics = self.problem, self.problem.system.topics
         estimate = {problem.topic_leaf_of_state[s][0] for s in self.states}
         other = sorted(topics[i].name for i in {topic for topic, _ in seen.values()} - estimate)
@@ -191,44 +187,46 @@ class TubeCheck:
             raise NoExpressionError(
                 f"SC sees the plant by `{other[0]}`, which its DM does not read"
             )
-        unread = sorted(topics[i].name for i in estimate - read_by(problem))
+        unread = sorted(topics[i].name for i in estimate - topics_read(problem))
         if unread:
             raise NoExpressionError(f"only `{unread[0]}`, which nobody reads, shows a state")
 
-    def in_flight(self, ways: Mapping[int, Interval]) -> str:
-        """The text that flies; `ways`: Y of each state that `moves` does not name, as was shown."""
-        return self._joined(self._flying(ways))
+    def text_in_flight(self, ways: Mapping[int, Interval]) -> str:
+        """The text that flies; `ways`: Y, the range shown of states that `moves` does not name."""
+        return self._joined_text(self._texts_in_flight(ways))
 
-    def _flying(self, ways: Mapping[int, Interval]) -> list[str]:
+    def _texts_in_flight(self, ways: Mapping[int, Interval]) -> list[str]:
         shield = self.problem.module.shield
         return [*self._tube_functions(ways), *([self._judging_functions(shield)] if shield else [])]
 
-    def cost(self) -> Cost:
+    def decision_cost(self) -> Cost:
         """The worst cost of one decision: `good`, and `judged`, or `toward`, of commands."""
-        functions = functions_of(self.in_flight({s: Interval(-1.0, 1.0) for s in self.states}))
+        functions = functions_of(self.text_in_flight({s: Interval(-1.0, 1.0) for s in self.states}))
         every = [cost_of(functions[n]) for n in ("good", "judged", "toward") if n in functions]
         most = max(cost.bytes for cost in every)
         return every[0]._replace(operations=sum(cost.operations for cost in every), bytes=most)
 
-    def operations(self, switches: int) -> int:
-        """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
+    def offline_operations(self, switches: int) -> int:
+        """The most operations of one function, with `switches` outputs of SC; `TooLongError`."""
         shorter = copy(self)
         shorter.times = replace(self.times, switches=switches)
-        functions = functions_of(shorter.offline({s: Interval(-1.0, 1.0) for s in self.states}))
+        functions = functions_of(
+            shorter.offline_text({s: Interval(-1.0, 1.0) for s in self.states})
+        )
         return max(cost_of(f).operations for f in functions.values())
 
-    def offline(self, ways: Mapping[int, Interval]) -> str:
-        """The text of `in_flight` with the functions that are asked before anything flies."""
+    def offline_text(self, ways: Mapping[int, Interval]) -> str:
+        """The text of `text_in_flight` with the functions that are asked before anything flies."""
         inputs = self._input_texts()
         texts = [
-            certain("law_defined", "y: Forms", self._defined, inputs),
-            certain("surely_not_at_rest", "x: Forms", self._rest, inputs, truth=False),
+            sure_text("law_defined", "y: Forms", self._defined, inputs),
+            sure_text("surely_not_at_rest", "x: Forms", self._rest, inputs, truth=False),
             shared_text("rest.soter"),
         ]
-        return self._joined([*self._flying(ways), *texts])
+        return self._joined_text([*self._texts_in_flight(ways), *texts])
 
-    def _joined(self, parts: Sequence[str]) -> str:
-        """The joined text; in that of a module without maps no function has a map parameter.
+    def _joined_text(self, parts: Sequence[str]) -> str:
+        """The joined text, without parameters for maps and branches that the module does not have.
 
         Where commands stand in no rate as ranges nothing asks how far they may be off.
         """
@@ -248,8 +246,6 @@ class TubeCheck:
         ]
         return "\n".join([*lines, text])
 
-    # ------------------------------------------------------------ parts
-
     def _judging_functions(self, shield: Shield) -> str:
         """The functions and constants that judge a command (`judged.soter`)."""
         times = self.times
@@ -262,8 +258,8 @@ class TubeCheck:
             f"const HELD: int = {numbers};",
             f"const EDGES: float[CELLS + 1][{len(cells)}] = {array_text(cells)};",
             f"const ENDINGS: int = {ENDINGS};",
-            f"const ENDING: float = {number(nearest_seconds(command_ns, ENDINGS))};",
-            f"const ANY_FOR: float = {number(nearest_seconds(times.any_command))};",
+            f"const ENDING: float = {number_text(nearest_seconds(command_ns, ENDINGS))};",
+            f"const ANY_FOR: float = {number_text(nearest_seconds(times.any_command))};",
         ]
         moving = [] if shield.proposed is None else [self._moving_functions()]
         return "\n".join([*lines, shared_text("judged.soter"), *moving])
@@ -283,7 +279,7 @@ class TubeCheck:
         sizes["WAY"] = 1 + more if more else WAY
         lines = [
             *(f"const {name}: int = {size};" for name, size in sizes.items()),
-            f"const LASTING: float = {number(nearest_seconds(lasting_ns, ENDINGS))};",
+            f"const LASTING: float = {number_text(nearest_seconds(lasting_ns, ENDINGS))};",
             f"const NUMBER: int[CONTROLS] = {array_text(at)};",
             f"const NO_COMMAND: float[CONTROLS] = {numbers_text([0.0] * len(at))};",
             f"const NOT_FOUND: float[FOUND] = {numbers_text([0.0] * (count + 1))};",
@@ -291,7 +287,7 @@ class TubeCheck:
         return "\n".join([*lines, text])
 
     def _input_texts(self, of: str = FORMS) -> Inputs:
-        """The text for each input; a state is indexed by its place in `states`."""
+        """The text of each input; a state stands at its place in `states`."""
         places = [(s, k) for k, s in enumerate(self.states)]
         found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
         q = self.problem.quantities
@@ -308,53 +304,53 @@ class TubeCheck:
             shared_text("forms.soter"),
             shared_text("tube.soter"),
             self._ranged_movers(),
-            function("rates", f"x: Forms, u: Controls{ON}", self._decided, inputs, "Forms"),
-            function("speeds", RANGED, self._still, ranges, "Ranges", RANGES),
-            function("effects", RANGED, [e for *_, e in self._effects], ranges, "Effects", RANGES),
-            function("bends", f"x: Forms, u: Controls, v: Forms{ON}", self._bends, inputs, "Forms"),
-            *([decided("branches", RANGED, self._branches, ranges)] if self._branches else []),
+            fun_text("rates", f"x: Forms, u: Controls{ON}", self._decided, inputs, "Forms"),
+            fun_text("speeds", RANGED, self._still, ranges, "Ranges", RANGES),
+            fun_text("effects", RANGED, [e for *_, e in self._effects], ranges, "Effects", RANGES),
+            fun_text("bends", f"x: Forms, u: Controls, v: Forms{ON}", self._bends, inputs, "Forms"),
+            *([decided_text("branches", RANGED, self._branches, ranges)] if self._branches else []),
             self._rates_by_number(ranges),
-            function("law", "y: Forms", self.law, inputs, "Controls"),
-            certain("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
-            certain("rests", "x: Forms", self._rest, inputs),
+            fun_text("law", "y: Forms", self.law, inputs, "Controls"),
+            sure_text("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
+            sure_text("rests", "x: Forms", self._rest, inputs),
             self._at_rest(ways),
             shared_text("check.soter"),
-            following(self.states, self.kink) if self.answers_vary else constant,
+            following_text(self.states, self.kink) if self.answers_vary else constant,
         ]
 
     def _map_guard(self) -> str:
         """The first lines of `safe`: false for a map with a NaN or a number beyond `FARTHEST`."""
-        asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
+        asked = f"    if !(abs({MAP}[k]) < {number_text(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
     def _ranged_movers(self) -> str:
-        """What stands in rates as a range: disturbances, and commands by what they may be off."""
+        """The ranges of disturbances, and of commands that may be off, which stand in rates."""
         lines, winds = [], self.problem.disturbances
-        if any(below(x, "w") for x in self._ranged):
+        if any(reads_kind(x, "w") for x in self._ranged):
             forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]
-            ranges = [f"{{ lo: {number(d.low)}, hi: {number(d.high)} }}" for d in winds]
+            ranges = [f"{{ lo: {number_text(d.low)}, hi: {number_text(d.high)} }}" for d in winds]
             pairs = (f"{FORMS}: Form", forms), (f"{RANGES}: Range", ranges)
             lines += [f"const WIND_{of}[{len(winds)}] = {array_text(x)};" for of, x in pairs]
         if own := [x.of[1] for x in self._ranged if x.of[0] == "u"]:
             lines += ["fun spread(u: Controls, wide: Wide): Controls {", "  var v = u;"]
             for k in own:
-                ends = ", ".join(map(number, astuple(self.problem.controls[k])))
+                ends = ", ".join(map(number_text, astuple(self.problem.controls[k])))
                 lines.append(f"  v[{k}] = cut(widened(u[{k}], wide[DISTURBANCES + {k}]), {ends});")
             lines += ["  return v;", "}"]
         return "\n".join(lines)
 
     def _rates_by_number(self, inputs: Inputs) -> str:
-        """`fun faced`, which `tube.soter` calls for the rate of one state by its number."""
+        """The text of `fun faced`, the rate of one state by its number, for `tube.soter`."""
         lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:
             rate = [self._still[k]]
-            lines.append(function(f"rate_{k}", RANGED, rate, inputs, "Range[1]", RANGES))
+            lines.append(fun_text(f"rate_{k}", RANGED, rate, inputs, "Range[1]", RANGES))
             movers = [m for state, m, _ in self._effects if state == k]
             body = [f"    return rate_{k}(x, u)[0];"]
             if movers:
                 effects = [e for state, _, e in self._effects if state == k]
                 result = f"Range[{len(movers)}]"
-                lines.append(function(f"effects_{k}", RANGED, effects, inputs, result, RANGES))
+                lines.append(fun_text(f"effects_{k}", RANGED, effects, inputs, result, RANGES))
                 sizes = [f"size(b[{p}])" for p, _ in enumerate(movers)]
                 added = " + ".join(f"{b} * wide[{m}]" for b, m in zip(sizes, movers, strict=True))
                 off = f"{' + '.join(sizes)} > 0.0 ? ({added}) * GROW + TINY : 0.0"
@@ -366,14 +362,16 @@ class TubeCheck:
         return "\n".join([*lines, f"{head} {{\n{calls}\n}}\n"])
 
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
-        """`fun at_rest`: `rest` holds, and `safe` holds in all that SC may move to from there."""
+        """`fun at_rest`: `rest` holds, and `safe` in all that SC may move to from there."""
         lines, read = [], self.read_by_safe
         for k, s in enumerate(self.states):
             if s in read and (drift := self.problem.drifts.get(s)) is not None:
-                ends = f"x[{k}], {number(-drift.below)}, {number(drift.above)}"
+                ends = f"x[{k}], {number_text(-drift.below)}, {number_text(drift.above)}"
                 lines.append(f"  m[{k}] = moved({ends});")
             elif s in read and (way := ways.get(s)) is not None:
-                lines.append(f"  m[{k}] = f_range({number(way.low)}, {number(way.high)});")
+                lines.append(
+                    f"  m[{k}] = f_range({number_text(way.low)}, {number_text(way.high)});"
+                )
             elif s in read:
                 lines.append("  if true { return false; }  // nothing is shown of where it goes")
         body = "\n".join(["  if !rests(x) { return false; }", "  var m = x;", *lines])
@@ -381,7 +379,7 @@ class TubeCheck:
         return f"{head} {{\n{body}\n  return safe(m, {MAP});\n}}\n"
 
     def errors(self) -> dict[int, float]:
-        """The error bound of each of `states`, as it is measured."""
+        """The bound of the measured error of each of `states`, by its number."""
         p, found = self.problem, dict.fromkeys(self.states, 0.0)
         for leaf, bounds in zip(p.quantities.errors, p.errors, strict=True):
             paths = [path for path, _ in leaves(p.system.topics[leaf.owner].type)]
@@ -392,19 +390,19 @@ class TubeCheck:
 
     def _constants(self) -> str:
         """The constants of the text: sizes, times in seconds, and ranges."""
-        sizes = self._sizes()
+        sizes = self._whole_constants()
         if sizes["SYMBOLS"] > SYMBOLS_MAX:
             msg = f"{sizes['SYMBOLS']} symbols of a form: more than {SYMBOLS_MAX}"
-            raise refused(self.problem, msg)
+            raise refusal(self.problem, msg)
         lines = [f"const {name}: int = {value};" for name, value in sizes.items()]
-        lines += [f"const {name}: float = {number(t)};" for name, t in self._seconds().items()]
+        lines += [f"const {name}: float = {number_text(t)};" for name, t in self._seconds().items()]
         shares = CUTS[self.cut][1]
         lines += [f"const SHARES: bool = {str(shares).lower()};"]
         lines += [f"const RESET: float = {0.5 if self.answers_vary else 0.9};"]
         return "\n".join([*lines, *self._arrays(sizes)]) + "\n"
 
-    def _sizes(self) -> dict[str, int]:
-        """The whole numbers of the text: how many there are of each thing, and first symbols."""
+    def _whole_constants(self) -> dict[str, int]:
+        """The whole numbers of the text: counts of states, commands, ..., first symbols."""
         q, times, n = self.problem.quantities, self.times, len(self.states)
         moved = len(q.controls) + len(q.disturbances)
         keep, _ = CUTS[self.cut]
@@ -421,7 +419,7 @@ class TubeCheck:
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": len(q.controls),
             "DISTURBANCES": len(q.disturbances), "MOVED": moved,
             "EFFECTS": len(self._effects), "KEEP": keep, "READS": read, "COMMANDS": commands,
-            "CLOSED": closed, "SAMPLES": len(self._samples()),
+            "CLOSED": closed, "SAMPLES": len(self._sources_of_reads()),
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
             "HOLDS": holds, "DEPTH": depth, "ACTED": depth * len(q.controls),
             "FACES": len(self._faced),
@@ -429,8 +427,8 @@ class TubeCheck:
             "BRANCHES": 2 * len(self._branches),
         }  # fmt: skip
 
-    def _samples(self) -> list[tuple[int, int]]:
-        """What SC reads of one instant each: a topic of a plant, or a number that a node shows."""
+    def _sources_of_reads(self) -> list[tuple[int, int]]:
+        """The sources of SC's reads, each of one instant: a plant's topic, a node's number."""
         return sorted({self._sample[s] for s in self.read_by_law}) or [(-1, -1)]
 
     def _seconds(self) -> dict[str, float]:
@@ -452,7 +450,7 @@ class TubeCheck:
         }
 
     def _kept_forms(self, sizes: Mapping[str, int]) -> list[str]:
-        """A form for each number that SC keeps, with a symbol of its own."""
+        """The text of a form for each number that SC keeps, with a symbol of its own."""
         forms, first = [], sizes["READS"] + sizes["STATES"]
         for k, r in enumerate(self.kept, first):
             g = [half_width(r) * (i == k) for i in range(sizes["SYMBOLS"])]
@@ -470,10 +468,12 @@ class TubeCheck:
         halves = [0.5 if k in self._faced else 1.0 for k in range(n)]
         middles = [exact_form_text(middle(c)) for c in self.problem.controls]
         any_of = [form_text(middle(c), half_width(c), c.low, c.high) for c in self.problem.controls]
-        places = {sample: str(k) for k, sample in enumerate(self._samples())}
+        places = {sample: str(k) for k, sample in enumerate(self._sources_of_reads())}
         sample = [places.get(self._sample.get(s, (-1, -1)), "0") for s in self.states]
         depth = self.times.depth if self.answers_vary else 1
-        earlier = [rounded_up(Fraction(self.times.earlier(p), 10**9)) for p in range(depth)]
+        earlier = [
+            rounded_up(Fraction(self.times.earlier_command_ns(p), 10**9)) for p in range(depth)
+        ]
         zero, low, high = (numbers_text([x] * n) for x in (0.0, inf, -inf))
         return [
             *[f"const KEPT_BY_SC: Form[{len(kept)}] = {array_text(kept)};"] * bool(kept),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
 from soter.language.model.types import FLOAT, INT, leaves
-from soter.verify.deploy.level_tables import LevelTable, estimate
+from soter.verify.deploy.level_tables import LevelTable, estimate_leaves
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.problem import TubeProblem
 
@@ -49,55 +49,59 @@ class TubeLevels(LevelTable):
 
     @classmethod
     def of(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
-        """The predicates of one check; `ways`: Y, the range of each state as was shown offline."""
-        return cls(tuple(check.states), check.in_flight(ways), len(check.problem.map_leaves), rest)
+        """The predicates of one check; `ways`: Y, the range of each state as shown offline."""
+        return cls(
+            tuple(check.states), check.text_in_flight(ways), len(check.problem.map_leaves), rest
+        )
 
     @cached_property
-    def functions(self) -> Mapping[str, FunSymbol]:
+    def functions_by_name(self) -> Mapping[str, FunSymbol]:
         """The functions of the check in flight, by name."""
         return functions_of(self.text)
 
     def share(self, group: Group) -> float:
-        """There is no group to have a share of."""
+        """Not implemented: there is no group."""
         raise NotImplementedError
 
     def function(self, w: Writer, name: str) -> FunSymbol:
         """`fun level(x0: float, ...): int`."""
-        good = self.functions["good"]
+        good = self.functions_by_name["good"]
         pairs = (("x", len(self.states)), ("m", self.maps))
         inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in pairs]
         found = w.call(good, *(w.floats([w.read(x) for x in of]) for of in inputs if of))
         answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
         return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
 
-    def more(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
+    def more_arguments(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
         """An expression for each number of the maps that `safe` reads."""
         assert isinstance(problem, TubeProblem)
         at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
         paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
         return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
 
-    def judged(self, w: ShieldWriter) -> t.TypedExpr:
-        """An expression: SC brings the plant to rest from every command that may act then."""
-        own = [w.command(k) for k in range(len(w.problem.controls))]
-        return self._asked(w, "judged", w.floats(own))
+    def judged_command(self, w: ShieldWriter) -> t.TypedExpr:
+        """An expression: SC brings the plant to rest from all commands that may then act."""
+        own = [w.held_number(k) for k in range(len(w.problem.controls))]
+        return self._call_about_commands(w, "judged", w.floats(own))
 
-    def toward(self, w: ShieldWriter, proposed: Topic) -> t.TypedExpr:
-        """An expression: `Shield.moved`; `proposed` is the topic of what AC and SC want."""
+    def moved_command(self, w: ShieldWriter, proposed: Topic) -> t.TypedExpr:
+        """The expression of `Shield.moved`; `proposed`: the topic of AC's and SC's commands."""
         wanted: t.TypedExpr = t.TopicRead(proposed.type, w.span, proposed.symbol)
         if (tried := w.problem.module.symbol.candidates) is not None:
             more = [w.leaf(tried, path) for path, _ in leaves(tried.type)]
-            both = [w.at(wanted, w.number(k)) for k in range(len(proposed.default))]
+            both = [w.element(wanted, w.number(k)) for k in range(len(proposed.default))]
             wanted = w.floats([*both, *more])
-        return self._asked(w, "toward", wanted)
+        return self._call_about_commands(w, "toward", wanted)
 
-    def _asked(self, w: ShieldWriter, name: str, commands: t.TypedExpr) -> t.TypedExpr:
-        """A call of the check about commands, with what is read and what may still act."""
-        at, maps = w.floats(estimate(w, w.problem, self)), self.more(w, w.problem)
+    def _call_about_commands(
+        self, w: ShieldWriter, name: str, commands: t.TypedExpr
+    ) -> t.TypedExpr:
+        """A call of a function about commands, with the estimate and when others acted."""
+        at, maps = w.floats(estimate_leaves(w, w.problem, self)), self.more_arguments(w, w.problem)
         arguments = [w.floats(maps)] if maps else []
-        return w.call(self.functions[name], at, commands, w.times(), w.since(), *arguments)
+        return w.call(self.functions_by_name[name], at, commands, w.times(), w.since(), *arguments)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Its constants; the check itself is made from the program."""
+        """The constants of the check; the check itself is made from the program."""
         del names, stem, files
         return {"rest": self.rest}

@@ -1,8 +1,8 @@
 """Angles that turn: states that all of a module reads modulo a full turn.
 
 Purpose: `turning_states` finds them; `reads_modulo_turns` says whether expressions are the same
-where a state is whole turns further; `many_turns_on` makes those that also hold what a program
-rounds there ("An angle that turns" in docs/proof-flight.md).
+where a state is whole turns further; `with_rounding_of_turns` makes those that also hold what a
+program rounds there ("An angle that turns" in docs/proof-flight.md).
 Non-goals: what is shown of them (`rest_claims.py`), grids (`problem/axes.py`).
 """
 
@@ -36,7 +36,7 @@ def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
     times: dict[Node, float] = {}
     """How often each node is the state, beside what is the same a turn further; inf: otherwise."""
     for e in in_order(roots):
-        times[e] = _times(e, [times[x] for x in e.of if isinstance(x, Node)], state)
+        times[e] = _multiple_of_state(e, [times[x] for x in e.of if isinstance(x, Node)], state)
         if e.op in OF_A_TURN and times[e.of[0]]:
             angle = in_order([e.of[0]])
             if sum(x.op in ("add", "sub") and times[x] != 0 for x in angle) > SUMS_MAX:
@@ -47,16 +47,17 @@ def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
 def turning_states(
     asked: Sequence[Node], rates: Sequence[Node], drifts: Collection[int]
 ) -> list[int]:
-    """The angles that need not come back: all that is asked reads each modulo a full turn.
+    """The angles that need not come back: all expressions read them modulo a full turn.
 
-    The declared set of a topic is a part of C, which then reads how many turns there are.
+    A declared set of a topic is a part of C, which then reads how many turns there are.
     """
     read = states_read(asked) - {*drifts}
     found = [s for s in sorted(read) if reads_modulo_turns([*asked, *rates], s)]
     return found if len(found) <= TURNS_MAX else []
 
 
-def _times(e: Node, of: Sequence[float], state: int) -> float:
+def _multiple_of_state(e: Node, of: Sequence[float], state: int) -> float:
+    """How often `e` is the state, where its operands are that `of` times; inf: not a multiple."""
     if e.op == "input":
         return float(e.of[0] in "xy" and e.of[1] == state)
     if not any(of) or (e.op in OF_A_TURN and abs(of[0]) == 1.0):
@@ -69,8 +70,10 @@ def _times(e: Node, of: Sequence[float], state: int) -> float:
     return inf
 
 
-def many_turns_on(make: Expressions, roots: Sequence[Node], turning: Sequence[int]) -> list[Node]:
-    """The same expressions, whose angles are off by what is rounded many turns further."""
+def with_rounding_of_turns(
+    make: Expressions, roots: Sequence[Node], turning: Sequence[int]
+) -> list[Node]:
+    """The same expressions, with angles that are off by the rounding many turns further."""
     known: dict[Node, Node] = {}
     for e in in_order(roots):
         if e.op in COMPUTED and states_read([e]) & {*turning}:

@@ -2,8 +2,8 @@
 
 Purpose: `verify_by_tubes` turns what was shown offline into findings, property by property. What DM
 decides in flight is never called proved: it is *assumed* that its compiled check is sound
-(docs/proof-flight.md, "Decisions by tubes", condition 5). `entry` writes what is claimed of the
-module, and the constants of its check.
+(docs/proof-flight.md, "Decisions by tubes", condition 5). `certificate_entry` writes what is
+claimed of the module, and the constants of its check.
 Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/tubes/`).
 """
 
@@ -29,7 +29,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.deploy.missing_predicates import rest_claims
-from soter.verify.diagnosis.vacuity import say_of_nothing, vacuity_of_rest
+from soter.verify.diagnosis.vacuity import tell_vacuity_in_row, vacuity_of_rest
 from soter.verify.diagnosis.variations import younger_reads_of_sc
 from soter.verify.problem.problem import Assumption
 from soter.verify.proof_methods import figures_entry
@@ -44,19 +44,21 @@ if TYPE_CHECKING:
     from soter.verify.tubes.rest_claims import RestClaims
 
 
-def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -> dict[str, object]:
+def certificate_entry(
+    result: TubeResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
     """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
     verdicts = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     verdicts.pop("failsafe", None)  # none is declared: there is nothing to be claimed
     head = {"system": system, "module": result.problem.name, "claims": verdicts, "recover_ns": None}
     if not result.plans:
-        return head | _own_entry(result)
-    return head | {"plans": {r.problem.plan: _own_entry(r) for r in result.plans}}
+        return head | _entry_of_plan(result)
+    return head | {"plans": {r.problem.plan: _entry_of_plan(r) for r in result.plans}}
 
 
-def _own_entry(result: TubeResult) -> dict[str, object]:
-    """What an entry has of one plan, or of a module with one."""
+def _entry_of_plan(result: TubeResult) -> dict[str, object]:
+    """The part of an entry about one plan, or about a module with one plan."""
     problem = result.problem
     return {
         "plants": [c.name for c in problem.system.components if c.role == "plant"],
@@ -73,8 +75,7 @@ IN_FLIGHT = (
 JUDGED = "; a command acts only where SC, followed from it and those that still act, comes to rest"
 DECIDED = ", decided in flight (rest and start proved)"
 SOUND = Assumption(
-    "tubes",
-    "the compiled check of the DM encloses what SC and the plants do: tested, not proved",
+    "tubes", "the compiled check of the DM encloses what SC and the plants do: tested, not proved"
 )
 ANSWERS = "an SC that limits what it publishes (`clamp`), to a little less than the set"
 KEPT = (
@@ -180,7 +181,7 @@ def verify_by_tubes(
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.at_the_start = NOT_GIVEN if not (why or claims.given) else ""
     result.vacuity = vacuity_of_rest(problem, result.at_the_start)
-    say_of_nothing(result)
+    tell_vacuity_in_row(result)
     result.seconds = time.perf_counter() - began
     return result
 
@@ -211,36 +212,31 @@ def _joined_finding(results: Sequence[TubeResult], of: str) -> Finding:
     return Finding(worst, seconds, first.method, text, hint)
 
 
-def _advice_on_rest(
-    check: TubeCheck,
-    claims: RestClaims,
-    *,
-    ask: bool,
-) -> str:
+def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
     """Advice where rest is not shown; `ask`: younger reads are tried for it."""
-    far = _unbounded(check, claims)
-    unbounded = ", ".join(map(check.problem.leaf, far))
+    far = _unbounded_states(check, claims)
+    unbounded = ", ".join(map(check.problem.leaf_of_state, far))
     asked = ask and not (far or claims.astray is not None)
-    tried = _with_younger_reads(check.problem) if asked else ""
+    tried = _younger_reads_in_words(check.problem) if asked else ""
     if doubt := UNMOVED * (not check.commands_move_rest) or _doubt_in_words(check.problem):
         return doubt
     if not claims.kept:
         return f"{tried}, or {MOVES}" if tried else MOVES
     if far:
         return UNBOUNDED.format(unbounded)
-    if left := _left_open(check, claims):
+    if left := _names_left_open(check, claims):
         return OPEN.format(left)
     late = _what_delays_sc(check, tried)
     return KEPT.format("".join(f"{what}, " for what in late)) if claims.box else ""
 
 
 def _doubt_in_words(problem: TubeProblem) -> str:
-    """What `soter check` says of `rest` (W022), with its help; "": nothing."""
+    """The warning of `soter check` about `rest` (W022), with its help; "": there is none."""
     found = doubt_about_rest(problem.system, problem.module, unproved=True)
     return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
 
 
-def _with_younger_reads(problem: TubeProblem) -> str:
+def _younger_reads_in_words(problem: TubeProblem) -> str:
     """The `age` that was tried, and whether rest is shown with it; "": there is none to try."""
     changed = younger_reads_of_sc(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
@@ -266,15 +262,19 @@ def _what_delays_sc(check: TubeCheck, tried: str) -> Iterator[str]:
 
 def _advise_sets(check: TubeCheck) -> str:
     """Advice to write the sets that topics of SC's reads lack; "" where none is missing."""
-    far = [check.problem.leaf(s) for s in sorted(check.read_by_law) if is_far(check.read_sets[s])]
+    far = [
+        check.problem.leaf_of_state(s)
+        for s in sorted(check.read_by_law)
+        if is_far(check.read_sets[s])
+    ]
     sets = ", ".join(f"`{leaf} in [-l, l]`" for leaf in far)
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
 
 
-def _unbounded(check: TubeCheck, claims: RestClaims) -> list[int]:
-    """The states that `rest` leaves endless, or says nothing of though SC or a lost run does.
+def _unbounded_states(check: TubeCheck, claims: RestClaims) -> list[int]:
+    """The states that `rest` does not bound though SC or a lost run reads them.
 
-    Else those of which nothing was asked, and which `safe` needs after all.
+    If there are none, those that `safe` needs and that were left out.
     """
     unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
     box = claims.box.items()
@@ -282,10 +282,10 @@ def _unbounded(check: TubeCheck, claims: RestClaims) -> list[int]:
     return ends or [s for s in claims.ways if s not in claims.box]
 
 
-def _left_open(check: TubeCheck, claims: RestClaims) -> str:
-    """The numbers that rates read, and `rest` leaves as wide as their sets."""
+def _names_left_open(check: TubeCheck, claims: RestClaims) -> str:
+    """The names of states that rates read and that `rest` leaves as wide as their sets."""
     asked = check.read_by_rates - check.read_by_rest
-    return ", ".join(check.problem.leaf(s) for s in claims.box if s in asked)
+    return ", ".join(check.problem.leaf_of_state(s) for s in claims.box if s in asked)
 
 
 def _far_assumptions(check: TubeCheck) -> list[Assumption]:
@@ -320,7 +320,7 @@ def _start_text(check: TubeCheck) -> str:
 
 
 def _finding_on_return(problem: TubeProblem) -> Finding:
-    """P2b is assumed: whether the check is good then depends on estimates and maps in flight."""
+    """P2b, which is assumed: whether the check is good depends on estimates and maps in flight."""
     stays = problem.module.symbol.stays
     if stays:
         return Finding(ASSUMED, text=STAYS.format(stays))

@@ -60,16 +60,16 @@ class Subject:
             found: dict[int, Interval] = rest_claims(check).ways
             ways = {names[s]: (r.low, r.high) for s, r in found.items()}
         of = {names.index(n): type(problem.states[0])(*r) for n, r in ways.items()}
-        self.caller = Caller(check.in_flight(of))
+        self.caller = Caller(check.text_in_flight(of))
         own = read_rest(flat, module.name)
         states = [s.name for s in own.facts.states]
         self.arb = ModuleTube(own, {states.index(n): r for n, r in ways.items()})
         self.ranges = [problem.states[s] for s in check.states]
-        assert self.arb.reads == [problem.leaf(s) for s in check.states]
+        assert self.arb.reads == [problem.leaf_of_state(s) for s in check.states]
 
     def good(self, estimate: list[float]) -> bool:
         """What the check says."""
-        return self.caller.holds("good", estimate)
+        return self.caller.returns_true("good", estimate)
 
     def confirmed(self, estimate: list[float]) -> bool:
         """What the tube in Arb says."""
@@ -130,7 +130,7 @@ def test_what_the_check_of_a_train_calls_good_is_confirmed() -> None:
 
 def test_a_check_that_says_too_much_is_seen(capsys: pytest.CaptureFixture[str]) -> None:
     subject = Subject(FOLLOW.read_text("utf-8"), {"r.v": (-0.35, 0.35)})
-    subject.caller.holds = lambda *_: True  # type: ignore[method-assign]
+    subject.caller.returns_true = lambda *_: True  # type: ignore[method-assign]
     subject.ranges = [type(r)(low, low) for r, low in zip(subject.ranges, (2, 0, 30), strict=True)]
     found = agreement(subject, 1, seed=1)
     assert (found.good, found.unconfirmed) == (1, 1)

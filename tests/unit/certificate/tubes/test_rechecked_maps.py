@@ -56,7 +56,7 @@ def test_a_verdict_is_about_the_map_that_was_read() -> None:
     assert set(tube.reads) == set(estimate(0.0, 0.0, 0.0, 0.0))
     for high, good in ((9.0, True), (3.2, False), (9.0, True), (6.0, True), (3.0, False)):
         assert (tube.why_not_good(estimate(2.0, 3.0, -5.0, high)) is None) == good, high
-        assert not good or check_of(BEFORE_A_WALL).holds("good", [2.0, 3.0], [-5.0, high])
+        assert not good or check_of(BEFORE_A_WALL).returns_true("good", [2.0, 3.0], [-5.0, high])
     assert tube.why_starts_not_good() is None
     for wrong in (nan, inf, -inf):
         assert tube.why_not_good(estimate(2.0, 3.0, wrong, 9.0)) is not None

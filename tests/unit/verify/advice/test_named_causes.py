@@ -12,7 +12,7 @@ from soter.language.front_end import check_file
 from soter.verify.chosen_modules import modules_of, problems_of
 from soter.verify.claims.claims import open_case
 from soter.verify.diagnosis import tried_remedies
-from soter.verify.diagnosis.model_runs import LeavingSearch, PointModel, patterns, run_of_sc
+from soter.verify.diagnosis.model_runs import LeavingSearch, PointModel, patterns_to_try, run_of_sc
 from soter.verify.diagnosis.open_claims import REST, _no_run_cause
 from soter.verify.diagnosis.unbounded_terms import term_without_bound
 from soter.verify.enclose.compiled_enclosures import library_of
@@ -123,7 +123,7 @@ def test_a_run_does_not_leave_by_an_end_that_is_open(end: str, leaves: bool) -> 
     text = changed(TANK, *ONE_SIDED, ("ttf level < 0.25 || level > 1.75", "ttf level < 0.25"))
     text = changed(text, ("safer level > 0.4 && level < 1.6", "safer level > 0.4"), ("/ 320", end))
     model = PointModel(case_of(text))
-    trace = run_of_sc(model, model.start, next(patterns(model)), 60.0, lambda: True)
+    trace = run_of_sc(model, model.start, next(patterns_to_try(model)), 60.0, lambda: True)
     assert trace.left == leaves
     assert trace.states[-1][0] > 1.8
 
@@ -131,7 +131,7 @@ def test_a_run_does_not_leave_by_an_end_that_is_open(end: str, leaves: bool) -> 
 def test_a_run_under_an_sc_much_slower_than_a_lag_of_the_plant_does_not_grow_by_itself() -> None:
     lag = ("der h = pump - leak;", "der h = (1.0 + pump - leak - h) / 0.1;")
     model = PointModel(case_of(changed(TANK, lag).replace("period 100ms", "period 1s")))
-    trace = run_of_sc(model, model.start, next(patterns(model)), 60.0, lambda: True)
+    trace = run_of_sc(model, model.start, next(patterns_to_try(model)), 60.0, lambda: True)
     assert not trace.left
     assert abs(trace.states[-1][0] - 1.0) < 0.1
 

@@ -23,7 +23,7 @@ from soter.verify.counterexample import (
     write_counterexample,
 )
 from soter.verify.problem.verification_system import verification_system_of
-from soter.verify.refute import refute, refute_return
+from soter.verify.refute import search_leaving_run, search_run_without_return
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,7 +55,7 @@ def mutant(base_name: str, name: str) -> tuple[Base, System]:
 )
 def test_a_bad_module_is_refuted(base: str, name: str) -> None:
     chosen, system = mutant(base, name)
-    counterexample = refute(system, chosen.module, 20.0).found
+    counterexample = search_leaving_run(system, chosen.module, 20.0).found
     assert counterexample is not None
     assert counterexample.shows == LEAVES
     again = replay_choices(counterexample, system)
@@ -69,16 +69,16 @@ def test_a_bad_module_is_refuted(base: str, name: str) -> None:
 @pytest.mark.parametrize("base", BASES.values(), ids=list(BASES))
 def test_a_sound_module_is_not(base: Base) -> None:
     system = sound(base)
-    search = refute(system, base.module, 0.5)
+    search = search_leaving_run(system, base.module, 0.5)
     assert search.found is None
     assert search.runs > 100
-    assert refute_return(system, base.module, 0.3).found is None
+    assert search_run_without_return(system, base.module, 0.3).found is None
 
 
 def test_a_dm_that_never_returns_is_refuted() -> None:
     base, system = mutant("tank", "SC rests where safer never holds")
-    assert refute(system, base.module, 0.5).found is None
-    counterexample = refute_return(system, base.module, 20.0).found
+    assert search_leaving_run(system, base.module, 0.5).found is None
+    counterexample = search_run_without_return(system, base.module, 20.0).found
     assert counterexample is not None
     assert counterexample.shows == CYCLE
     assert counterexample.cycle_ns is not None
@@ -99,7 +99,7 @@ def test_a_dm_that_never_returns_is_refuted() -> None:
 
 def test_a_file_says_it_all(tmp_path: Path) -> None:
     base, system = mutant("tank", "ttf is constant false")
-    counterexample = refute(system, base.module, 20.0).found
+    counterexample = search_leaving_run(system, base.module, 20.0).found
     assert counterexample is not None
     path = write_counterexample(counterexample, tmp_path / "deep" / "x.json")
     read = read_counterexample(path)
@@ -120,7 +120,7 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
 
 def test_choices_that_do_no_harm_refute_nothing() -> None:
     base, system = mutant("tank", "ttf is constant false")
-    counterexample = refute(system, base.module, 20.0).found
+    counterexample = search_leaving_run(system, base.module, 20.0).found
     assert counterexample is not None
     still = {stream: [(0, 0.0)] for stream in counterexample.choices}
     assert replay_choices(replace(counterexample, choices=still), system) is None
@@ -149,7 +149,7 @@ system P { t: Tank; module M; until 1s; }
 @pytest.mark.parametrize(("start", "unsafe"), [(0.9, False), (1.1, True)])
 def test_safe_is_judged_on_the_truth(start: float, unsafe: bool) -> None:
     system = system_of(check_file("still.soter", STILL.replace("START", str(start))), "P")
-    assert (refute(system, "M", 0.5).found is not None) == unsafe
+    assert (search_leaving_run(system, "M", 0.5).found is not None) == unsafe
 
 
 def test_a_faulting_safe_is_no_refutation() -> None:
@@ -157,7 +157,7 @@ def test_a_faulting_safe_is_no_refutation() -> None:
         "safe level < 1.0", "safe 1.0 / (level - 0.5) < 1.0"
     )
     system = system_of(check_file("still.soter", text), "P")
-    assert refute(system, "M", 0.5).found is None
+    assert search_leaving_run(system, "M", 0.5).found is None
 
 
 def test_the_given_system_stays_as_it_is() -> None:
@@ -190,7 +190,7 @@ def test_a_controller_may_read_the_mode_of_a_module_that_is_left_out() -> None:
     system = verification_system_of(flat, module).system
     with pytest.raises(UnboundExternError):  # its own code cannot be run: it is left to the draws
         run_that_leaves(attacked_system(system, 0, OWN), AdverseDraws(1), 100_000_000)
-    counterexample = refute(system, "M", 0.5).found
+    counterexample = search_leaving_run(system, "M", 0.5).found
     assert counterexample is not None
     assert counterexample.controller == DRAWN
 
@@ -203,4 +203,4 @@ def test_what_no_plant_drives_cannot_be_judged() -> None:
     system = system_of(check_file("still.soter", text), "P")
     with pytest.raises(NotAttackableError, match="no plant drives `other`"):
         attacked_system(system, 0)
-    assert "no plant drives" in refute(system, "M", 0.5).hindrance
+    assert "no plant drives" in search_leaving_run(system, "M", 0.5).hindrance

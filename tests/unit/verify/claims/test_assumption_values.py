@@ -13,7 +13,7 @@ from soter.language.front_end import check_file, system_of
 from soter.language.model.assumption_words import numbered_assumptions
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import FRESH, SCHEME, Assumption, remaining
+from soter.verify.problem.problem import FRESH, SCHEME, Assumption, assumptions_left
 from soter.verify.verify_module import module_method
 from tables import all_rows
 from unit.certificate.small_proofs import facts_of
@@ -57,21 +57,21 @@ def test_a_verdict_cannot_be_set_anew() -> None:
 
 
 def test_what_was_never_assumed_cannot_be_shown() -> None:
-    assert remaining([FRESH, SCHEME], added=[], shown={"scheme"}) == (FRESH,)
+    assert assumptions_left([FRESH, SCHEME], added=[], shown={"scheme"}) == (FRESH,)
     with pytest.raises(KeyError, match="scheme"):
-        remaining([FRESH], added=[], shown={"scheme"})
+        assumptions_left([FRESH], added=[], shown={"scheme"})
 
 
 def test_what_shares_its_key_with_another_cannot_be_shown() -> None:
     other = Assumption("scheme", "something else that is called so")
     with pytest.raises(KeyError, match="scheme"):
-        remaining([SCHEME, other], added=[], shown={"scheme"})
-    assert remaining([SCHEME, SCHEME], added=[], shown={"scheme"}) == ()
+        assumptions_left([SCHEME, other], added=[], shown={"scheme"})
+    assert assumptions_left([SCHEME, SCHEME], added=[], shown={"scheme"}) == ()
 
 
 def test_what_a_proof_adds_stands_once() -> None:
     together = Assumption("together u, v", "both at one instant")
-    assert remaining([FRESH], added=[together, together], shown=()) == (FRESH, together)
+    assert assumptions_left([FRESH], added=[together, together], shown=()) == (FRESH, together)
 
 
 JUMPS = """soter 1;

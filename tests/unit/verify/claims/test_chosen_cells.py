@@ -20,7 +20,7 @@ from soter.verify.claims import choice as chooser
 from soter.verify.deploy import missing_predicates
 from soter.verify.grid import claims as grid_claims
 from soter.verify.grid import sets
-from soter.verify.grid.grid_refinement import cells_of, smaller_cells
+from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -138,11 +138,11 @@ def test_a_build_has_the_cells_of_the_certificate_and_refuses_others(
     assert "checked again" in robot.build("c", tmp_path / "a", cert=folder / "cert").inherits[0]
 
     def twice(problem: Problem, coarse: Collection[Group]) -> Problem:
-        once = smaller_cells(problem, coarse)
-        return smaller_cells(once, once.groups)
+        once = with_smaller_cells(problem, coarse)
+        return with_smaller_cells(once, once.groups)
 
     monkeypatch.setattr(missing_predicates, "_store_sets", lambda *_: None)
-    monkeypatch.setattr(chooser, "smaller_cells", twice)
+    monkeypatch.setattr(chooser, "with_smaller_cells", twice)
     (tmp_path / "robot.soter").write_text(ROBOT)
     assert verified(tmp_path, CART).cells == 400
     monkeypatch.undo()
@@ -208,7 +208,7 @@ def test_the_largest_cells_on_which_there_is_a_k_are_chosen(
     asked = []
 
     def attempt(tried: Any) -> Any:
-        asked.append(cells_of(tried))
+        asked.append(cell_count(tried))
         fails = asked[-1] < 25 * 4**needed
         failed: dict[str, Any] = {claim: ()} if fails else {}
         failed |= {"P2a": None} if otherwise and asked[-1] > 25 else {}
@@ -222,11 +222,11 @@ def test_the_largest_cells_on_which_there_is_a_k_are_chosen(
         case.failed = lambda claim: [f for f in case.failures if f.claim == claim]
         return [case]
 
-    choice = chooser.choose(replace(problem, levels_open=False), attempt)
+    choice = chooser.choose_cells_and_levels(replace(problem, levels_open=False), attempt)
     open_to_it = is_open and (claim == "P2a" or computed)
     smaller = 0 < needed <= 2 and not otherwise and open_to_it
     assert asked[0] == 25
-    assert cells_of(choice.problem) == (25 * 4**needed if smaller else 25)
+    assert cell_count(choice.problem) == (25 * 4**needed if smaller else 25)
     assert bool(choice.size) == bool(choice.problem.declared_groups) == smaller
     assert not smaller or choice.failed == claim
     assert bool(choice.tried) == (needed > 0 and not smaller and open_to_it)

@@ -193,7 +193,9 @@ def test_fewer_are_chosen_just_where_they_show_more(
     of_levels = frozenset(OF_LEVELS)
     failing = {3: three, 2: two}
     with patch.object(chooser, "_with_other_levels", lambda *_: None):
-        chosen = chooser.choose(problem, lambda p: [cases_that_fail(failing[p.levels])])
+        chosen = chooser.choose_cells_and_levels(
+            problem, lambda p: [cases_that_fail(failing[p.levels])]
+        )
     more = two & of_levels < three & of_levels
     fewer = is_open and more and "P2a" not in three | two
     assert chosen.problem.levels == (2 if fewer else 3)
@@ -212,7 +214,7 @@ def levels_problem(is_open: bool) -> Any:
 def cases_that_fail(claims: frozenset[str]) -> Any:
     failures = [SimpleNamespace(claim=c, text=f"{c} fails", proof=None) for c in sorted(claims)]
     return SimpleNamespace(
-        failures=failures, failed=lambda claim: [f for f in failures if f.claim == claim]
+        failures=failures, failures_of=lambda claim: [f for f in failures if f.claim == claim]
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 from generators.corridor_program import SAFER
 from generators.handover_program import GUARDS, IN, of_walls
 from soter.api.program import load
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +34,7 @@ def verified(tmp_path: Path, inside: str, safer: str = SAFER) -> tuple[ModuleRes
 
 def is_shown(module: ModuleResult) -> bool:
     """Said of the verdict, and in exactly one of the two places."""
-    assumed = any(SHOWN in a for a in texts(module.assumptions))
+    assumed = any(SHOWN in a for a in assumption_texts(module.assumptions))
     noted = any(n.startswith("wherever") and SHOWN in n for n in module.notes)
     open_ = {c for c, f in module.findings.items() if not f.holds} - {"P2b"}
     assert open_ == ({"P2a", "P3"} if assumed else set())

@@ -132,13 +132,13 @@ def law_of(source: str) -> Case:
 def cores(monkeypatch: pytest.MonkeyPatch) -> list[Core]:
     """Every K that is computed, in order: that of the law comes before that of SC."""
     found: list[Core] = []
-    core: Callable[..., Core] = GridGroup.core
+    core: Callable[..., Core] = GridGroup.compute_core
 
     def remembered(self: GridGroup, *args: object, **options: object) -> Core:
         found.append(core(self, *args, **options))
         return found[-1]
 
-    monkeypatch.setattr(GridGroup, "core", remembered)
+    monkeypatch.setattr(GridGroup, "compute_core", remembered)
     monkeypatch.setattr("soter.verify.deploy.missing_predicates._cached_sets", lambda *_: None)
     # P2b, which looks for sets as well, has none here
     monkeypatch.setattr("soter.verify.deploy.missing_predicates.with_way_back", lambda done: done)
@@ -180,7 +180,7 @@ def test_a_law_that_keeps_something_is_not_given_up(restore: str, damp: str) -> 
     """It takes up to 200 holds to come back, and none of its cells is followed for nothing."""
     (proof,) = law_of(filled(SWING, RESTORE=restore, DAMP=damp)).proofs
     engine, allowed = proof.engine, proof.found.allowed
-    limited, free = (engine.core(allowed, vain=vain) for vain in (0.001, 0.0))
+    limited, free = (engine.compute_core(allowed, vain=vain) for vain in (0.001, 0.0))
     assert np.array_equal(limited.witness, free.witness)
     assert free.cells.any()
     assert free.vain == 0
@@ -193,6 +193,6 @@ def test_what_is_given_up_does_not_hang_on_threads() -> None:
     told = []
     for threads in (1, 2):
         engine.threads = threads
-        core = engine.core(allowed, vain=0.001)
+        core = engine.compute_core(allowed, vain=0.001)
         told.append((core.rounds, core.vain, core.cells.any()))
     assert told[0] == told[1]

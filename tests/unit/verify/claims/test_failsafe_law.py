@@ -13,10 +13,10 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.language.front_end import check_file, system_of
-from soter.verify.advice import advise
+from soter.verify.advice import sweep_periods
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from soter.verify.scope import problem_key
 from soter.verify.verify_module import verify_module
 from unit.certificate.small_proofs import edit_program, reseal
@@ -82,7 +82,9 @@ def test_an_emergency_stop_and_its_law_are_proved() -> None:
     said = {n: f.verdict for n, f in module_result.findings.items()}
     assert said == {**dict.fromkeys(said, "proved"), "P2b": "assumed"}
     assert module_result.core_share > 0.97
-    assert any("from the end of the lease on" in a for a in texts(module_result.assumptions))
+    assert any(
+        "from the end of the lease on" in a for a in assumption_texts(module_result.assumptions)
+    )
 
 
 def test_a_cell_that_stands_still_is_mapped_to_itself() -> None:
@@ -189,7 +191,7 @@ def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
 def test_advice_does_not_ask_for_p2b_where_the_program_does_not() -> None:
     checked = check_file("stop.soter", text())
     flat = system_of(checked, None)
-    advice = advise(extract(flat, flat.modules[0]), (1.0,))
+    advice = sweep_periods(extract(flat, flat.modules[0]), (1.0,))
     assert advice.best_ns == 50_000_000
 
 

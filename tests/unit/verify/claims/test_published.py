@@ -10,7 +10,7 @@ import pytest
 
 from soter.language.front_end import check_file
 from soter.verify.chosen_modules import modules_of, problems_of
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed
 
@@ -84,7 +84,9 @@ def test_what_nobody_reads_is_published_all_the_same(
     least, most = ends_of(module_result)
     assert module_result.verdict == "proved"
     assert level[0] <= least < most <= level[1]
-    assert not any("what plants publish lies" in a for a in texts(module_result.assumptions))
+    assert not any(
+        "what plants publish lies" in a for a in assumption_texts(module_result.assumptions)
+    )
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_a_list_on_a_dial_is_an_assumption() -> None:
     declared = f"{lists}topic dial: float[<=2] in [0.0, 1.5];\ntopic pump"
     module_result = proved_of(changed((DRIVES, dial), ("topic pump", declared), text=COMPUTED))
     assert module_result.verdict == "proved"
-    assert any("what plants publish lies" in a for a in texts(module_result.assumptions))
+    assert any("what plants publish lies" in a for a in assumption_texts(module_result.assumptions))
 
 
 def test_an_error_of_what_nobody_reads_counts() -> None:

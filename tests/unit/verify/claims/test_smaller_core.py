@@ -163,7 +163,7 @@ def test_a_flight_has_the_tables_of_the_smaller_k(monkeypatch: pytest.MonkeyPatc
             patch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
             patch.setattr(missing_predicates, "_store_sets", lambda *_: None)
             proved = verify_module(problem, refute=False, explain=False)
-            flown, pairs = missing_predicates.sets_of(problem)
+            flown, pairs = missing_predicates.find_sets(problem)
         assert pairs is not None
         assert flown.levels == proved.problem.levels
         flown_pair = pairs[0][0]

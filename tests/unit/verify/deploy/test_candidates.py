@@ -40,14 +40,14 @@ FULL, SOME, LITTLE, BRAKE = (1.0, 0.0), (0.3, 0.7), (0.2, 0.8), (0.0, 1.0)
 
 def test_the_first_that_may_act_for_longer_is_found() -> None:
     """At 30 m/s, d in front of what stands: AC's command, two others, and what SC said last."""
-    caller = Caller(check_of(CHOSEN).in_flight({2: Interval(-0.31, 0.31)}))
+    caller = Caller(check_of(CHOSEN).text_in_flight({2: Interval(-0.31, 0.31)}))
 
     def found(gap: float, *plans: tuple[float, float]) -> tuple[float, ...]:
         until, wanted = (NEVER,) * (2 * CELLS), (*FULL, *BRAKE, *plans[0], *plans[1])
         seen = gap, 200.0, 30.0
-        answer: tuple[float, ...] = caller.value("toward", seen, wanted, until, NOW)
+        answer: tuple[float, ...] = caller.result("toward", seen, wanted, until, NOW)
         if answer[2] == 1.0:
-            assert caller.holds("judged", seen, answer[:2], until, NOW)
+            assert caller.returns_true("judged", seen, answer[:2], until, NOW)
         return answer
 
     assert found(40.0, SOME, LITTLE) == (*FULL, 1.0)
@@ -58,11 +58,11 @@ def test_the_first_that_may_act_for_longer_is_found() -> None:
 
 def test_what_is_no_number_or_lies_beyond_is_never_found() -> None:
     """The topic's set keeps such a candidate out; the judgement does not rely on it."""
-    caller = Caller(check_of(CHOSEN).in_flight({2: Interval(-0.31, 0.31)}))
+    caller = Caller(check_of(CHOSEN).text_in_flight({2: Interval(-0.31, 0.31)}))
     until, nan = (NEVER,) * (2 * CELLS), float("nan")
     for wild in ((nan, 0.7), (0.3, nan), (-1.0, 1.0), (0.0, 1.5), (0.0, float("inf"))):
         wanted = (*FULL, *BRAKE, *wild, *SOME)
-        assert caller.value("toward", (20.0, 200.0, 30.0), wanted, until, NOW) == (*SOME, 1.0)
+        assert caller.result("toward", (20.0, 200.0, 30.0), wanted, until, NOW) == (*SOME, 1.0)
 
 
 def test_both_engines_choose_alike_and_nothing_is_hit(tmp_path: Path) -> None:

@@ -40,7 +40,9 @@ def test_what_is_told_lies_within_a_tenth_of_the_bound(bound_ns: int) -> None:
 
 
 def test_a_module_that_is_not_proved_as_it_is_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(delay_search, "_what_fails", lambda *_: "P2b undecided: no way back")
+    monkeypatch.setattr(
+        delay_search, "_failing_claim_in_words", lambda *_: "P2b undecided: no way back"
+    )
     flat = system_of(check_file(CART), None)
     advice = largest_delay(flat, flat.modules[0])
     assert advice.largest_ns is None
@@ -53,7 +55,7 @@ def test_the_least_time_stands_beside_what_was_proved_with_it(
     monkeypatch: pytest.MonkeyPatch, why: str
 ) -> None:
     """With `acts within 1ms` alone j is longer, and nobody verified that."""
-    monkeypatch.setattr(delay_search, "_what_fails", lambda *_: why)
+    monkeypatch.setattr(delay_search, "_failing_claim_in_words", lambda *_: why)
     monkeypatch.setattr(delay_search, "TRIES_MAX", 1)
     text = Path(CART).read_text(encoding="utf-8")
     told = text.replace("acts within 1ms", "acts within 300us to 1ms")
@@ -67,7 +69,7 @@ def test_times_that_the_theorem_does_not_cover_are_not_proved() -> None:
     text = Path(CART).read_text(encoding="utf-8")
     lawful = text.replace("safer ", "failsafe accel = 0.0;\n  safer ", 1)
     flat = system_of(check_file("cart.soter", lawful), None)
-    why = delay_search._what_fails(flat, flat.modules[0], SC_NS)
+    why = delay_search._failing_claim_in_words(flat, flat.modules[0], SC_NS)
     assert why.startswith("R015: SC may act 13 ms late")
 
 

@@ -8,10 +8,10 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.language.model.system import System
 from soter.verify.command import verify
-from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
+from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, expected_mode
 from soter.verify.deploy.dm_test_cases import AC, SC
 from soter.verify.deploy.level_tables import GroupTable, pairs_of, tables_of_groups
-from soter.verify.deploy.missing_predicates import complete, install
+from soter.verify.deploy.missing_predicates import complete, install_predicates
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
 MUTANTS = {
@@ -82,10 +82,10 @@ def test_a_changed_dm_is_refuted(cart: System, name: str) -> None:
 
 def test_the_logic_is_that_of_the_paper() -> None:
     fine = {"stale": False, "gate_fault": False, "clean": True}
-    assert decided(AC, ttf=False, safer=False, **fine) == AC
-    assert decided(AC, ttf=True, safer=True, **fine) == SC
-    assert decided(SC, ttf=False, safer=False, **fine) == SC
-    assert decided(SC, ttf=False, safer=True, **fine) == AC
+    assert expected_mode(AC, ttf=False, safer=False, **fine) == AC
+    assert expected_mode(AC, ttf=True, safer=True, **fine) == SC
+    assert expected_mode(SC, ttf=False, safer=False, **fine) == SC
+    assert expected_mode(SC, ttf=False, safer=True, **fine) == AC
 
 
 @pytest.mark.long
@@ -95,7 +95,7 @@ def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     problem = module.problem
     decision_tables = tables_of_groups(problem, [pairs_of(module.cases[0])])
     flat = replace(problem.system, modules=(replace(problem.module),))
-    install(flat, flat.modules[0], problem, decision_tables)
+    install_predicates(flat, flat.modules[0], problem, decision_tables)
     table = decision_tables[0]
     assert isinstance(table, GroupTable)
     table.entries[137, 59] ^= 1

@@ -16,9 +16,9 @@ import soter
 from long_tests import examples, seeds
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.level_tables import GroupTable
-from soter.verify.deploy.missing_predicates import looks_of
+from soter.verify.deploy.missing_predicates import looks_with_control
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import DiscreteParameter, texts
+from soter.verify.problem.problem import DiscreteParameter, assumption_texts
 from soter.verify.tubes.tube_levels import TubeLevels
 
 if TYPE_CHECKING:
@@ -171,17 +171,17 @@ def test_levels_do_not_count_where_the_argument_has_a_gap(tmp_path: Path) -> Non
     table: Any = GroupTable((), (), np.zeros(1, dtype=np.uint8))
     check: Any = object.__new__(TubeLevels)
     sides = DiscreteParameter("side", (0, 1))
-    assert looks_of(problem, [table]) == 5
-    assert looks_of(problem, [table, check]) == 1
-    assert looks_of(replace(problem, kind="map"), [table]) == 1
-    assert looks_of(replace(problem, parameters=(sides,)), [table]) == 1
+    assert looks_with_control(problem, [table]) == 5
+    assert looks_with_control(problem, [table, check]) == 1
+    assert looks_with_control(replace(problem, kind="map"), [table]) == 1
+    assert looks_with_control(replace(problem, parameters=(sides,)), [table]) == 1
 
 
 def test_in_a_proof_a_margin_is_any_value_at_any_read(tmp_path: Path) -> None:
     cart(tmp_path, levels=6, command=RUSH, predicates=f"{BY_HAND[:-1]} && margin(Keep) < 1.0;")
     flat = system_of(check_file(str(tmp_path / "cart.soter")), "S")
     problem = extract(flat, flat.modules[0])
-    assert "margin(Keep): 0 to 0.25 s, anew at every read" in texts(problem.assumptions)
+    assert "margin(Keep): 0 to 0.25 s, anew at every read" in assumption_texts(problem.assumptions)
     (bound,) = problem.system.topics[-1].bounds
     assert bound is not None
     assert (bound.low, bound.high) == (0.0, 0.25)

@@ -50,7 +50,7 @@ def test_an_invariant_that_fails_in_a_trial_is_a_defect(monkeypatch: pytest.Monk
         raise AssertionError("an invariant")
 
     monkeypatch.setattr(choice, "SIZES", ())
-    monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.vacuity", broken)
+    monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.worst_vacuity", broken)
     monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.with_merged_cells", broken)
     with pytest.raises(AssertionError, match="an invariant"):
         explained(changed(("/ 320", "/ 4")))

@@ -14,9 +14,9 @@ from soter.cli.main import main
 from soter.verify.claims import choice
 from soter.verify.claims.results import ProofSearch, Try
 from soter.verify.diagnosis import open_claims, tried_remedies, variations
-from soter.verify.diagnosis.tried_remedies import in_order
-from soter.verify.diagnosis.variations import NotProved, lines_of, remedies
-from soter.verify.grid.grid_refinement import cells_of, smaller_cells
+from soter.verify.diagnosis.tried_remedies import ordered_trials
+from soter.verify.diagnosis.variations import NotProved, grid_lines_of, remedies
+from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 from unit.verify.problem.test_left_out_states import LANE
 
@@ -191,8 +191,8 @@ def test_what_has_few_cells_is_tried_first(monkeypatch: pytest.MonkeyPatch) -> N
     leaving = explained(changed(SWAPPED)).findings["P2a"].leaving
     seen = {}
     for failing in (("P2a", "ttf"), ("ttf",)):
-        trials = in_order(remedies(NotProved(result.problem, failing, [], leaving)))
-        seen[failing] = [(change.cost, cells_of(problem)) for change, problem in trials]
+        trials = ordered_trials(remedies(NotProved(result.problem, failing, [], leaving)))
+        seen[failing] = [(change.cost, cell_count(problem)) for change, problem in trials]
         assert seen[failing] == sorted(seen[failing])
         last = {change.said: problem for change, problem in trials}
         assert all(last[change.said] is change.problem for change, _ in trials)
@@ -213,9 +213,9 @@ def test_an_end_that_stays_is_written_as_the_program_writes_it() -> None:
     """Six digits of PI are no full turn."""
     named = ("soter 1;", "soter 1;\nconst FULL: float = 1.8000000000000003;")
     result = explained(changed(named, ("[0.2, 1.8]", "[0.2, FULL]"), OLD))
-    assert lines_of(result.problem) == "grid t.h in [0.2, FULL] / 320;"
+    assert grid_lines_of(result.problem) == "grid t.h in [0.2, FULL] / 320;"
     longer = variations.with_ends(result.problem, {0: (0.1, 1.8000000000000003)})
-    assert lines_of(longer) == "grid t.h in [0.1, FULL] / 340;"
+    assert grid_lines_of(longer) == "grid t.h in [0.1, FULL] / 340;"
 
 
 def test_what_is_proved_is_not_tried() -> None:
@@ -237,12 +237,12 @@ def test_an_axis_that_nothing_reads_is_opened_where_runs_leave() -> None:
 
 def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() -> None:
     result = explained(CART)
-    finer = smaller_cells(result.problem, result.problem.groups)
+    finer = with_smaller_cells(result.problem, result.problem.groups)
     assert variations.younger_reads(finer) is None  # 20 ms are two periods of the plant
-    again = variations.exchanged(finer)
+    again = variations.with_controllers_exchanged(finer)
     assert again is not None
     assert again.groups == finer.groups
-    assert cells_of(again) == 4 * 400 * 240
+    assert cell_count(again) == 4 * 400 * 240
 
 
 def test_a_finer_grid_that_was_tried_in_vain_is_not_advised(tmp_path: Path) -> None:
@@ -273,10 +273,10 @@ def test_cells_that_a_search_tried_in_vain_are_not_advised(hint: str, left: str)
         Try("grid v in [0, 1] / 2;", "not tried", 9.0, untried=True),
         Try("grid v in [0, 1] / 2;", "the budget ended", 9.0, cut=True),
     ):
-        tried_remedies.take_back_cells([result], [ProofSearch(result.name, True, [other])])
+        tried_remedies.remove_tried_advice([result], [ProofSearch(result.name, True, [other])])
         assert finding.hint == hint
     search = ProofSearch(result.name, True, [Try("grid v in [0, 1] / 2;", "undecided", 1.0)])
-    tried_remedies.take_back_cells([result], [search])
+    tried_remedies.remove_tried_advice([result], [search])
     assert finding.hint == left
     assert (tried_remedies.SEARCHED in finding.tried) == (hint != left)
 
@@ -287,7 +287,7 @@ def test_a_search_in_vain_is_not_advised_after_it_was_made() -> None:
     for hint in (open_claims.REST, tried_remedies.OTHERS_FOUND):
         finding.hint = f"{hint}; smaller errors (not tried)"
         rests = ProofSearch(result.name, True, [Try("rest v < 1.0;", "undecided", 1.0)])
-        tried_remedies.take_back_cells([result], [rests])
+        tried_remedies.remove_tried_advice([result], [rests])
         assert finding.hint == "smaller errors (not tried)"
 
 

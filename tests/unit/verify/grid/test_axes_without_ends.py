@@ -125,7 +125,7 @@ def every_choice(start: Floats, holds: int) -> tuple[Floats, list[Floats]]:
 
 def test_every_choice_from_the_border_of_k_keeps_safe(rover: tuple[GridGroup, Problem]) -> None:
     engine, problem = rover
-    start = corners(engine, engine.core(engine.constraint()).cells)
+    start = corners(engine, engine.compute_core(engine.compute_constraint()).cells)
     some = start[:, np.linspace(0, start.shape[1] - 1, 60).astype(int)]
     for before in (-A, A):
         starts, choices = every_choice(some, 3)
@@ -136,7 +136,7 @@ def test_every_choice_from_the_border_of_k_keeps_safe(rover: tuple[GridGroup, Pr
 
 def test_long_runs_from_k_and_from_beyond_keep_safe(rover: tuple[GridGroup, Problem]) -> None:
     engine, problem = rover
-    start = corners(engine, engine.core(engine.constraint()).cells)
+    start = corners(engine, engine.compute_core(engine.compute_constraint()).cells)
     assert (start[0] >= 1000.0).any()
     assert (start[0] <= -1000.0).any()
     assert missed(start, problem, holds=300) == 0
@@ -145,7 +145,7 @@ def test_long_runs_from_k_and_from_beyond_keep_safe(rover: tuple[GridGroup, Prob
 def test_the_runs_would_show_what_is_no_part_of_k(rover: tuple[GridGroup, Problem]) -> None:
     """From 0.45 m nearer than K reaches some are hit."""
     engine, problem = rover
-    start = corners(engine, engine.core(engine.constraint()).cells)
+    start = corners(engine, engine.compute_core(engine.compute_constraint()).cells)
     nearer = start[:, (start[0] > 0.5) & (start[0] < 5.0)] - [[0.45], [0.0]]
     assert missed(nearer, problem, holds=60) > 0
 
@@ -170,9 +170,9 @@ def missed(start: Floats, problem: Problem, holds: int) -> int:
 
 def test_whatever_ac_does_for_h_leaves_it_in_k(rover: tuple[GridGroup, Problem]) -> None:
     engine, problem = rover
-    core = engine.core(engine.constraint()).cells
+    core = engine.compute_core(engine.compute_constraint()).cells
     horizon = problem.times.horizon_ns * 1e-9
-    start = corners(engine, engine.safe_for(problem.times.horizon_ns, core))
+    start = corners(engine, engine.cells_safe_for(problem.times.horizon_ns, core))
     rng = np.random.default_rng(3)
     starts = np.repeat(start, 40, axis=1)
     walkers, n = Walkers(starts, problem), starts.shape[1]
@@ -203,8 +203,8 @@ def inside(engine: GridGroup, cells: npt.NDArray[np.bool_], x: Floats) -> npt.ND
 def test_a_cell_without_an_end_is_judged_by_its_farthest_states() -> None:
     """From 5 to 10 it comes down in time, from 20 it is too fast before: none of it is in K."""
     engine, _ = engine_of(FALLING)
-    allowed = engine.constraint()
-    core = engine.core(allowed).cells
+    allowed = engine.compute_constraint()
+    core = engine.compute_core(allowed).cells
     speeds = engine.edges[1]
     slow = int(np.searchsorted(speeds, 0.0))
     assert allowed[-1, slow]
@@ -214,8 +214,8 @@ def test_a_cell_without_an_end_is_judged_by_its_farthest_states() -> None:
 
 def test_under_any_command_it_is_judged_by_them_as_well() -> None:
     engine, _ = engine_of(FALLING)
-    target = engine.constraint()
-    free = engine.safe_for(4_000_000_000, target, segments=64)
+    target = engine.compute_constraint()
+    free = engine.cells_safe_for(4_000_000_000, target, segments=64)
     slow = int(np.searchsorted(engine.edges[1], 0.0))
     assert not free[-1, slow:].any()
     assert free[1, slow]
@@ -227,7 +227,7 @@ def test_on_the_way_they_count_as_well() -> None:
     allowed = np.ones(engine.shape, dtype=bool)
     speeds = engine.edges[1]
     allowed[-1, np.searchsorted(speeds, 2.05) : np.searchsorted(speeds, 2.35)] = False
-    core = engine.core(allowed).cells
+    core = engine.compute_core(allowed).cells
     slow, fast = (int(np.searchsorted(speeds, v)) for v in (0.0, 3.0))
     assert not core[-1, slow]
     assert core[-1, fast], "it is past that"
@@ -239,7 +239,7 @@ def test_predicates_are_looked_at_all_the_way_out() -> None:
     near, everywhere = (
         engine_of(FALLING.replace("safe seen.x < 5.0 ||", f"safe seen.x < {end} ||"))[
             0
-        ].constraint()
+        ].compute_constraint()
         for end in ("30.0", "1e302")
     )
     fast = -1

@@ -36,7 +36,7 @@ def tube_of(engine: GridGroup, t_ns: int, pieces: int) -> Any:
 def safe(engine: GridGroup, tube: Any, target: Bools, known: Bools) -> Bools:
     """As the engine has it."""
     out = np.full(engine.shape, 7, dtype=np.uint8)
-    bits, done = engine.bits(target), engine.bits(known)
+    bits, done = engine.bits_of(target), engine.bits_of(known)
     sets = [engine.pointer(b, "uint64_t *") for b in (bits, done)]
     to = engine.pointer(out, "uint8_t *")
     end = engine.library.lib.soter_reach_safe(engine.c, tube, 1, *sets, to, 0, 60.0, 1)

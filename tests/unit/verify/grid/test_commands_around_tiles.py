@@ -71,7 +71,7 @@ def chains(engine: GridGroup, allowed: Bools) -> dict[tuple[int, ...], list[Box]
         low = [e[i] for e, i in zip(engine.edges, at, strict=True)]
         high = [e[i + 1] for e, i in zip(engine.edges, at, strict=True)]
         found[at] = []
-        for image, tube in zip(*engine.enclosures(low, high, LONGEST), strict=True):
+        for image, tube in zip(*engine.images_and_tubes(low, high, LONGEST), strict=True):
             met, end = cover(engine, tube), cover(engine, image)
             if met is None or not allowed[met].all():
                 break
@@ -93,26 +93,26 @@ def greatest(engine: GridGroup, allowed: Bools) -> Bools:
 @pytest.mark.parametrize("c", CARS, ids=range(len(CARS)))
 def test_a_core_is_the_fixpoint_of_its_cells(c: Car) -> None:
     engine = group_of(c, cells=43)
-    allowed = engine.constraint()
-    core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+    allowed = engine.compute_constraint()
+    core = engine.compute_core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
     assert np.array_equal(core, greatest(engine, allowed))
     assert 0 < core.sum() < allowed.sum()
 
 
 def test_a_box_may_outgrow_what_is_known_around_it() -> None:
     engine = group_of(Car(60.0, 40.0, 5.0, 0.05, wind=3.0), cells=101)
-    allowed = engine.constraint()
-    core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+    allowed = engine.compute_constraint()
+    core = engine.compute_core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
     assert np.array_equal(core, greatest(engine, allowed))
 
 
 def test_what_was_known_under_another_constraint_is_forgotten() -> None:
     engine = group_of(CARS[2], cells=43)
-    wide = engine.constraint()
+    wide = engine.compute_constraint()
     narrow = wide.copy()
     narrow[20:24, 30:33] = False
     for allowed in (wide, narrow, wide):
-        core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+        core = engine.compute_core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
         assert np.array_equal(core, greatest(engine, allowed))
 
 
@@ -135,7 +135,7 @@ def still(wind: float) -> GridGroup:
 def test_a_speed_that_nothing_changes_stays_in_its_cell(wind: float) -> None:
     engine = still(wind)
     allowed = np.arange(299) % 100 != 50
-    core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+    core = engine.compute_core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
     assert np.array_equal(core, greatest(engine, allowed))
     assert core.any() == (wind == 0.0)
 
@@ -156,7 +156,7 @@ def test_beside_a_row_that_falls_one_that_stands_is_kept() -> None:
     engine = GridGroup(linear(PUSHED), inputs, list(enumerate(edges)))
     allowed = np.ones(engine.shape, dtype=bool)
     allowed[72:74, 10:13] = False
-    core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+    core = engine.compute_core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
     assert np.array_equal(core, greatest(engine, allowed))
     assert core[74:127][:, [9, 13]].all()
     assert not core[72:, 10:13].any()
@@ -166,9 +166,9 @@ def test_every_piece_of_a_tube_is_looked_at() -> None:
     engine = group_of(CARS[0], cells=64)
     target = np.ones(engine.shape, dtype=bool)
     target[40, :] = False
-    one = engine.safe_for(300 * MS, target, segments=1)
+    one = engine.cells_safe_for(300 * MS, target, segments=1)
     for pieces in (2, 3, 4):
-        several = engine.safe_for(300 * MS, target, segments=pieces)
+        several = engine.cells_safe_for(300 * MS, target, segments=pieces)
         fast = engine.edges[1][:-1] > 3.0  # beyond the wall long before the end
         assert not several[36:40, fast].any()
         assert several.sum() >= one.sum()

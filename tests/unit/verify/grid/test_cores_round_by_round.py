@@ -55,7 +55,7 @@ class Rounds:
         low = [e[i] for e, i in zip(self.engine.edges, first, strict=True)]
         high = [e[i + 1] for e, i in zip(self.engine.edges, last, strict=True)]
         found = []
-        for image, tube in zip(*self.engine.enclosures(low, high, count), strict=True):
+        for image, tube in zip(*self.engine.images_and_tubes(low, high, count), strict=True):
             met = cover(self.engine, tube)
             found.append(
                 (met is not None and bool(self.allowed[met].all()), cover(self.engine, image))
@@ -132,9 +132,9 @@ class Rounds:
 @pytest.mark.parametrize("c", CARS, ids=range(len(CARS)))
 def test_witnesses_are_those_of_each_cell_alone(c: Car, patience: int) -> None:
     engine = group_of(c, cells=43)
-    allowed = engine.constraint()
+    allowed = engine.compute_constraint()
     allowed[30:32, 10:13] = False
-    core = engine.core(allowed, longest=LONGEST, patience=patience)
+    core = engine.compute_core(allowed, longest=LONGEST, patience=patience)
     told = Rounds(engine, allowed, patience).run()
     assert np.array_equal(core.witness, told)
     assert 0 < core.cells.sum() < allowed.sum()
@@ -143,9 +143,9 @@ def test_witnesses_are_those_of_each_cell_alone(c: Car, patience: int) -> None:
 def test_chains_that_are_not_kept_are_made_again() -> None:
     """With room for few chains, and a witness that is more than a hold away."""
     engine = group_of(CARS[2], cells=64)
-    allowed = engine.constraint()
+    allowed = engine.compute_constraint()
     for k in range(0, 64, 7):
         allowed[k, k // 2 : k // 2 + 2] = False
-    core = engine.core(allowed, longest=LONGEST, patience=3)
+    core = engine.compute_core(allowed, longest=LONGEST, patience=3)
     assert np.array_equal(core.witness, Rounds(engine, allowed, 3).run())
     assert len(np.unique(core.witness)) > 4

@@ -53,7 +53,7 @@ def outside(c: Car, engine: GridGroup, rng: np.random.Generator, holds: int = 15
     """How far the worst of 400 runs from a random box gets out of images or tubes."""
     low = rng.uniform((-1.2, -2.0), (1.0, 1.6))
     high = low + rng.uniform(0, 0.2, 2) * rng.choice([0.0, 0.01, 1.0])
-    images, tubes = engine.enclosures(low, high, holds)
+    images, tubes = engine.images_and_tubes(low, high, holds)
     assert len(images) == holds
     start = np.stack([corner(rng, low[i], high[i], (400,)) for i in range(2)])
     worst = -np.inf
@@ -95,7 +95,7 @@ def test_the_runs_would_show_a_forgotten_wind_error_delay_or_jitter() -> None:
 
 def test_enclosures_are_tight_for_a_point_without_noise() -> None:
     c = CARS[0]
-    images, _ = group_of(c).enclosures((0.5, 1.0), (0.5, 1.0), 20)
+    images, _ = group_of(c).images_and_tubes((0.5, 1.0), (0.5, 1.0), 20)
     assert np.all(images[:, :, 1] - images[:, :, 0] < 1e-12)
 
 
@@ -118,7 +118,7 @@ def test_a_nonlinear_flow_is_enclosed() -> None:
     for _ in range(8):
         low = rng.uniform((-0.6, -0.8), (0.5, 0.7))
         high = low + rng.uniform(0, 0.1, 2)
-        images, tubes = engine.enclosures(low, high, 12)
+        images, tubes = engine.images_and_tubes(low, high, 12)
         assert len(images) == 12
         assert (images[-1, :, 1] - images[-1, :, 0]).max() < 0.5
         x = np.stack([corner(rng, low[i], high[i], (200,)) for i in range(2)])
@@ -147,7 +147,7 @@ def test_a_map_is_enclosed() -> None:
     for _ in range(20):
         low = rng.uniform((-1.2, -0.4), (1.0, 0.3))
         high = low + rng.uniform(0, 0.1, 2)
-        images, _ = engine.enclosures(low, high, 30)
+        images, _ = engine.images_and_tubes(low, high, 30)
         x = np.stack([corner(rng, low[i], high[i], (200,)) for i in range(2)])
         assert len(images) == 30
         for image in images:
@@ -171,7 +171,7 @@ def test_a_command_is_held_for_every_step_of_a_map_until_sc_steps_again(steps: i
     engine = GridGroup(hill(1.0, 2.0), inputs, list(enumerate(edges)))
     for _ in range(20):
         low = rng.uniform((-1.2, -0.4), (1.0, 0.3))
-        images, tubes = engine.enclosures(low, low + rng.uniform(0, 0.1, 2), 8)
+        images, tubes = engine.images_and_tubes(low, low + rng.uniform(0, 0.1, 2), 8)
         x = np.stack([corner(rng, low[i], low[i], (1,)) for i in range(2)])
         assert len(images) == 8
         for image, tube in zip(images, tubes, strict=True):

@@ -24,7 +24,12 @@ from soter.report.proof_page import (
     proof_body,
     region_svg,
 )
-from soter.verify.grid.set_figures import SLICES_MAX, deepest_cell, figure, fullest
+from soter.verify.grid.set_figures import (
+    SLICES_MAX,
+    deepest_cell,
+    figure_of_regions,
+    place_that_shows_most,
+)
 from soter.verify.problem.problem import Axis, Group
 
 
@@ -48,7 +53,7 @@ def test_of_three_axes_the_fullest_slice_is_shown_and_the_others_are_there() -> 
     cells = np.full((4, 5, 7), R1, dtype=np.uint8)
     cells[:, :, 4] = R3  # much of the core, nothing of AC's
     cells[1:3, 1:3, 5] = R5
-    drawn = figure(sets_of(cells, ("m", "m/s", "rad")), "gear = 2")
+    drawn = figure_of_regions(sets_of(cells, ("m", "m/s", "rad")), "gear = 2")
     np.testing.assert_array_equal(drawn.regions, cells[:, :, 5])
     assert drawn.shown == 5
     assert drawn.across == "p.z"
@@ -63,21 +68,21 @@ def test_of_three_axes_the_fullest_slice_is_shown_and_the_others_are_there() -> 
 def test_a_slice_where_ac_gets_control_back_goes_before_a_fuller_one() -> None:
     cells = np.full((4, 4, 3), R2, dtype=np.uint8)
     cells[:, :, 2] = R4
-    assert fullest(cells) == (2,)
+    assert place_that_shows_most(cells) == (2,)
     cells[:2, :, 1] = R4
     cells[0, 0, 1] = R5
-    assert fullest(cells) == (1,)
+    assert place_that_shows_most(cells) == (1,)
 
 
 def test_among_slices_as_full_as_each_other_it_is_the_middle_one() -> None:
-    assert fullest(np.full((3, 3, 9), R4, dtype=np.uint8)) == (4,)
-    assert fullest(np.full((3, 3), R4, dtype=np.uint8)) == ()
+    assert place_that_shows_most(np.full((3, 3, 9), R4, dtype=np.uint8)) == (4,)
+    assert place_that_shows_most(np.full((3, 3), R4, dtype=np.uint8)) == ()
 
 
 def test_of_four_axes_the_fourth_is_cut_where_the_slice_is_the_fullest() -> None:
     cells = np.full((2, 2, 3, 4), R2, dtype=np.uint8)
     cells[0, 0, 2, 3] = R4
-    drawn = figure(sets_of(cells, ("", "", "", "m")), "")
+    drawn = figure_of_regions(sets_of(cells, ("", "", "", "m")), "")
     assert drawn.regions[0, 0] == R4
     assert drawn.note == "p.w in [0.75, 1] m"
 
@@ -85,7 +90,7 @@ def test_of_four_axes_the_fourth_is_cut_where_the_slice_is_the_fullest() -> None
 def test_of_a_long_third_axis_the_ends_and_the_fullest_slice_are_among_those_drawn() -> None:
     cells = np.full((2, 2, 200), R2, dtype=np.uint8)
     cells[:, :, 101] = R4
-    drawn = figure(sets_of(cells, ("", "", "")), "")
+    drawn = figure_of_regions(sets_of(cells, ("", "", "")), "")
     assert len(drawn.slices) <= SLICES_MAX + 1
     assert drawn.slices[0].where.startswith("p.z in [0, ")
     assert drawn.slices[-1].where.endswith(", 1]")
@@ -95,7 +100,8 @@ def test_of_a_long_third_axis_the_ends_and_the_fullest_slice_are_among_those_dra
 def test_the_axes_say_their_units() -> None:
     cells = np.full((2, 2), R2, dtype=np.uint8)
     texts = re.findall(
-        r'class="name"[^>]*>([^<]*)<', region_svg(figure(sets_of(cells, ("m", "m/s")), ""))
+        r'class="name"[^>]*>([^<]*)<',
+        region_svg(figure_of_regions(sets_of(cells, ("m", "m/s")), "")),
     )
     assert texts == ["p.x / m", "p.y / (m/s)"]
 

@@ -69,7 +69,7 @@ def escapes(c: Car, engine: GridGroup, witness: npt.NDArray[np.uint8], seed: int
 @pytest.mark.parametrize("c", CARS, ids=range(len(CARS)))
 def test_no_run_escapes_the_core(c: Car) -> None:
     engine = group_of(c, cells=161)
-    core = engine.core(engine.constraint(), longest=80)
+    core = engine.compute_core(engine.compute_constraint(), longest=80)
     assert core.cells.mean() > 0.2
     assert sum(escapes(c, engine, core.witness, seed) for seed in range(3)) == 0
 
@@ -85,28 +85,28 @@ def test_no_run_escapes_the_core(c: Car) -> None:
 def test_runs_escape_a_core_that_forgets(forgotten: dict[str, object]) -> None:
     c = Car(4.0, 4.0, 5.0, 0.02, delay=0.012, jitter=0.004, wind=0.3, errors=(0.2, 0.5))
     engine = group_of(c, forgotten, cells=121)
-    core = engine.core(engine.constraint(), longest=80)
+    core = engine.compute_core(engine.compute_constraint(), longest=80)
     assert sum(escapes(c, engine, core.witness, seed) for seed in range(3)) > 0
 
 
 def test_the_core_does_not_depend_on_threads_or_slices(monkeypatch: pytest.MonkeyPatch) -> None:
     c = CARS[3]
     engine = group_of(c, cells=101)
-    allowed = engine.constraint()
-    two = engine.core(allowed)
+    allowed = engine.compute_constraint()
+    two = engine.compute_core(allowed)
     engine.threads = 1
-    one = engine.core(allowed)
+    one = engine.compute_core(allowed)
     engine.threads = 2
     monkeypatch.setattr("soter.verify.grid.sets.SLICE_S", 1e-4)
-    slices = engine.core(allowed)
+    slices = engine.compute_core(allowed)
     assert np.array_equal(one.witness, two.witness)
     assert np.array_equal(one.witness, slices.witness)
 
 
 def test_less_patience_gives_a_smaller_core() -> None:
     engine = group_of(CARS[1], cells=101)
-    allowed = engine.constraint()
-    patient, hasty = (engine.core(allowed, patience=p).cells for p in (250, 1))
+    allowed = engine.compute_constraint()
+    patient, hasty = (engine.compute_core(allowed, patience=p).cells for p in (250, 1))
     assert np.all(patient | ~hasty)
     assert hasty.sum() > 0.95 * patient.sum()
 
@@ -114,7 +114,7 @@ def test_less_patience_gives_a_smaller_core() -> None:
 def test_work_stops_when_it_is_told_to() -> None:
     engine = group_of(CARS[1], cells=301)
     with cancelled_when(lambda: True), pytest.raises(CancelledError):
-        engine.truth("safe")
+        engine.truth_bits("safe")
 
 
 def pushed(c: Car, start: Floats, t: float, rng: np.random.Generator) -> list[Floats]:
@@ -132,20 +132,20 @@ def pushed(c: Car, start: Floats, t: float, rng: np.random.Generator) -> list[Fl
 def test_nothing_under_u_leaves_the_target_within_t(segments: int) -> None:
     c, rng = CARS[1], np.random.default_rng(3)
     engine = group_of(c, cells=161)
-    core = engine.core(engine.constraint(), longest=80).cells
-    safe = engine.safe_for(120 * MS, core, segments=segments)
+    core = engine.compute_core(engine.compute_constraint(), longest=80).cells
+    safe = engine.cells_safe_for(120 * MS, core, segments=segments)
     assert 0.3 * core.sum() < safe.sum() < core.sum()
     start, _ = drawn(engine, safe, rng, 4000)
     for x in pushed(c, start, 0.12, rng):
         assert inside(engine, core, x).all()
-    start, _ = drawn(engine, engine.safe_for(80 * MS, core, segments=segments), rng, 4000)
+    start, _ = drawn(engine, engine.cells_safe_for(80 * MS, core, segments=segments), rng, 4000)
     assert not all(inside(engine, core, x).all() for x in pushed(c, start, 0.12, rng))
 
 
 def test_more_segments_never_lose_the_border_of_what_is_safe() -> None:
     engine = group_of(CARS[1], cells=161)
-    core = engine.core(engine.constraint(), longest=80).cells
-    few, many = (engine.safe_for(120 * MS, core, segments=s) for s in (1, 6))
+    core = engine.compute_core(engine.compute_constraint(), longest=80).cells
+    few, many = (engine.cells_safe_for(120 * MS, core, segments=s) for s in (1, 6))
     assert many.sum() >= few.sum()
 
 
@@ -156,8 +156,8 @@ def test_a_map_under_u_is_one_step_after_the_other() -> None:
     edges = [np.linspace(-2, 2, 121), np.linspace(-0.6, 0.6, 121)]
     engine = GridGroup(hill(1.0, 2.0), inputs, list(enumerate(edges)))
     rng = np.random.default_rng(4)
-    core = engine.core(np.ones(engine.shape, dtype=bool)).cells
-    safe = [engine.safe_for(k * 100 * MS, core) for k in range(4)]
+    core = engine.compute_core(np.ones(engine.shape, dtype=bool)).cells
+    safe = [engine.cells_safe_for(k * 100 * MS, core) for k in range(4)]
     assert np.array_equal(safe[0], core)
     assert core.sum() > safe[1].sum() > safe[2].sum() > safe[3].sum() > 0
     for k in (1, 2, 3):
@@ -189,10 +189,10 @@ def test_erosion_and_dilation_agree_with_their_definition() -> None:
 
 def test_truth_of_a_predicate_over_cells() -> None:
     engine = group_of(CARS[1], cells=33)
-    truth = engine.truth("safe")
+    truth = engine.truth_bits("safe")
     low, high = engine.edges[0][:-1], engine.edges[0][1:]
     definite = (low >= -WALL) & (high <= WALL)
     never = (low > WALL) | (high < -WALL)
     expected = np.where(definite, 2, np.where(never, 1, 3))
     assert np.array_equal(truth, np.repeat(expected[:, None], engine.shape[1], axis=1))
-    assert np.array_equal(engine.constraint(), truth == 2)
+    assert np.array_equal(engine.compute_constraint(), truth == 2)

@@ -91,7 +91,7 @@ def test_runs_of_any_group_stay_in_images_and_tubes(name: str, axes: list[int]) 
     for _ in range(6):
         low = rng.uniform(-0.4, 0.3, len(a))
         high = low + rng.uniform(0, 0.1, len(a))
-        images, tubes = engine.enclosures(low[axes], high[axes], 8)
+        images, tubes = engine.images_and_tubes(low[axes], high[axes], 8)
         assert len(images) == 8
         x = np.stack([corner(rng, low[i], high[i], (300,)) for i in range(len(a))])
         for image, tube in zip(images, tubes, strict=True):
@@ -119,7 +119,7 @@ def test_what_is_safe_under_u_is(name: str, axes: list[int]) -> None:
     target = np.zeros(engine.shape, dtype=bool)
     middle = (slice(1, -1),) * len(axes)
     target[middle] = True
-    safe = engine.safe_for(30 * MS, target)
+    safe = engine.cells_safe_for(30 * MS, target)
     assert 0 < safe.sum() < target.sum()
     at = np.argwhere(safe)[rng.integers(0, safe.sum(), 2000)]
     width = engine.edges[0][1] - engine.edges[0][0]
@@ -138,8 +138,8 @@ def test_a_tube_is_cut_as_often_as_pays_off(name: str) -> None:
     engine = engine_of(name, list(range(len(system(name)[0]))), (-0.5, 2.0))
     target = np.zeros(engine.shape, dtype=bool)
     target[(slice(1, -1),) * target.ndim] = True
-    few, many = (engine.safe_for(40 * MS, target, segments=s) for s in (2, 32))
-    safe_cells = engine.safe_for(40 * MS, target)
+    few, many = (engine.cells_safe_for(40 * MS, target, segments=s) for s in (2, 32))
+    safe_cells = engine.cells_safe_for(40 * MS, target)
     assert not np.any(few & ~safe_cells)
     assert not np.any(safe_cells & ~target)
     assert safe_cells.sum() > 1.05 * few.sum()
@@ -158,7 +158,7 @@ def test_a_core_on_four_axes_is_the_product_of_its_parts() -> None:
 
     def core(axes: list[int]) -> npt.NDArray[np.bool_]:
         group = GridGroup(library, inputs, [(i, edges) for i in axes])
-        return group.core(np.ones(group.shape, dtype=bool), longest=60, patience=60).cells
+        return group.compute_core(np.ones(group.shape, dtype=bool), longest=60, patience=60).cells
 
     one, both = core([0, 1]), core([0, 1, 2, 3])
     product = one[:, :, None, None] & one[None, None]
@@ -190,7 +190,7 @@ def test_one_control_is_asked_alone_only_where_all_of_sc_is_free_of_faults(limit
         group = GridGroup(linear(source), inputs, axes)
         asked = "law_0" if limit > 1 and source is not faulty else "law"
         assert group.c.law == group.library.symbol(asked)
-        cores.append(group.core(np.ones(group.shape, dtype=bool), longest=60).witness)
+        cores.append(group.compute_core(np.ones(group.shape, dtype=bool), longest=60).witness)
     assert cores[0].any() == (limit > 1)
     assert np.array_equal(cores[0], cores[1])
 
@@ -202,7 +202,7 @@ def test_unequal_cells_are_as_sound() -> None:
                         np.linspace(1, 2, 61)])  # fmt: skip
     v = np.sinh(np.linspace(-2, 2, 120)) * 4 / np.sinh(2)
     engine = GridGroup(whole.library, whole.inputs, [(0, p), (1, v)])
-    core = engine.core(engine.constraint(), longest=80)
+    core = engine.compute_core(engine.compute_constraint(), longest=80)
     assert core.cells.any()
     assert sum(escapes(c, engine, core.witness, seed) for seed in range(2)) == 0
 
@@ -230,7 +230,7 @@ def moved(x: Floats, force: Floats, t: float, steps: int) -> Floats:
 
 def test_a_nonlinear_core_and_what_is_safe_under_u() -> None:
     rng, engine = np.random.default_rng(13), pendulum_engine()
-    core = engine.core(np.ones(engine.shape, dtype=bool), longest=40)
+    core = engine.compute_core(np.ones(engine.shape, dtype=bool), longest=40)
     assert 0.3 < core.cells.mean() < 1
     x, at = drawn(engine, core.cells, rng, 2000)
     n = core.witness[at[:, 0], at[:, 1]]
@@ -238,7 +238,7 @@ def test_a_nonlinear_core_and_what_is_safe_under_u() -> None:
         u = np.clip(-3 * x[0] - 2 * x[1], -1, 1)
         x = moved(x, u + corner(rng, -0.1, 0.1, u.shape), 0.05, 5)
         assert inside(engine, core.cells, x)[n == k + 1].all()
-    safe = engine.safe_for(120 * MS, core.cells)
+    safe = engine.cells_safe_for(120 * MS, core.cells)
     assert 0 < safe.sum() < core.cells.sum()
     x, _ = drawn(engine, safe, rng, 3000)
     for share in rng.dirichlet((1,) * 7):
@@ -284,11 +284,11 @@ def test_the_scheme_error_covers_one_step_of_the_simulator() -> None:
 
 def test_the_scheme_error_is_part_of_the_model() -> None:
     without, with_it = (engine_of("oscillator", [0, 1], step_ns=k * MS) for k in (0, 10))
-    grown = with_it.model()["w"] - without.model()["w"]
-    expected = scheme_error(without.model(), np.ones(2), np.full(1, 2.0), 0.01)
+    grown = with_it.linear_model()["w"] - without.linear_model()["w"]
+    expected = scheme_error(without.linear_model(), np.ones(2), np.full(1, 2.0), 0.01)
     assert np.allclose(grown, expected, rtol=1e-3)
     low, high = (-0.1, -0.1), (0.1, 0.1)
-    few, many = (e.enclosures(low, high, 3)[0] for e in (without, with_it))
+    few, many = (e.images_and_tubes(low, high, 3)[0] for e in (without, with_it))
     assert np.all(many[:, :, 1] > few[:, :, 1])
 
 
@@ -311,7 +311,7 @@ def test_the_scheme_error_of_a_group_counts_what_drives_it() -> None:
 
     with_it = engine(round(h * 1e9))
     assert with_it.covers_scheme
-    extra = float((with_it.model()["w"] - engine(0).model()["w"])[0])
+    extra = float((with_it.linear_model()["w"] - engine(0).linear_model()["w"])[0])
     phi, integral = exact(a, h)
     needed = 0.0
     for _ in range(200):

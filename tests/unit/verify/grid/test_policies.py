@@ -122,8 +122,8 @@ def test_the_preferred_commands_lead_to_the_middle() -> None:
 def test_the_way_back_takes_no_longer_than_claimed(number: int, *, in_turns: bool) -> None:
     c = CARS[number]
     group = group_of(c, cells=121)
-    allowed = group.constraint()
-    core = group.core(allowed, longest=80).cells
+    allowed = group.compute_constraint()
+    core = group.compute_core(allowed, longest=80).cells
     middle = np.abs(group.edges[0][:-1] + group.edges[0][1:]) < 1.4
     rates = np.abs(group.edges[1][:-1] + group.edges[1][1:]) < 1.6
     goal = core & middle[:, None] & rates[None, :]

@@ -53,7 +53,7 @@ def test_images_of_points_contain_the_exact_states(far: float, fast: float, push
     for _ in range(40):
         u = float(rng.uniform(-push, push))
         x = rng.uniform((-far, -fast), (far, fast))
-        images, tubes = group_of(far, fast, u).enclosures(x, x, HOLDS)
+        images, tubes = group_of(far, fast, u).images_and_tubes(x, x, HOLDS)
         for image, tube, state in zip(images, tubes, exact(x[0], x[1], u), strict=False):
             for (low, high), (least, most), y in zip(image, tube, state, strict=True):
                 assert Fraction(low) <= y <= Fraction(high)
@@ -67,7 +67,7 @@ def test_the_corners_of_a_box_stay_in_its_images() -> None:
         u = float(rng.uniform(-10, 10))
         low = rng.uniform(-1.0, 1.0, 2)
         high = low + rng.uniform(0, 0.3, 2)
-        images, _ = group_of(1.0, 1.0, u).enclosures(low, high, HOLDS)
+        images, _ = group_of(1.0, 1.0, u).images_and_tubes(low, high, HOLDS)
         for p in (low[0], high[0]):
             for v in (low[1], high[1]):
                 for image, state in zip(images, exact(float(p), float(v), u), strict=False):

@@ -115,7 +115,7 @@ def test_what_stands_is_kept_cell_by_cell_and_at_the_ends(
     assert engine.covers_scheme == (plant_ms > 0)
     rng = np.random.default_rng(1)
     for allowed in (np.ones(200, dtype=bool), rng.random(200) < 0.3):
-        core = engine.core(allowed)
+        core = engine.compute_core(allowed)
         assert np.array_equal(core.cells, allowed)
         assert core.witness.max() == 1
 
@@ -123,11 +123,11 @@ def test_what_stands_is_kept_cell_by_cell_and_at_the_ends(
 @pytest.mark.parametrize("wind", [(-1e-9, 1e-9), (0.0, 1e-12), (-1e-12, 0.0), (1e-9, 1e-9)])
 def test_what_is_pushed_does_not_stand(wind: tuple[float, float]) -> None:
     engine = table(wind=wind)
-    assert not engine.core(np.ones(200, dtype=bool)).cells.any()
+    assert not engine.compute_core(np.ones(200, dtype=bool)).cells.any()
 
 
 def test_a_command_that_is_nearly_zero_does_not_stand() -> None:
-    assert not table(-2.0, 1e-9).core(np.ones(200, dtype=bool)).cells.any()
+    assert not table(-2.0, 1e-9).compute_core(np.ones(200, dtype=bool)).cells.any()
 
 
 def rate(_: Floats, u: Floats, w: Floats) -> Floats:
@@ -159,7 +159,7 @@ def test_no_run_leaves_a_core_of_what_stands_below_an_edge(
     edge: float, delay: int, jitter: int, error: float
 ) -> None:
     engine = table(edge, 3.0, delay=delay, jitter=jitter, error=error)
-    core = engine.core(np.ones(200, dtype=bool))
+    core = engine.compute_core(np.ones(200, dtype=bool))
     far = edge + 1.0 >= 0.011 + delay * 1e-3 + error
     assert core.cells.any() or not far
     assert core.cells[0] or not far
@@ -181,7 +181,7 @@ def test_the_runs_would_show_what_a_standing_core_forgot(
         rate, lambda y: np.maximum(-3.0 * np.maximum(y[0] + 0.9899, 0.0), -1.0),
         (-1.0, 1.0), (wind, 0.0), 20, delay, 0, error,
     )  # fmt: skip
-    witness = table(-0.9899, 3.0).core(np.ones(200, dtype=bool)).witness
+    witness = table(-0.9899, 3.0).compute_core(np.ones(200, dtype=bool)).witness
     assert witness[0]
     assert escaped(table(-0.9899, 3.0), witness, system, 3) > 0
 
@@ -200,10 +200,10 @@ def test_one_state_stands_beside_another_that_moves() -> None:
     edges = np.linspace(-1, 1, 41)
     unit = linear(_source(BESIDE, 5, {"EDGE": 0.5, "GAIN": 1.0}))
     engine = GridGroup(unit, inputs, [(0, edges), (1, edges)])
-    images, tubes = engine.enclosures((0.1, 0.2), (0.3, 0.4), 20)
+    images, tubes = engine.images_and_tubes((0.1, 0.2), (0.3, 0.4), 20)
     assert np.all(images[:, 0] == (0.1, 0.3))
     assert np.all(tubes[:, 0] == (0.1, 0.3))
-    moved, _ = engine.enclosures((0.4, 0.2), (0.501, 0.4), 3)
+    moved, _ = engine.images_and_tubes((0.4, 0.2), (0.501, 0.4), 3)
     assert np.all(moved[:, 0, 0] < 0.4)
     rng = np.random.default_rng(4)
     x = np.stack([corner(rng, 0.1, 0.3, (500,)), corner(rng, 0.2, 0.4, (500,))])
@@ -217,11 +217,11 @@ def test_one_state_stands_beside_another_that_moves() -> None:
 def test_what_stands_soon_still_moves_under_the_command_before() -> None:
     """-1 acts from 0 until as late as 24 ms, the next command being 4 ms late: then it stands."""
     engine = table(0.0, 1e4, jitter=4)
-    images, _ = engine.enclosures((0.005,), (0.006,), 3)
+    images, _ = engine.images_and_tubes((0.005,), (0.006,), 3)
     for image in images:
         assert image[0, 0] <= 0.005 - 0.024 <= image[0, 1]
     assert images[2, 0, 0] > -0.05
-    quick, _ = table(0.0, 1e4).enclosures((0.005,), (0.006,), 3)
+    quick, _ = table(0.0, 1e4).images_and_tubes((0.005,), (0.006,), 3)
     assert np.array_equal(quick[1], quick[2])  # without jitter it stands from the second hold on
 
 
@@ -265,12 +265,12 @@ def test_a_tank_may_be_empty(times: tuple[int, int], is_linear: bool) -> None:
     engine = tank(is_linear=is_linear, delay=times[0], jitter=times[1])
     assert engine.is_linear == is_linear
     assert kept(engine) == (1, 1)  # 0.55 flows in at most, 1 flows out of a full one
-    core = engine.core(np.ones(100, dtype=bool))
+    core = engine.compute_core(np.ones(100, dtype=bool))
     assert core.cells.all()
-    free = engine.safe_for(100 * MS, core.cells)
+    free = engine.cells_safe_for(100 * MS, core.cells)
     assert free.all()
     target = np.arange(100) < 80
-    free = engine.safe_for(100 * MS, target)
+    free = engine.cells_safe_for(100 * MS, target)
     assert free[:70].all()
     assert not free[79:].any()
     system = Sampled(
@@ -300,10 +300,10 @@ def test_a_tank_may_be_empty(times: tuple[int, int], is_linear: bool) -> None:
 def test_an_end_that_is_only_almost_kept_is_unsafe(almost: dict[str, float]) -> None:
     engine = tank(**almost)  # type: ignore[arg-type]
     assert kept(engine) == (0, 1)
-    core = engine.core(np.ones(100, dtype=bool))
+    core = engine.compute_core(np.ones(100, dtype=bool))
     if "pump" not in almost:
         assert not core.cells[0]
-    assert not engine.safe_for(20 * MS, np.ones(100, dtype=bool))[0]
+    assert not engine.cells_safe_for(20 * MS, np.ones(100, dtype=bool))[0]
 
 
 def test_a_border_that_is_left_where_it_repels_is_not_kept() -> None:
@@ -352,7 +352,7 @@ def test_an_end_stays_where_no_push_goes_there_and_moves_with_the_least_one(
         axes = [(k, np.linspace(-1, 1, 41)) for k in (0, 1)]
         engine = GridGroup(linear(_source(PUSHED, 4, {})), inputs, axes)
         assert engine.c.is_local
-        images, tubes = engine.enclosures(low, high, 3)
+        images, tubes = engine.images_and_tubes(low, high, 3)
         assert len(images) == 3
         for enclosures in (images, tubes):
             lows, highs = enclosures[:, 0, 0], enclosures[:, 0, 1]

@@ -14,7 +14,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import rewritten
 from soter.language.model.types import MODE
 from soter.verify.problem import verification_system
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,7 +67,11 @@ def test_looking_at_a_mode_is_proved_and_rechecked(
     assert back.verdict == ("assumed" if waits else "proved")
     assert back.text.endswith(" while KeepY is in AC: not proved") == waits
     assert (
-        any("for P2b alone: KeepY is in AC" in a for a in texts(module_result.assumptions)) == waits
+        any(
+            "for P2b alone: KeepY is in AC" in a
+            for a in assumption_texts(module_result.assumptions)
+        )
+        == waits
     )
     checked = recheck(tmp_path / "cert")
     assert checked.accepted, checked.reason

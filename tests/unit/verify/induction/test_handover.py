@@ -12,7 +12,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.handover import jumping_topics
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def test_without_enters_every_change_is_an_assumption(tmp_path: Path) -> None:
     path.write_text(handover(*CHANGES["none"]).replace("enters May(box, motion);", ""))
     for module in load(path).verify(refute=False).modules:
         assert module.verdict == "proved"
-        assert any("jumps while" in a for a in texts(module.assumptions))
+        assert any("jumps while" in a for a in assumption_texts(module.assumptions))
 
 
 def test_enters_without_views_is_refused(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_where_no_node_keeps_it_nothing_is_proved(tmp_path: Path) -> None:
     for module in load(path).verify(refute=False).modules:
         assert {c for c, f in module.findings.items() if not f.holds} == {"P2a", "P3"}
         assert "shows nothing" in module.findings["P2a"].text
-        assert any("jumps while" in a for a in texts(module.assumptions))
+        assert any("jumps while" in a for a in assumption_texts(module.assumptions))
 
 
 def test_of_what_no_plant_of_the_view_drives_nothing_is_proved(tmp_path: Path) -> None:
@@ -116,10 +116,10 @@ def test_of_what_no_plant_of_the_view_drives_nothing_is_proved(tmp_path: Path) -
     path.write_text(handover())
     for module in load(path).verify(refute=False).modules:
         assert {c for c, f in module.findings.items() if not f.holds} == {"P2a", "P3"}
-        said = [a for a in texts(module.assumptions) if "May(box, motion)" in a]
+        said = [a for a in assumption_texts(module.assumptions) if "May(box, motion)" in a]
         assert len(said) == 1
         assert "in the same one: proved)" in said[0]
-        assert not any("jumps while" in a for a in texts(module.assumptions))
+        assert not any("jumps while" in a for a in assumption_texts(module.assumptions))
 
 
 @pytest.mark.parametrize("seed", range(6))

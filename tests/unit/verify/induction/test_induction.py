@@ -12,8 +12,8 @@ from generators.opaque_planner import OPAQUE
 from long_tests import some
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.problem.problem import texts
-from soter.verify.proof_report import page
+from soter.verify.problem.problem import assumption_texts
+from soter.verify.proof_report import proof_page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,7 +77,7 @@ def test_the_planner_is_proved_for_all_times(tmp_path: Path) -> None:
     assert module_result.findings["P2b"].verdict == "proved"
     assert module_result.findings["DM"].verdict == "proved"
     assert module_result.findings["P1c"].verdict == "assumed"
-    assert any("any value" in a for a in texts(module_result.assumptions))
+    assert any("any value" in a for a in assumption_texts(module_result.assumptions))
 
 
 def test_a_threshold_that_is_too_short_is_refuted_by_a_run(tmp_path: Path) -> None:
@@ -376,7 +376,7 @@ def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> 
     path.write_text(EVERYTHING)
     module_result = load(path).verify(refute=False)["Planner"]
     assert module_result.verdict == "proved"
-    assert any("pose: any value" in a for a in texts(module_result.assumptions))
+    assert any("pose: any value" in a for a in assumption_texts(module_result.assumptions))
     wrong = EVERYTHING.replace("&& good(candidate) && !any", "&& !any").replace("40ms", "20ms")
     path.write_text(wrong)
     assert load(path).verify(refute=False).verdict == "undecided"
@@ -385,8 +385,10 @@ def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> 
 @pytest.mark.long
 def test_what_an_induction_rests_on_is_said_and_nothing_of_sets(tmp_path: Path) -> None:
     report = verified(tmp_path)
-    assert any(a.startswith("z3 is right") for a in texts(report["SafePlanner"].assumptions))
-    report_page = page(report)
+    assert any(
+        a.startswith("z3 is right") for a in assumption_texts(report["SafePlanner"].assumptions)
+    )
+    report_page = proof_page(report)
     assert [symbol for symbol, _, _ in report_page.modules[0].times] == ["Δ", "δ"]
     assert any("z3" in line for line in report_page.trusted_base)
     assert not any("set engine" in line for line in report_page.trusted_base)
@@ -413,7 +415,7 @@ def test_what_is_opaque_is_named_and_no_assumption(tmp_path: Path) -> None:
     (note,) = module_result.notes
     assert "good" in note
     assert "made" in note
-    assert not any("equal" in a for a in texts(module_result.assumptions))
+    assert not any("equal" in a for a in assumption_texts(module_result.assumptions))
 
 
 @pytest.mark.long
@@ -424,7 +426,7 @@ def test_progress_is_assumed_and_printed(tmp_path: Path) -> None:
     assert "`progress` holds" in returns.text
     assert "no step of Planner.Safe or Follower faults" in returns.text
     assert module_result.recover_s is None
-    said = texts(module_result.assumptions)
+    said = assumption_texts(module_result.assumptions)
     assert any(a.startswith("progress") and "made(asked)" in a for a in said)
     assert any("Follower faults" in a for a in said)
 

@@ -8,7 +8,7 @@ import pytest
 
 from soter.api.program import load
 from soter.certificate.rechecker import recheck
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -98,7 +98,7 @@ def test_what_hears_a_plant_says_anything_and_stands_still_for_progress(tmp_path
     assert module_result.findings["P2a"].verdict == "proved"
     assert module_result.findings["P2b"].verdict == "assumed"
     assert "while wish stays as it is" in module_result.findings["P2b"].text
-    said = "\n".join(texts(module_result.assumptions))
+    said = "\n".join(assumption_texts(module_result.assumptions))
     assert "wish: any value of its set at any time (published by Dispatch, which hears" in said
     assert "for P2b alone: wish stays as it is" in said
     checked = recheck(tmp_path / "cert")
@@ -107,7 +107,7 @@ def test_what_hears_a_plant_says_anything_and_stands_still_for_progress(tmp_path
 
 def test_what_hears_a_plant_through_a_queue_hears_it(tmp_path: Path) -> None:
     module_result = verified(tmp_path, *QUEUED)
-    said = "\n".join(texts(module_result.assumptions))
+    said = "\n".join(assumption_texts(module_result.assumptions))
     assert "wish: any value of its set at any time (published by Dispatch, which hears" in said
     assert recheck(tmp_path / "cert").accepted
 
@@ -115,7 +115,7 @@ def test_what_hears_a_plant_through_a_queue_hears_it(tmp_path: Path) -> None:
 def test_what_does_not_is_followed(tmp_path: Path) -> None:
     module_result = verified(tmp_path, *ALONE)
     assert module_result.findings["P2b"].verdict == "proved"
-    assert not any("stays as it is" in a for a in texts(module_result.assumptions))
+    assert not any("stays as it is" in a for a in assumption_texts(module_result.assumptions))
 
 
 def test_safety_never_rests_on_its_standing_still(tmp_path: Path) -> None:

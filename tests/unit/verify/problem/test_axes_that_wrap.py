@@ -22,7 +22,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.level_tables import Writer, place_function
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.enclose.enclosed_operations import FAR_TURNS, FARTHEST
-from soter.verify.grid.grid_refinement import cells_of_box
+from soter.verify.grid.grid_refinement import cells_around_box
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
 from soter.verify.problem.inputs import errors_of
@@ -47,7 +47,7 @@ def sets_of(text: str) -> tuple[GridGroup, Problem, NDArray[np.bool_]]:
     """The engine, the problem, and K."""
     problem = problem_of(text)
     engine = GridGroup.of(library_of(problem)[0], problem, problem.groups[0])
-    return engine, problem, engine.core(engine.constraint()).cells
+    return engine, problem, engine.compute_core(engine.compute_constraint()).cells
 
 
 def points_in(
@@ -90,7 +90,7 @@ def test_what_an_axis_of_five_turns_keeps_around_its_middle_one_turn_keeps(seed:
 def test_no_command_leads_out_of_k_from_what_is_free(seed: int) -> None:
     drawn, chance = Drawn(seed), np.random.default_rng(seed)
     engine, _, core = sets_of(drawn.text(48))
-    free = engine.safe_for(200_000_000, core)
+    free = engine.cells_safe_for(200_000_000, core)
     assert free.any()
     x = points_in(engine, free, chance)
     u = chance.choice([-1.0, 1.0], size=x.shape[1])
@@ -216,7 +216,7 @@ def test_a_start_is_in_the_cells_of_its_heading_however_many_turns_away(seed: in
         problem = problem_of(text.replace(declared, f"state h: float {ends};"))
         axis = next(a for a in problem.groups[0].axes if a.wraps)
         edges, start = np.array(axis.edges), problem.initial[axis.state]
-        (cells,) = cells_of_box([edges], [True], [start])
+        (cells,) = cells_around_box([edges], [True], [start])
         assert cells is not None
         for x in chance.uniform(low, low + width, size=40) if width else [low]:
             near = edges[0] + (Fraction(float(x)) - Fraction(edges[0])) % EXACT_TURN

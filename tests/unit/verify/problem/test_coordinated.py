@@ -34,8 +34,8 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import rewritten
 from soter.language.model.types import MODE
 from soter.verify.problem import verification_system
-from soter.verify.problem.problem import texts
-from soter.verify.scope import rows_of
+from soter.verify.problem.problem import assumption_texts
+from soter.verify.scope import composed_assumptions_of
 from tables import all_rows
 from unit.certificate import small_proofs
 
@@ -115,7 +115,11 @@ def test_looking_at_a_mode_is_proved_and_rechecked(
     assert back.verdict == ("assumed" if waits else "proved")
     assert back.text.endswith(" while KeepY is in AC: not proved") == waits
     assert (
-        any("for P2b alone: KeepY is in AC" in a for a in texts(module_result.assumptions)) == waits
+        any(
+            "for P2b alone: KeepY is in AC" in a
+            for a in assumption_texts(module_result.assumptions)
+        )
+        == waits
     )
     checked = rechecked(tmp_path)
     assert checked.accepted, checked.reason
@@ -131,7 +135,7 @@ def test_looking_at_a_mode_is_proved_and_rechecked(
 @pytest.mark.long
 def test_what_is_taken_for_granted_stands_in_the_table(tmp_path: Path) -> None:
     report = verified(tmp_path, OR, AND, module=None)
-    rows = {(t.module, t.what): (t.why, t.open) for t in rows_of(report)}
+    rows = {(t.module, t.what): (t.why, t.open) for t in composed_assumptions_of(report)}
     told = rows["KeepX", "mode(KeepY) is SC or AC"]
     assert told == ("enforced: the DM of KeepY", False)
     assert rows["KeepX", "for P2b alone: KeepY in AC"] == ("assumed of KeepY", True)
@@ -196,7 +200,7 @@ def test_waiting_for_one_that_waits_gives_no_control_back(
     module_result = of_x(tmp_path, *changes)
     assert module_result.findings["P2b"].verdict == "undecided"
     assert why in module_result.findings["P2b"].text
-    assert any(why in a for a in texts(module_result.assumptions))
+    assert any(why in a for a in assumption_texts(module_result.assumptions))
     assert all(module_result.findings[p].verdict == "proved" for p in SAFETY)
     assert "P2b" not in rechecked(tmp_path).modules[0].confirmed
 

@@ -11,8 +11,8 @@ import pytest
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem import schedule as clock
-from soter.verify.problem.extract import cases, extract
-from soter.verify.problem.problem import Interval, Problem, Times, texts
+from soter.verify.problem.extract import extract, parameter_cases
+from soter.verify.problem.problem import Interval, Problem, Times, assumption_texts
 
 ROOT = Path(__file__).parents[4]
 HEAD = """soter 1;
@@ -115,7 +115,7 @@ def test_initial_states_are_points_or_the_declared_ranges(boat: Problem) -> None
 
 def test_discrete_states_without_dynamics_are_parameters(boat: Problem) -> None:
     assert [(p.name, p.values) for p in boat.parameters] == [("b.gear", (0, 1))]
-    assert list(cases(boat)) == [(0,), (1,)]
+    assert list(parameter_cases(boat)) == [(0,), (1,)]
 
 
 def test_an_axis_is_a_topic_leaf_or_a_state(boat: Problem) -> None:
@@ -149,7 +149,7 @@ def test_times_are_read_off(boat: Problem) -> None:
 
 
 def test_assumptions_name_what_is_not_declared_and_what_is(boat: Problem) -> None:
-    text = "\n".join(texts(boat.assumptions))
+    text = "\n".join(assumption_texts(boat.assumptions))
     for word in (
         "b.wind.x in [-0.5, 0.25]",
         "pose.p.x within 0.125",

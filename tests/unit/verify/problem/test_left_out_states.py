@@ -17,7 +17,7 @@ from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from soter.verify.verify_module import verify_module
 from tables import all_rows
 from unit.certificate import small_proofs
@@ -75,7 +75,7 @@ def problem_of(folder: Path, text: str) -> Problem:
 
 def left_out_of(problem: Problem) -> str:
     """What the assumptions name as left out."""
-    said = (t.partition(": ")[2] for t in texts(problem.assumptions) if "left out" in t)
+    said = (t.partition(": ")[2] for t in assumption_texts(problem.assumptions) if "left out" in t)
     return ", ".join(said)
 
 

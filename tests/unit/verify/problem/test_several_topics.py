@@ -8,7 +8,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import UNDECIDED
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import Interval, Problem, texts
+from soter.verify.problem.problem import Interval, Problem, assumption_texts
 from soter.verify.verify_module import verify_module
 
 SIGHTED = """soter 1;
@@ -56,8 +56,8 @@ def test_what_only_a_computed_dm_reads_has_its_errors_too() -> None:
 def test_a_module_whose_dm_does_not_switch_is_proved_under_the_assumption_that_it_does() -> None:
     forced = SIGHTED.replace("module M; }", "module M; force M ac; }")
     said = "the DM switches: in system S it does not, M is forced to AC"
-    assert said in texts(problem_of(forced).assumptions)
-    assert said not in texts(problem_of(SIGHTED).assumptions)
+    assert said in assumption_texts(problem_of(forced).assumptions)
+    assert said not in assumption_texts(problem_of(SIGHTED).assumptions)
 
 
 CLOCKS = (
@@ -87,9 +87,9 @@ def test_plants_with_different_periods_are_not_read_as_one_state() -> None:
 
 def test_the_order_in_which_commands_act_is_assumed_with_and_without_delays() -> None:
     said = "commands of AC and SC act in the order in which they were published"
-    assert said in texts(problem_of(SIGHTED).assumptions)
+    assert said in assumption_texts(problem_of(SIGHTED).assumptions)
     late = SIGHTED.replace("verify { ", "verify { acts within 2ms; ")
-    assert said in texts(problem_of(late).assumptions)
+    assert said in assumption_texts(problem_of(late).assumptions)
 
 
 def test_the_dm_sees_a_state_in_the_topic_that_is_declared_as_its_axis() -> None:
@@ -115,7 +115,7 @@ def test_of_an_abstraction_what_it_starts_from_and_time_stamps_are_told() -> Non
     text = text.replace("verify { ", "verify { abstracts d by t: Model = { p: d.truth.far }; ")
     flies = "plant Far period 10ms { drives clean = far; drives est = far; state far: float; }\n"
     problem = problem_of(text.replace("node Fast", flies + "node Fast"))
-    said = "\n".join(texts(problem.assumptions))
+    said = "\n".join(assumption_texts(problem.assumptions))
     assert "d behaves like t (Model)" in said
     assert "from the start of d on" in said
     assert "shows the state of d at the instant of publication" in said

@@ -12,7 +12,7 @@ from soter.certificate.rechecker import recheck
 from soter.language.elaborate.views_for_proofs import start_of_proof_plant
 from soter.language.front_end import check_file, system_of, system_to_prove
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -51,7 +51,7 @@ def verdict(tmp_path: Path, text: str, **params: object) -> tuple[str, list[str]
     path = tmp_path / "p.soter"
     path.write_text(text)
     (module,) = load(path).verify(refute=False, params=params).modules
-    assumed = [a for a in texts(module.assumptions) if "behaves like" in a]
+    assumed = [a for a in assumption_texts(module.assumptions) if "behaves like" in a]
     return str(module.findings["start"].verdict), assumed
 
 
@@ -199,7 +199,7 @@ def test_the_re_checker_sees_the_start_of_parameters_by_itself(
 
     path = tmp_path / "p.soter"
     path.write_text(flown("enum"))
-    monkeypatch.setattr(Problem, "starts_with", lambda _, values: values == (0,))
+    monkeypatch.setattr(Problem, "may_start_with", lambda _, values: values == (0,))
     (module,) = load(path).verify(cert=tmp_path / "cert", refute=False).modules
     assert str(module.findings["start"].verdict) == "proved"
     recheck_report = recheck(tmp_path / "cert")

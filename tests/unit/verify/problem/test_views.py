@@ -21,8 +21,8 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.language.model import typed
-from soter.verify.problem.problem import texts
-from soter.verify.proof_report import page
+from soter.verify.problem.problem import assumption_texts
+from soter.verify.proof_report import proof_page
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def test_every_view_is_proved_and_so_is_the_module(proved: tuple[Path, VerifyRep
     assert report.verdict == "proved"
     for m in report.modules:  # the cell up to an open end counts as the others
         assert m.shares["gives_back"] < m.shares["lets_ac"] < m.shares["free"] < 0.9
-    assert all("seen.r below 60.0" in texts(m.assumptions)[-1] for m in report.modules)
+    assert all("seen.r below 60.0" in assumption_texts(m.assumptions)[-1] for m in report.modules)
 
 
 @all_rows(
@@ -247,7 +247,7 @@ def test_what_only_safe_reads_is_said_to_be_judged_on_the_plant_of_the_proof(
     (tmp_path / "cart.soter").write_text(text, encoding="utf-8")
     report = load(tmp_path / "cart.soter").verify(cert=tmp_path / "cert")
     words = "what `safe` says of danger is judged on what seen drives"
-    said = ["".join(texts(m.assumptions)) for m in report.modules]
+    said = ["".join(assumption_texts(m.assumptions)) for m in report.modules]
     assert [words in text for text in said] == [True, False]
     recheck_report = recheck(tmp_path / "cert")
     assert [
@@ -274,7 +274,7 @@ def test_an_open_end_lies_beyond_the_grid(tmp_path: Path, end: str, code: str) -
 def test_the_page_names_the_module_once_and_draws_what_matters(
     proved: tuple[Path, VerifyReport],
 ) -> None:
-    report_page = page(proved[1])
+    report_page = proof_page(proved[1])
     assert report_page.headline.startswith("Keep in 2 views: proved")
     figure = report_page.modules[0].figures[0]
     assert max(figure.x_edges) < 4.1, "not up to the open end"

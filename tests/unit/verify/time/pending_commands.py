@@ -34,7 +34,11 @@ def late_system(draw: random.Random) -> Schedule:
         most = least + draw.choice((period // 2 + 1, draw.randrange(4 * period + 1)))
         outputs = tuple(ActuationPath(least, most) for _ in range(draw.choice((1, 2))))
         system = Schedule(dm, sc, (SensorPath(sensor),), (SensorPath(sensor),), outputs)
-        if dm.latest <= dm.period and system.published <= sc.period and not system.ordered:
+        if (
+            dm.latest <= dm.period
+            and system.latest_output <= sc.period
+            and not system.are_windows_apart
+        ):
             return system
 
 

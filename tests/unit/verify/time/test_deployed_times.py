@@ -22,7 +22,7 @@ from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -112,7 +112,10 @@ def test_times_that_fit_are_part_of_a_proof_and_its_certificate_is_accepted(
     path = tmp_path / "small.soter"
     path.write_text(text(FITS))
     verify_report = soter.load(path).verify(refute=False, cert=tmp_path / "cert")
-    assert any("`wcet` and `jitter` hold" in a for a in texts(verify_report.modules[0].assumptions))
+    assert any(
+        "`wcet` and `jitter` hold" in a
+        for a in assumption_texts(verify_report.modules[0].assumptions)
+    )
     report = recheck(tmp_path / "cert")
     assert report.accepted, report.reason
 
@@ -177,7 +180,7 @@ def test_who_has_no_wcet_is_named_and_counted_as_nothing(tmp_path: Path) -> None
     path.write_text(text({n: t for n, t in FITS.items() if n != "Estimate"}))
     checked = check_file(str(path))
     flat = system_to_prove(checked, "S")
-    rests = texts(extract(flat, flat.modules[0]).assumptions)
+    rests = assumption_texts(extract(flat, flat.modules[0]).assumptions)
     assert any("no `wcet` is said of Estimate" in a for a in rests)
     assert "Estimate" in small_proofs.facts_of(path, "S", "M").thread
 

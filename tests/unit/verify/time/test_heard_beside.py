@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
-from soter.verify.problem.problem import texts
+from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -110,7 +110,7 @@ def test_what_is_heard_beside_is_told_and_adds_no_age(
     report = verified(tmp_path, heard, said)
     (module,) = report.modules
     assert module.verdict == "proved"
-    told = [a for a in texts(module.assumptions) if "knows nothing" in a]
+    told = [a for a in assumption_texts(module.assumptions) if "knows nothing" in a]
     assert {a.partition(",")[0] for a in told} == who
     recheck_report = soter.recheck(tmp_path / "p")
     assert recheck_report.accepted

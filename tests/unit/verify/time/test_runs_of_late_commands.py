@@ -88,7 +88,7 @@ def outside(
     """How far the worst run from a random box gets out of images or tubes."""
     low = rng.uniform((-0.8, -1.0), (0.6, 0.8))
     high = low + rng.uniform(0, 0.2, 2) * rng.choice([0.0, 0.01, 1.0])
-    images, tubes = engine.enclosures(low, high, holds)
+    images, tubes = engine.images_and_tubes(low, high, holds)
     assert len(images)
     start = np.stack([corner(rng, low[i], high[i], (RUNS,)) for i in range(2)])
     worst = -np.inf

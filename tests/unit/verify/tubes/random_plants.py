@@ -286,7 +286,7 @@ def source_of(text: str, times: TubeTimes) -> tuple[str, int, int, int]:
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
     check.times = times
-    made = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
+    made = check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
     sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in NUMBERS]
     return made + TRIED, sizes[0], sizes[1], sizes[2]
 

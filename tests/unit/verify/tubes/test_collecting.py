@@ -74,12 +74,12 @@ def test_a_late_command_meets_runs_that_are_collected_on_neither_side_of_its_win
     def rests(text: str, safe: str) -> bool:
         check = check_of(LATE.replace("x < 1.02", safe))
         check.kink = KINK
-        offline = check.offline({0: Interval(*WAYS)})
+        offline = check.offline_text({0: Interval(*WAYS)})
         assert offline.count("KINK_LOW + moves") == 1
         source = offline.replace("KINK_LOW + moves", text)
         since = "[{ lo: -1.0, hi: 1.0 }], IN_FLIGHT).rests"
         asked = f"fun asked(b: Region): bool {{ return settles(boxed(b), {since}; }}"
-        return Caller(f"{source}\n{asked}").holds("asked", box)
+        return Caller(f"{source}\n{asked}").returns_true("asked", box)
 
     assert not rests("KINK_LOW + moves", "x < 1.02")
     assert rests("KINK_LOW + moves", "x < 1.3")
@@ -110,13 +110,13 @@ def test_nothing_is_collected_where_rest_is_shown() -> None:
     """SC goes on to the left for ever: what is met at output 0 did not come back there."""
     check = check_of(CART.replace("TIMES", "").replace("1000.0 * (1.5 - x)", "0.001 * x - 8.0"))
     check.kink = Kink(0, -3.0, 1.0)
-    text = check.offline({})
+    text = check.offline_text({})
     anywhere, box = ([-9.0], [9.0]), ([-2.0], [0.9])
-    assert not Caller(text).value("keeps", box, anywhere, box)[0]
+    assert not Caller(text).result("keeps", box, anywhere, box)[0]
     naive = text.replace("!wanted.asked && (", "(").replace("n - began > 0, wanted", "true, wanted")
     box = ([-2.0], [1.02])
-    assert not Caller(text).value("keeps", box, anywhere, box)[0]
-    assert Caller(naive).value("keeps", box, anywhere, box)[0]
+    assert not Caller(text).result("keeps", box, anywhere, box)[0]
+    assert Caller(naive).result("keeps", box, anywhere, box)[0]
 
 
 def test_a_certificate_may_collect_at_any_numbers_in_a_state_that_is_followed() -> None:
@@ -149,8 +149,8 @@ def test_the_kinks_are_those_of_clamps_that_read_one_state() -> None:
 
 def test_a_module_that_needs_no_kink_has_nothing_of_it_in_its_check(tmp_path: Path) -> None:
     check = check_of(LATE)
-    assert "heap" not in check.in_flight({})
-    assert "n - began" not in check.in_flight({})
+    assert "heap" not in check.text_in_flight({})
+    assert "n - began" not in check.text_in_flight({})
     claims = RestClaims(kink=KINK)
     claims.write(tmp_path / "claims")
     assert RestClaims.read(tmp_path / "claims") == claims

@@ -55,13 +55,13 @@ def check_of(text: str) -> TubeCheck:
 
 
 def kept_in_flight(check: TubeCheck) -> int:
-    found = re.search(r"const KEEP: int = (\d+);", check.in_flight({}))
+    found = re.search(r"const KEEP: int = (\d+);", check.text_in_flight({}))
     assert found is not None
     return int(found[1])
 
 
 def test_units_of_a_state_do_not_matter_for_what_is_kept() -> None:
-    generated = check_of(HOVER).offline({})
+    generated = check_of(HOVER).offline_text({})
     symbols = int(generated.split("const SYMBOLS: int = ")[1].split(";")[0])
     caller = Caller(generated)
     rng = random.Random(7)  # noqa: S311 - drawn forms
@@ -74,7 +74,7 @@ def test_units_of_a_state_do_not_matter_for_what_is_kept() -> None:
         rows = [[rng.uniform(-1.0, 1.0) for _ in range(symbols)] for _ in range(4)]
         u = (form(rows[0], 0.0),)
         before, after = (
-            caller.value("reduced", tuple(form(r, units[i]) for i, r in enumerate(rows)), u)[0]
+            caller.result("reduced", tuple(form(r, units[i]) for i, r in enumerate(rows)), u)[0]
             for units in ([1.0] * 4, [1024.0 if i == state else 1.0 for i in range(4)])
         )
         for i in range(4):
@@ -102,7 +102,7 @@ def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch
     check = check_of(HOVER if "fit" in why else HOVER.replace("max_age 100us", "max_age 80ms"))
     monkeypatch.setattr(leading_back, "SPLITS", 0)
     if "fit" in why:
-        most = Caller(check.offline({})).operations("follows")
+        most = Caller(check.offline_text({})).operations("follows")
         monkeypatch.setattr(tree_walk, "MAX_OPERATIONS", int(1.05 * most))
     assert "does not certainly lead back" in show_rest_claims(check).kept
     assert check.cut == PLAIN

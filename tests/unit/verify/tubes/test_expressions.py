@@ -18,7 +18,7 @@ from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes import tube_check
 from soter.verify.tubes.expression_graph import Expressions, NoExpressionError
-from soter.verify.tubes.generated_functions import Caller, certain, function
+from soter.verify.tubes.generated_functions import Caller, fun_text, sure_text
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem, TubeTimes
 from soter.verify.tubes.sc_step import ScStep
@@ -37,7 +37,7 @@ fun narrow(i: int): int { var k: int in [0, 1] = 0; k = i; return k; }
 
 
 def printed(e: object) -> str:
-    return function("f", "x: Forms", [e], {("x", 0): "x[0]"}, "Forms")  # type: ignore[list-item]
+    return fun_text("f", "x: Forms", [e], {("x", 0): "x[0]"}, "Forms")  # type: ignore[list-item]
 
 
 def law_of(answer: str) -> str:
@@ -50,7 +50,7 @@ def law_of(answer: str) -> str:
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
     module = ModuleExpressions(problem)
-    return function(
+    return fun_text(
         "law",
         "y: Forms",
         ScStep(module).commands,
@@ -162,7 +162,7 @@ def test_reads_go_back_no_further_than_the_holds_whose_rates_are_kept() -> None:
                     oldest = n * period - jitter - delay
                     ends = (n - p) * period + jitter * (n > p)
                     begins = (n - p - 1) * period - jitter * (n > p + 1)
-                    assert ends - max(begins, oldest) <= times.earlier(p)
+                    assert ends - max(begins, oldest) <= times.earlier_command_ns(p)
                     assert p < depth or ends <= oldest
 
 
@@ -186,7 +186,7 @@ def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.Monke
         low, high = sorted((rng.uniform(-3, 3), rng.uniform(-3, 3)))
         check.problem.controls = tuple(replace(c, low=low, high=high) for c in controls)
         check.times = times
-        made = check.in_flight({})
+        made = check.text_in_flight({})
 
         def of(name: str, text: str = made) -> Fraction:
             return Fraction(
@@ -218,7 +218,7 @@ def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.Monkey
     check = TubeCheck(problem)
     monkeypatch.setattr(tube_check, "STEPS", 2000)
     with pytest.raises(SoterError, match="symbols"):
-        check.in_flight({})
+        check.text_in_flight({})
 
 
 MEANT: dict[str, Callable[[bool, bool], bool]] = {
@@ -250,7 +250,7 @@ def test_conditions_that_are_met_again_are_written_once_and_mean_the_same() -> N
                 said = make.join(op, said, other)
         inputs = {("x", k): f"x.at[{k}]" for k in range(6)}
         text = "\n".join(
-            certain(name, "x: Point", said, inputs, truth=whether)
+            sure_text(name, "x: Point", said, inputs, truth=whether)
             for name, whether in (("holds", True), ("fails", False))
         )
         caller = Caller(RANGE + text)
@@ -259,8 +259,8 @@ def test_conditions_that_are_met_again_are_written_once_and_mean_the_same() -> N
             truth = signs[0] > 0.0
             for op, sign in zip(ops, signs[1:], strict=True):
                 truth = MEANT[op](truth, sign > 0.0)
-            assert caller.holds("holds", point) is truth
-            assert caller.holds("fails", point) is not truth
+            assert caller.returns_true("holds", point) is truth
+            assert caller.returns_true("fails", point) is not truth
 
 
 def test_many_obstacles_in_a_loop_are_a_text_of_their_number() -> None:
@@ -274,7 +274,7 @@ def test_many_obstacles_in_a_loop_are_a_text_of_their_number() -> None:
             free = make.join(
                 "or", make.join("and", free, clear), make.join("and", make.not_(free), clear)
             )
-        text = certain("f", "x: Point", free, {("x", k): f"x[{k}]" for k in range(count)})
+        text = sure_text("f", "x: Point", free, {("x", k): f"x[{k}]" for k in range(count)})
         lengths.append(len(text))
     assert lengths[2] - lengths[1] < 3 * (lengths[1] - lengths[0])
 
@@ -284,7 +284,7 @@ def test_a_loop_over_boxes_asks_of_each_once() -> None:
     flat = system_to_prove(check_file(str(Path(__file__).with_name("turning_car.soter"))), None)
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
-    safe = TubeCheck(problem).in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
+    safe = TubeCheck(problem).text_in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
     assert safe.count(".lo > 0.0") == 20
 
 
@@ -300,6 +300,6 @@ def test_a_condition_in_a_function_is_asked_as_one_that_is_written_out(op: str) 
         flat = system_to_prove(check_file("follow.soter", asked), None)
         problem = extract(flat, flat.modules[0])
         assert isinstance(problem, TubeProblem)
-        return TubeCheck(problem).in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
+        return TubeCheck(problem).text_in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
 
     assert safe("slow(sight.v)") == safe("sight.v < 3.0")

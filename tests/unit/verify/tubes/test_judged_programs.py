@@ -46,21 +46,21 @@ def test_what_is_proved_beforehand_does_not_hang_on_commands(tmp_path: Path) -> 
 
 def test_a_command_is_judged_with_those_that_may_still_act() -> None:
     """A train at 20 m/s, 12.4 m from one that stands: 10 m to brake, and what it comes to."""
-    caller = Caller(check_of(JUDGED).in_flight({2: Interval(-0.31, 0.31)}))
+    caller = Caller(check_of(JUDGED).text_in_flight({2: Interval(-0.31, 0.31)}))
     gas, brake, near = (1.0, 0.0), (0.0, 1.0), (12.4, 0.0, 20.0)
 
     def permits(own: Pair, held: Pair | None = None, since: float = NOW) -> bool:
         until = [NEVER] * (2 * CELLS)
         for k, u in enumerate(held or ()):
             until[CELLS * k + min(CELLS - 1, int(u * CELLS))] = NOW
-        return caller.holds("judged", near, own, tuple(until), since)
+        return caller.returns_true("judged", near, own, tuple(until), since)
 
     assert permits(brake)
     assert not permits(gas)
     assert not permits(gas, brake)
     assert not permits(brake, gas)
     assert permits(brake, gas, NOW + 1e-9)  # which was held too long ago
-    assert not caller.holds("good", near)
+    assert not caller.returns_true("good", near)
     assert not permits((-0.1, 1.0))
     assert not permits((0.0, 1.1))
     assert not permits((float("nan"), 1.0))
@@ -147,9 +147,9 @@ def test_a_command_is_moved_to_the_first_on_the_way_that_may_act_for_longer() ->
             for k, number in enumerate(u):
                 until[CELLS * k + min(CELLS - 1, int(number * CELLS))] = NOW
         seen = gap, 200.0, 30.0
-        answer: tuple[float, ...] = caller.value("toward", seen, (*gas, *brake), tuple(until), NOW)
+        answer: tuple[float, ...] = caller.result("toward", seen, (*gas, *brake), tuple(until), NOW)
         if answer[2] == 1.0:
-            assert caller.holds("judged", seen, answer[:2], tuple(until), NOW)
+            assert caller.returns_true("judged", seen, answer[:2], tuple(until), NOW)
         return answer
 
     assert found(40.0) == (1.0, 0.0, 1.0)
@@ -166,7 +166,7 @@ def test_a_command_is_moved_to_the_first_on_the_way_that_may_act_for_longer() ->
 
 
 def tube_check_caller() -> Caller:
-    return Caller(check_of(MOVED).in_flight({2: Interval(-0.31, 0.31)}))
+    return Caller(check_of(MOVED).text_in_flight({2: Interval(-0.31, 0.31)}))
 
 
 def test_both_engines_move_alike_and_nothing_is_hit(tmp_path: Path) -> None:

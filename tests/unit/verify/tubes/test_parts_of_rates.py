@@ -58,16 +58,16 @@ def check_of(
 def good(check: TubeCheck, *estimate: float) -> bool:
     """Whether an estimate is, where s0 stays in [10, 39] at rest, and s1 in [-1, 1]."""
     ways = dict(zip(check.states, (Interval(10.0, 39.0), Interval(-1.0, 1.0)), strict=True))
-    return Caller(check.in_flight(ways)).holds("good", list(estimate))
+    return Caller(check.text_in_flight(ways)).returns_true("good", list(estimate))
 
 
 def test_a_limit_whose_ends_come_out_the_wrong_way_round_is_its_last_end() -> None:
     check = check_of("min(max(s1 + w, 2.0 + w), 1.0 + w)")
     assert check._still[1] is check.make.number(1.0)
-    text = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
+    text = check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
     caller = Caller(text)
     for ends in ((-3.0, -2.0), (-3.0, 3.0), (1.2, 1.8), (3.0, 4.0)):
-        form = caller.value("f_clamp", caller.value("f_range", *ends), 2.0, 1.0)
+        form = caller.result("f_clamp", caller.result("f_range", *ends), 2.0, 1.0)
         assert form[2:4] == (1.0, 1.0)
 
 
@@ -130,8 +130,8 @@ def test_what_a_machine_may_round_to_zero_is_not_known_to_be_above_it() -> None:
 def test_what_faults_is_said() -> None:
     check = check_of("0.01 * log(1.0 + order) - s1")
     ways = dict.fromkeys(check.states, Interval(10.0, 39.0))
-    caller = Caller(check.in_flight(ways))
-    assert caller.value("good", [30.0, 0.0]) is None
+    caller = Caller(check.text_in_flight(ways))
+    assert caller.result("good", [30.0, 0.0]) is None
     assert caller.fault == "a logarithm of what may not be above 0"
 
 
@@ -170,10 +170,10 @@ def test_steps_over_a_branch_hold_every_run(rate: str) -> None:
     most, where the run crosses one, and by its bend.
     """
     check = check_of(rate)
-    caller = Caller(check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
+    caller = Caller(check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
     rng = random.Random(rate)  # noqa: S311 - drawn examples
     crossed = 0
-    symbols, moves = (check._sizes()[name] for name in ("SYMBOLS", "MOVES"))
+    symbols, moves = (check._whole_constants()[name] for name in ("SYMBOLS", "MOVES"))
     for _ in range(40):
         middle = [rng.uniform(-0.7, 0.7) for _ in range(2)]
         wide = rng.choice((0.0, 0.02, 0.2))
@@ -185,7 +185,7 @@ def test_steps_over_a_branch_hold_every_run(rate: str) -> None:
             for k, m in enumerate(middle)
         ]
         command = [(held, 0.0, held, held, (0.0,) * symbols)]
-        step = caller.value("flow", forms, command, [1.0, off], h, moves)
+        step = caller.result("flow", forms, command, [1.0, off], h, moves)
         if step is None or not step[4]:
             continue
         end, way, met, *_ = step
@@ -210,7 +210,7 @@ def test_steps_over_a_branch_hold_every_run(rate: str) -> None:
 @pytest.mark.parametrize("condition", ["s1 > 0.0", "s1 >= 0.0", "!(s1 < 0.0)", "!(0.0 >= s1)"])
 def test_a_branch_is_decided_beside_where_it_changes_and_not_there(condition: str) -> None:
     check = check_of(f"{condition} ? 1.0 : -1.0")
-    caller = Caller(check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
+    caller = Caller(check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
     for low, high, said in (
         (0.0, 0.0, (False, False)),
         (0.0, 1.0, (False, False)),
@@ -219,8 +219,8 @@ def test_a_branch_is_decided_beside_where_it_changes_and_not_there(condition: st
         (-1.0, -5e-324, (False, True)),
     ):
         at = [(0.0, 0.0), (low, high)]
-        assert tuple(caller.value("branches", at, [(0.0, 0.0)])) == said
-        assert caller.value("speeds", at, [(0.0, 0.0)])[1] == (
+        assert tuple(caller.result("branches", at, [(0.0, 0.0)])) == said
+        assert caller.result("speeds", at, [(0.0, 0.0)])[1] == (
             -1.0 if not said[0] else 1.0,
             1.0 if not said[1] else -1.0,
         )
@@ -234,14 +234,14 @@ def test_what_a_bend_of_one_sign_adds_to_a_read_is_in_the_answer(
     """s1' = s0 and s0' = a command that has not changed: s1 was s1 + t s0 + t^2 / 2 of it."""
     check = check_of("s0", law="clamp(-0.1 * pose.s1, -2.0, 2.0)")
     check.times = TubeTimes(0, 0, 0, delay * MS, 5 * MS, 50 * MS, 9)
-    caller = Caller(check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
-    sizes = check._sizes()
+    caller = Caller(check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
+    sizes = check._whole_constants()
     none = (0.0,) * sizes["SYMBOLS"]
     s0, s1 = 0.3, -0.2
     states = [(s, 0.0, s, s, none) for s in (s0, s1)]
     acted = [(command, 0.0, command, command, none)] * sizes["ACTED"]
     past = [[(command, command), (-10.0, 10.0)]] * sizes["DEPTH"]
-    (answer,), _, found = caller.value("answered", states, acted, past, 1)
+    (answer,), _, found = caller.result("answered", states, acted, past, 1)
     assert found
     c, r, low, high, g = answer
     room = r + sum(map(abs, g))

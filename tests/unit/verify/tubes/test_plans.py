@@ -17,7 +17,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file, system_to_prove
 from soter.semantics.interpreter import Interpreter
-from soter.verify.deploy.missing_predicates import complete, followed_costs
+from soter.verify.deploy.missing_predicates import complete, decision_costs
 from soter.verify.problem.extract import extract
 from soter.verify.scope import problem_key
 from soter.verify.tubes.problem import TubeProblem
@@ -131,8 +131,8 @@ def test_ac_keeps_control_where_no_plan_alone_lets_it() -> None:
 
 
 def test_a_decision_costs_what_all_checks_cost() -> None:
-    costs, _ = followed_costs(flat_of(TEXT))
-    one, _ = followed_costs(flat_of(changed(("sc Up, Down;", "sc Up;"))))
+    costs, _ = decision_costs(flat_of(TEXT))
+    one, _ = decision_costs(flat_of(changed(("sc Up, Down;", "sc Up;"))))
     assert costs["Round"].operations > 1.9 * one["Round"].operations
 
 

@@ -97,9 +97,9 @@ def test_a_time_that_is_too_long_is_told_with_the_longest(tmp_path: Path) -> Non
     within, steps = found.groups()
     assert float(within) == pytest.approx(0.1 * int(steps))
     check = check_of(program)
-    assert check.operations(int(steps)) <= MAX_OPERATIONS
+    assert check.offline_operations(int(steps)) <= MAX_OPERATIONS
     with pytest.raises(TooLongError):
-        check.operations(int(steps) + 1)
+        check.offline_operations(int(steps) + 1)
 
 
 @pytest.fixture
@@ -142,13 +142,13 @@ def test_a_run_that_is_not_back_ends_the_search(
 ) -> None:
     """Of parts of such a box nothing is asked, which took minutes."""
     asked: list[str] = []
-    value = Caller.value
+    value = Caller.result
 
     def heard(self: Caller, name: str, *arguments: Any) -> Any:
         asked.append(name)
         return value(self, name, *arguments)
 
-    monkeypatch.setattr(Caller, "value", heard)
+    monkeypatch.setattr(Caller, "result", heard)
     wrong = "clamp(0.3 * fix.x - fix.v, -1.0, 1.0)"
     finding = said(boat(tmp_path, wrong, "abs(fix.x) < 2.0 && abs(fix.v) < 0.5"))
     assert "a run from b.x = " in finding.text

@@ -227,13 +227,13 @@ def test_a_step_of_no_length_ends_where_it_begins() -> None:
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
-    generated = check.offline({})
+    generated = check.offline_text({})
     sizes = {
         k: int(v) for k, v in re.findall(r"^const (\w+): int = (\d+);", generated, re.MULTILINE)
     }
     none = (0.0,) * sizes["SYMBOLS"]
     still = ((0.0, 0.0, 0.0, 0.0, none),)
-    step = Caller(generated).value(
+    step = Caller(generated).result(
         "flow", still * 3, still, (0.0,) * sizes["MOVED"], 0.0, sizes["MOVES"]
     )
     end, *_, found = step

@@ -389,8 +389,8 @@ def test_a_face_behind_which_nothing_is_known_has_no_slope() -> None:
     none = (0.0, 0.0, 0.0, 0.0, (0.0,) * symbols)
     caller = Caller(text)
     still = ((0.0, 0.0),)
-    faced = caller.value("faced", 0, ((-1.0, -0.8), (-1.0, 1.0)), still, still, (0.0,))
-    for row in (faced, caller.value("widened", none, float("nan"))[2:4]):
+    faced = caller.result("faced", 0, ((-1.0, -0.8), (-1.0, 1.0)), still, still, (0.0,))
+    for row in (faced, caller.result("widened", none, float("nan"))[2:4]):
         assert tuple(row) == (-ENDLESS, ENDLESS)
-    *_, found = caller.value("flow", (x, x), (none,), (0.0,), 0.02, moves)
+    *_, found = caller.result("flow", (x, x), (none,), (0.0,), 0.02, moves)
     assert not found

@@ -173,9 +173,9 @@ def test_what_rests_is_safe_however_far_it_turns(middle: float, body: str, safe:
     near = ("p.x) < 1.0", f"p.x - {middle}) < 0.1"), ("RATE", "0.0"), ("0.1 * cos(p.h)", body)
     check = check_of(changed(ROLLS, *near))
     ways = {0: Interval(middle - 0.1, middle + 0.1), 1: check.rooms[1]}
-    there, caller = ([middle, 0.0], [middle, 0.0]), Caller(check.offline(ways))
-    assert caller.holds("surely_rests", there)
-    assert caller.holds("stays_safe", there) == safe
+    there, caller = ([middle, 0.0], [middle, 0.0]), Caller(check.offline_text(ways))
+    assert caller.returns_true("surely_rests", there)
+    assert caller.returns_true("stays_safe", there) == safe
 
 
 def test_it_is_said_how_far_an_angle_is_assumed_to_turn(tmp_path: Path) -> None:
@@ -195,15 +195,15 @@ def test_what_sc_computes_many_turns_further_is_in_the_forms_of_a_turn() -> None
     """Sums of large numbers are rounded by more."""
     ahead, abeam = (e.replace("H", "fix.h").replace("X", "fix.x") for e in LAW)
     pairs = (AHEAD, f"ahead: {ahead}"), ("abeam: -u * sin(fix.h)", f"abeam: {abeam}")
-    forms = Caller(check_of(changed(BOAT, *pairs)).offline({}))
+    forms = Caller(check_of(changed(BOAT, *pairs)).offline_text({}))
     body = ", ".join(e.replace("H", "h").replace("X", "x") for e in LAW)
     program = Caller(f"fun law(x: float, h: float): float[2] {{ return [{body}]; }}")
     drawn = random.Random(1)  # noqa: S311 - drawn examples
     for _ in range(300):
         x, far = drawn.uniform(-0.4, 0.4), drawn.choice((-1, 1)) * drawn.uniform(1.5e4, 2.0**14)
         near = float(Fraction(far) - TURN * round(far / TURN))
-        read = forms.value("f_number", x), forms.value("f_range", near - 1e-15, near + 1e-15)
-        for u, form in zip(program.value("law", x, far), forms.value("law", read), strict=True):
+        read = forms.result("f_number", x), forms.result("f_range", near - 1e-15, near + 1e-15)
+        for u, form in zip(program.result("law", x, far), forms.result("law", read), strict=True):
             assert form[2] <= u <= form[3] <= form[2] + 1e-8
 
 

@@ -96,7 +96,7 @@ def problem_of(text: str) -> TubeProblem:
 @cache
 def check_of(text: str) -> Caller:
     check = TubeCheck(problem_of(text))
-    return Caller(check.in_flight({s: Interval(-0.5, 0.5) for s in check.states}))
+    return Caller(check.text_in_flight({s: Interval(-0.5, 0.5) for s in check.states}))
 
 
 def program(tmp_path: Path, text: str) -> Program:
@@ -118,8 +118,8 @@ def test_a_map_is_read_as_the_same_constants_would_be() -> None:
         fixed = changed(fixed, (ALONE, ""), ("input topic", "topic"))
         for _ in range(5):
             at = [draw.uniform(-4.0, 9.0), draw.uniform(0.0, 6.0)]
-            good = check_of(BEFORE_A_WALL).holds("good", at, [low, high])
-            assert good == check_of(fixed).holds("good", at)
+            good = check_of(BEFORE_A_WALL).returns_true("good", at, [low, high])
+            assert good == check_of(fixed).returns_true("good", at)
             said.add(good)
     assert said == {False, True}
 
@@ -128,25 +128,25 @@ def test_a_map_is_read_as_the_same_constants_would_be() -> None:
 @pytest.mark.parametrize("at", [0, 1])
 def test_what_is_no_number_is_never_good(wrong: float, at: int) -> None:
     free = [-5.0, 15.0]
-    assert check_of(BEFORE_A_WALL).holds("good", [0.0, 1.0], free)
+    assert check_of(BEFORE_A_WALL).returns_true("good", [0.0, 1.0], free)
     free[at] = wrong
-    assert not check_of(BEFORE_A_WALL).holds("good", [0.0, 1.0], free)
+    assert not check_of(BEFORE_A_WALL).returns_true("good", [0.0, 1.0], free)
 
 
 def test_a_number_that_is_not_compared_has_to_be_one_too() -> None:
     """`||` leaves nothing out: what is not asked of a map is no reason to trust it."""
     either = changed(BEFORE_A_WALL, ("free.low &&", "-90.0 || sled.p > free.low ||"))
-    assert check_of(either).holds("good", [0.0, 1.0], [-5.0, 15.0])
-    assert not check_of(either).holds("good", [0.0, 1.0], [nan, 15.0])
+    assert check_of(either).returns_true("good", [0.0, 1.0], [-5.0, 15.0])
+    assert not check_of(either).returns_true("good", [0.0, 1.0], [nan, 15.0])
 
 
 def test_less_that_is_free_is_good_less_often() -> None:
     check = check_of(BEFORE_A_WALL)
     for x in range(2, 8):
         at = [1.2 * x, 3.0]
-        wide, narrow = (check.holds("good", at, [-5.0, high]) for high in (11.0, 8.0))
+        wide, narrow = (check.returns_true("good", at, [-5.0, high]) for high in (11.0, 8.0))
         assert wide or not narrow
-    assert not check.holds("good", [9.0, 3.0], [-5.0, 8.0])
+    assert not check.returns_true("good", [9.0, 3.0], [-5.0, 8.0])
 
 
 # ---------------------------------------------------------------- in flight
